@@ -1,0 +1,1 @@
+//! dVRK input and output: sessions of ROS 2 messages in MCAP, RGB-D depth images to segmented clouds

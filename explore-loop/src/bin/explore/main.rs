@@ -1,0 +1,2 @@
+//! The explore program.
+fn main() {}

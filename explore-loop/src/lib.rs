@@ -1,0 +1,2 @@
+//! Robots explore unknown soft objects.
+pub mod cell;
