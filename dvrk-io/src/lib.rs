@@ -1,1 +1,7 @@
 //! dVRK input and output: sessions of ROS 2 messages in MCAP, RGB-D depth images to segmented clouds
+
+pub mod cdr;
+mod error;
+pub mod session;
+
+pub use error::Error;

@@ -1,0 +1,236 @@
+//! `sensor_msgs/PointCloud2`: a table of bytes, and the description of its columns.
+//!
+//! ```text
+//! point (row, column) starts at   row · row_step + column · point_step
+//! its field f is at               … + f.offset, of type f.datatype, in the byte order of `is_bigendian`
+//! ```
+//! The byte order of the table is its own: it does not depend on that of the message around it.
+
+use nalgebra::Point3;
+
+use super::{Decoder, Encoder, Header, Message};
+use crate::Error;
+
+/// `PointField::FLOAT32`.
+const FLOAT32: u8 = 7;
+/// `PointField::FLOAT64`.
+const FLOAT64: u8 = 8;
+
+/// A `sensor_msgs/PointField`: one column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PointField {
+    /// `x`, `y`, `z`, `rgb`, …
+    pub name: String,
+    /// Bytes from the start of the point.
+    pub offset: u32,
+    /// 7 is a 32-bit, 8 a 64-bit float; 1 to 6 are integers.
+    pub datatype: u8,
+    /// Elements in the field.
+    pub count: u32,
+}
+
+/// A `sensor_msgs/PointCloud2`.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct PointCloud2 {
+    /// When, and in which frame.
+    pub header: Header,
+    /// Rows: 1 when the cloud is not an image.
+    pub height: u32,
+    /// Points in a row.
+    pub width: u32,
+    /// The columns of the table.
+    pub fields: Vec<PointField>,
+    /// Whether numbers in `data` have their most significant byte first.
+    pub is_bigendian: bool,
+    /// Bytes from point to point.
+    pub point_step: u32,
+    /// Bytes from row to row.
+    pub row_step: u32,
+    /// The table.
+    pub data: Vec<u8>,
+    /// Whether every point is valid.
+    pub is_dense: bool,
+}
+
+/// How to read one coordinate.
+#[derive(Clone, Copy)]
+struct Column {
+    offset: usize,
+    double: bool,
+}
+
+impl PointCloud2 {
+    /// A cloud with 32-bit x, y, z and nothing else, one row.
+    ///
+    /// # Errors
+    /// A point that is not finite as 32-bit floats, or more than 2³² / 12 points.
+    pub fn from_points(header: Header, points: &[Point3<f64>]) -> Result<Self, Error> {
+        const STEP: u32 = 12;
+        let mut data = Vec::with_capacity(points.len() * STEP as usize);
+        for (index, point) in points.iter().enumerate() {
+            let single = point.map(|value| value as f32);
+            if !single.iter().all(|value| value.is_finite()) {
+                return Err(Error::NonFinitePoint {
+                    index,
+                    point: (*point).into(),
+                });
+            }
+            data.extend(single.iter().flat_map(|value| value.to_le_bytes()));
+        }
+        let bytes = u32::try_from(data.len()).map_err(|_| Error::TooLong {
+            field: "data",
+            length: data.len(),
+        })?;
+        let field = |(index, name): (u32, &str)| PointField {
+            name: name.to_owned(),
+            offset: 4 * index,
+            datatype: FLOAT32,
+            count: 1,
+        };
+        Ok(Self {
+            header,
+            height: 1,
+            width: bytes / STEP,
+            fields: (0..).zip(["x", "y", "z"]).map(field).collect(),
+            is_bigendian: false,
+            point_step: STEP,
+            row_step: bytes,
+            data,
+            is_dense: true,
+        })
+    }
+
+    /// Every point in the order of the table, invalid ones (NaN or zeros) included.
+    ///
+    /// # Errors
+    /// No x, y or z of a float type, a field outside the point, or fewer bytes than the sizes say.
+    pub fn points(&self) -> Result<Vec<Point3<f64>>, Error> {
+        let columns = [self.column("x")?, self.column("y")?, self.column("z")?];
+        self.check_size()?;
+        let step = self.point_step as usize;
+        let rows = (0..self.height as usize).map(|row| &self.data[row * self.row_step as usize..]);
+        let points = rows.flat_map(|row| row.chunks_exact(step).take(self.width as usize));
+        Ok(points
+            .map(|point| Point3::from(columns.map(|column| self.value(point, column))))
+            .collect())
+    }
+
+    fn column(&self, name: &str) -> Result<Column, Error> {
+        let bad = |what: String| Error::BadCloud {
+            reason: format!("field {name}{what}"),
+        };
+        let field = self.fields.iter().find(|field| field.name == name);
+        let field = field.ok_or_else(|| bad(" is missing".to_owned()))?;
+        let size = match field.datatype {
+            FLOAT32 => 4,
+            FLOAT64 => 8,
+            other => {
+                return Err(bad(format!(
+                    " has data type {other}, not 32- or 64-bit float"
+                )));
+            }
+        };
+        if u64::from(field.offset) + size > u64::from(self.point_step) {
+            let (offset, step) = (field.offset, self.point_step);
+            return Err(bad(format!(
+                " at byte {offset} does not fit into points of {step} bytes"
+            )));
+        }
+        Ok(Column {
+            offset: field.offset as usize,
+            double: size == 8,
+        })
+    }
+
+    /// After this check every row starts inside the data and holds `width` whole points.
+    fn check_size(&self) -> Result<(), Error> {
+        let row = u64::from(self.width) * u64::from(self.point_step);
+        // The last row need not be padded to `row_step`. 2³² · 2³² cannot happen twice: use u128.
+        let needed =
+            u128::from(self.height.saturating_sub(1)) * u128::from(self.row_step) + u128::from(row);
+        let data = self.data.len();
+        if self.height > 1 && u64::from(self.row_step) < row {
+            let (step, width, point) = (self.row_step, self.width, self.point_step);
+            return Err(Error::BadCloud {
+                reason: format!("row_step {step} < {width} points of {point} bytes"),
+            });
+        }
+        if self.height > 0 && needed > data as u128 {
+            let reason = format!(
+                "{} × {} points need {needed} bytes, data has {data}",
+                self.height, self.width
+            );
+            return Err(Error::BadCloud { reason });
+        }
+        // `height` rows of no points would be walked one by one: a lie of 2³² rows in an empty table.
+        if self.width == 0 && self.height > 1 {
+            return Err(Error::BadCloud {
+                reason: format!("{} rows of no points", self.height),
+            });
+        }
+        Ok(())
+    }
+
+    fn value(&self, point: &[u8], column: Column) -> f64 {
+        if column.double {
+            f64::from_le_bytes(self.little_endian(point, column.offset))
+        } else {
+            f64::from(f32::from_le_bytes(self.little_endian(point, column.offset)))
+        }
+    }
+
+    fn little_endian<const N: usize>(&self, point: &[u8], offset: usize) -> [u8; N] {
+        let mut bytes = [0; N];
+        bytes.copy_from_slice(&point[offset..offset + N]);
+        if self.is_bigendian {
+            bytes.reverse();
+        }
+        bytes
+    }
+}
+
+impl Message for PointCloud2 {
+    const TYPE: &'static str = "sensor_msgs/msg/PointCloud2";
+
+    fn read(decoder: &mut Decoder<'_>) -> Result<Self, Error> {
+        // Length of the name, offset, data type, count: at least 4 + 4 + 1 + 4 bytes.
+        const FIELD: usize = 13;
+        Ok(Self {
+            header: Header::read(decoder)?,
+            height: decoder.u32("height")?,
+            width: decoder.u32("width")?,
+            fields: decoder.sequence("fields", FIELD, |d| {
+                Ok(PointField {
+                    name: d.string("fields.name")?,
+                    offset: d.u32("fields.offset")?,
+                    datatype: d.u8("fields.datatype")?,
+                    count: d.u32("fields.count")?,
+                })
+            })?,
+            is_bigendian: decoder.bool("is_bigendian")?,
+            point_step: decoder.u32("point_step")?,
+            row_step: decoder.u32("row_step")?,
+            data: decoder.bytes("data")?.to_vec(),
+            is_dense: decoder.bool("is_dense")?,
+        })
+    }
+
+    fn write(&self, encoder: &mut Encoder) -> Result<(), Error> {
+        self.header.write(encoder)?;
+        encoder.u32(self.height);
+        encoder.u32(self.width);
+        encoder.sequence("fields", &self.fields, |e, field| {
+            e.string("fields.name", &field.name)?;
+            e.u32(field.offset);
+            e.u8(field.datatype);
+            e.u32(field.count);
+            Ok(())
+        })?;
+        encoder.bool(self.is_bigendian);
+        encoder.u32(self.point_step);
+        encoder.u32(self.row_step);
+        encoder.bytes("data", &self.data)?;
+        encoder.bool(self.is_dense);
+        Ok(())
+    }
+}

@@ -1,0 +1,151 @@
+//! What can be wrong with the bytes, files, images and numbers handed to this crate.
+
+use std::path::PathBuf;
+
+/// The one error of this crate. Every variant says where and which value.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The file cannot be opened, read, written or synchronised.
+    #[error("{path}: {source}")]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What the operating system said.
+        source: std::io::Error,
+    },
+    /// The MCAP writer refused.
+    #[error("cannot write the session: {0}")]
+    Write(#[from] mcap::McapError),
+    /// The file does not start with the magic bytes of MCAP.
+    #[error("not an MCAP file: it does not start with the MCAP magic")]
+    NotMcap,
+    /// A record of the file cannot be what it claims to be.
+    #[error("record with opcode {opcode:#04x} at byte {offset}: {reason}")]
+    BadRecord {
+        /// Where in the file (or in the chunk, for a record inside a chunk) the record starts.
+        offset: usize,
+        /// What kind of record it claims to be.
+        opcode: u8,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// A chunk is compressed; this crate reads what needs no C library.
+    #[error(
+        "chunk at byte {offset} is compressed with `{compression}`: rewrite the file without compression first"
+    )]
+    Compressed {
+        /// Where the chunk starts in the file.
+        offset: usize,
+        /// Name of the compression.
+        compression: String,
+    },
+    /// The checksum of a chunk does not fit its bytes.
+    #[error("chunk at byte {offset}: checksum {stored:08x} stored, {computed:08x} computed")]
+    BadChecksum {
+        /// Where the chunk starts in the file.
+        offset: usize,
+        /// The checksum in the file.
+        stored: u32,
+        /// The checksum of the bytes.
+        computed: u32,
+    },
+    /// A topic this crate knows carries another message type or encoding.
+    #[error("topic {topic} carries {found}, expected {expected}")]
+    WrongType {
+        /// The topic.
+        topic: String,
+        /// Type or encoding in the file.
+        found: String,
+        /// Type or encoding this crate reads there.
+        expected: &'static str,
+    },
+    /// One message of a session cannot be read or written.
+    #[error("{topic}, message {index}: {source}")]
+    InMessage {
+        /// The topic.
+        topic: String,
+        /// Which message of that topic, from 0.
+        index: usize,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// CDR bytes end before a field does.
+    #[error("CDR field `{field}` at byte {offset} needs {needed} bytes, {available} are left")]
+    Truncated {
+        /// The field.
+        field: &'static str,
+        /// Byte offset in the message, encapsulation header included.
+        offset: usize,
+        /// Bytes the field needs.
+        needed: usize,
+        /// Bytes that are left.
+        available: usize,
+    },
+    /// The encapsulation header names a representation other than plain CDR.
+    #[error("CDR encapsulation {found:#06x} is not plain CDR (0x0000 big, 0x0001 little endian)")]
+    Encapsulation {
+        /// The representation identifier found.
+        found: u16,
+    },
+    /// A CDR string does not end with its NUL byte or is not UTF-8.
+    #[error("CDR string `{field}` at byte {offset}: {reason}")]
+    BadString {
+        /// The field.
+        field: &'static str,
+        /// Byte offset of its first character.
+        offset: usize,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// A string or sequence is longer than CDR can say (2³² − 1).
+    #[error("CDR field `{field}` has {length} elements, more than fit in 32 bits")]
+    TooLong {
+        /// The field.
+        field: &'static str,
+        /// Its length.
+        length: usize,
+    },
+    /// A point cloud message contradicts itself.
+    #[error("point cloud: {reason}")]
+    BadCloud {
+        /// What does not fit, with the values.
+        reason: String,
+    },
+    /// A point is NaN, infinite, or too large for the 32-bit floats of a point cloud.
+    #[error("point {index} is {point:?}: not finite in 32-bit floats")]
+    NonFinitePoint {
+        /// Which point.
+        index: usize,
+        /// Its coordinates.
+        point: [f64; 3],
+    },
+    /// A quantity is NaN, infinite, or out of its range.
+    #[error("{what} is {value}: {expected}")]
+    OutOfRange {
+        /// Which quantity.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// Something is given in a coordinate frame other than that of the clouds.
+    #[error("{topic} is in frame `{found}`, the clouds are in `{expected}`")]
+    FrameMismatch {
+        /// The topic.
+        topic: String,
+        /// Its frame.
+        found: String,
+        /// Frame of the clouds.
+        expected: String,
+    },
+    /// The name of an arm cannot be part of a topic.
+    #[error(
+        "arm name `{name}` cannot be part of a topic: letters, digits and underscores, not starting with a digit"
+    )]
+    BadArmName {
+        /// The name.
+        name: String,
+    },
+}

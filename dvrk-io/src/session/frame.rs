@@ -1,0 +1,63 @@
+//! What a session is once it is read: plain data.
+
+use nalgebra::{Isometry3, Point3, UnitVector3};
+
+/// One arm in one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ArmSample {
+    /// Name of the arm: the name space of its topics, `PSM1`.
+    pub name: String,
+    /// Pose of its tip in the camera frame, if it was measured around the time of the frame.
+    pub pose: Option<Isometry3<f64>>,
+    /// Opening of its jaw in radians (0 = closed), if it was measured around the time of the frame.
+    pub jaw: Option<f64>,
+}
+
+/// What camera and arms said at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frame {
+    /// Time of the cloud in seconds.
+    pub stamp: f64,
+    /// Valid points of the object, camera frame: no NaN, and none of the zeros that depth cameras send for
+    /// pixels without depth.
+    pub points: Vec<Point3<f64>>,
+    /// Every arm of the session, in the order of [`Session::arm_names`].
+    pub arms: Vec<ArmSample>,
+}
+
+/// How many messages a topic has.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TopicCount {
+    /// The topic.
+    pub topic: String,
+    /// ROS 2 type of its messages.
+    pub type_name: String,
+    /// Number of messages.
+    pub count: usize,
+}
+
+/// A recorded session without its truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// The frames in the order of time.
+    pub frames: Vec<Frame>,
+    /// The table: `normal · x + offset ≥ 0` on the free side, camera frame. The first one recorded.
+    pub table: Option<(UnitVector3<f64>, f64)>,
+    /// Names of the arms, sorted.
+    pub arm_names: Vec<String>,
+    /// Name of the frame the clouds are in.
+    pub camera_frame: String,
+    /// Every topic of the file, sorted, whether this crate knows it or not.
+    pub topics: Vec<TopicCount>,
+    /// Whether the recorder closed the file. If not, the session goes as far as the file does.
+    pub complete: bool,
+}
+
+/// Where the material points truly were at one time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TruthFrame {
+    /// Time in seconds.
+    pub stamp: f64,
+    /// All material points, always in the same order.
+    pub points: Vec<Point3<f64>>,
+}

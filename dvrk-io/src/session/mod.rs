@@ -1,0 +1,26 @@
+//! Recording and replay: a session is an MCAP file with ROS 2 messages.
+//!
+//! | topic | type | what |
+//! |---|---|---|
+//! | `/cell/points` | sensor_msgs/PointCloud2 | segmented cloud of the object, one message a frame |
+//! | `/cell/table` | shape_msgs/Plane | a·x + d ≥ 0 on the free side of the table |
+//! | `/PSM1/measured_cp` … | geometry_msgs/PoseStamped | tip pose of an arm |
+//! | `/PSM1/jaw/measured_js` … | sensor_msgs/JointState | jaw angle of an arm, 0 = closed |
+//! | `/truth/points` | sensor_msgs/PointCloud2 | where the material points truly are, in simulations |
+//!
+//! Everything is in the frame of the camera, in metres and radians. Each cloud makes a [`Frame`]; an arm
+//! belongs to it with the sample closest in time, if that lies within the tolerance
+//! ([`SessionReader::tolerance`]). An arm without pose in a frame was not measured then; simulations
+//! publish poses only while the arm holds.
+//!
+//! **Truth is not part of a session.** It is read by [`read_truth`], a call of its own, so that whatever is
+//! given frames cannot look at it.
+
+mod crc;
+mod frame;
+mod reader;
+mod record;
+mod topic;
+
+pub use frame::{ArmSample, Frame, Session, TopicCount, TruthFrame};
+pub use reader::{SessionReader, read_truth, read_truth_from_bytes};
