@@ -1,0 +1,77 @@
+use thiserror::Error;
+
+/// What was wrong with the input, and where.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A field or surface needs at least one node.
+    #[error("no nodes were given")]
+    NoNodes,
+    /// Two slices that run in parallel have different lengths.
+    #[error("{expected} nodes, but {found} {what}")]
+    LengthMismatch {
+        /// What the second slice holds.
+        what: &'static str,
+        /// Number of nodes.
+        expected: usize,
+        /// Number of entries in the second slice.
+        found: usize,
+    },
+    /// A coordinate is not finite, or beyond 1e60, where its square would overflow.
+    #[error("{what} {index} has coordinate {value}, which is not finite or beyond 1e60")]
+    BadCoordinate {
+        /// Which slice.
+        what: &'static str,
+        /// Index in that slice.
+        index: usize,
+        /// The offending coordinate.
+        value: f64,
+    },
+    /// An option lies outside its range.
+    #[error("{option} = {value}, but it must be {bound}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// The value given.
+        value: f64,
+        /// The admissible range, in words.
+        bound: &'static str,
+    },
+    /// No node lies within the radius of the query point.
+    #[error("no point of the cloud within {radius} m of query {index}")]
+    Unsupported {
+        /// Index of the query point.
+        index: usize,
+        /// The radius searched, in m.
+        radius: f64,
+    },
+}
+
+/// Largest coordinate whose products up to degree four still fit an `f64`.
+const LARGEST: f64 = 1e60;
+
+/// Refuses coordinates that are not finite or too large to square.
+pub(crate) fn check_coordinates<'a>(
+    what: &'static str,
+    triples: impl Iterator<Item = &'a nalgebra::Vector3<f64>>,
+) -> Result<(), Error> {
+    for (index, v) in triples.enumerate() {
+        if let Some(&value) = v.iter().find(|c| c.is_nan() || c.abs() > LARGEST) {
+            return Err(Error::BadCoordinate { what, index, value });
+        }
+    }
+    Ok(())
+}
+
+/// Refuses slices that do not run in parallel.
+pub(crate) fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
+    if expected == found {
+        Ok(())
+    } else {
+        Err(Error::LengthMismatch {
+            what,
+            expected,
+            found,
+        })
+    }
+}
