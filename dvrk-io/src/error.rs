@@ -15,8 +15,13 @@ pub enum Error {
         source: std::io::Error,
     },
     /// The MCAP writer refused.
-    #[error("cannot write the session: {0}")]
-    Write(#[from] mcap::McapError),
+    #[error("{path}: {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the writer said.
+        source: mcap::McapError,
+    },
     /// The file does not start with the magic bytes of MCAP.
     #[error("not an MCAP file: it does not start with the MCAP magic")]
     NotMcap,

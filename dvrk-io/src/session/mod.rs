@@ -20,7 +20,10 @@ mod crc;
 mod frame;
 mod reader;
 mod record;
+mod schema;
 mod topic;
+mod writer;
 
 pub use frame::{ArmSample, Frame, Session, TopicCount, TruthFrame};
 pub use reader::{SessionReader, read_truth, read_truth_from_bytes};
+pub use writer::SessionWriter;
