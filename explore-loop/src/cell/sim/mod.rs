@@ -1,1 +1,51 @@
-//! The simulated cell.
+//! The simulated cell: a soft body on a table, two or three grippers, a depth camera.
+//!
+//! ```text
+//! surface (implicit or file) ──► tetrahedra (isosurface stuffing) ──► soft body (rapier, decimetres)
+//!        │                              │ barycentric weights                │ 10 ms steps, held nodes kinematic
+//!        └──────────────────────────────┴──► fine surface ◄──────────────────┘
+//!                                               │ z-buffer with the arms before it
+//!                                               ▼
+//!                                          Observation            Truth: only the caller of SimCell::new has it
+//! ```
+//!
+//! | what | where |
+//! |---|---|
+//! | what lies on the table | [`Scene`], [`TriangleMesh`] |
+//! | everything adjustable | [`SimOptions`] |
+//! | the cell | [`SimCell`] |
+//! | the ground truth | [`Truth`] |
+//!
+//! ```
+//! use explore_loop::cell::Cell;
+//! use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
+//!
+//! let mut options = SimOptions::new(Scene::ellipsoid([0.05, 0.04, 0.03])?);
+//! options.fidelity.tetrahedra = 300;
+//! let (mut cell, truth) = SimCell::new(&options)?;
+//! let frame = cell.observe()?;
+//! assert!(frame.points.len() > 1000);
+//! assert_eq!(truth.live().len(), truth.rest().vertices.len());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod body;
+mod camera;
+mod embedding;
+mod error;
+mod gripper;
+mod implicit;
+mod lattice;
+mod mesh;
+mod options;
+mod scene;
+mod surface_nets;
+mod truth;
+mod world;
+
+pub use error::SimError;
+pub use mesh::{MAX_TRIANGLES, TriangleMesh};
+pub use options::{CameraOptions, Fidelity, JawOptions, Material, SimOptions};
+pub use scene::{SCENES, Scene};
+pub use truth::Truth;
+pub use world::SimCell;

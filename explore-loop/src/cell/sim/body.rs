@@ -1,0 +1,186 @@
+//! The soft body on the table, on rapier's constraint solver.
+//!
+//! Frames: the **world** is in metres, its origin on the table under the camera, +z up. The engine gets the same frame in
+//! **decimetres**: it works in `f32` and takes a tetrahedron of less than 1.2·10⁻⁷ cubic units for flat and gives it no
+//! elasticity, which in metres is every tetrahedron here. With lengths ×10 and time and mass as they are,
+//!
+//! ```text
+//! gravity ×10,   Young's modulus ÷10  (kg m⁻¹ s⁻²),   density ÷1000  (kg m⁻³).
+//! ```
+//!
+//! Nodes carry a quarter of each of their tetrahedra. Nodes in a jaw are kinematic: they get a target for the end of
+//! each step and the engine gives them the matching velocity.
+
+use nalgebra::{Point3, Vector3};
+use rapier3d::prelude::{
+    ColliderBuilder, PhysicsWorld, RigidBodyBuilder, SoftBodyBuilder, SoftBodyCellModel, SoftBodyHandle, SoftBodyMaterial, Vector,
+};
+
+use super::embedding::Embedding;
+use super::lattice::{self, TetMesh};
+use super::mesh::TriangleMesh;
+use super::options::{Fidelity, Material};
+use super::SimError;
+
+/// Decimetres in a metre.
+const DM: f64 = 10.0;
+
+/// Thickness of the contact skin, metres: the table lies this much deeper, so that the surface touches it at z = 0.
+const SKIN: f64 = 0.001;
+
+/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke or the tissue tore.
+const MAX_STRETCH: f64 = 3.0;
+
+/// The surface may lie this far outside the tetrahedra, in lattice cells: half a cell is what flat faces cut off a
+/// curved surface; more is a feature that the lattice missed.
+const MAX_GAP: f64 = 0.5;
+
+pub(super) struct Body {
+    world: PhysicsWorld,
+    handle: SoftBodyHandle,
+    embedding: Embedding,
+    /// Edges of the tetrahedra with their rest lengths, metres.
+    edges: Vec<([usize; 2], f64)>,
+    nodes: Vec<Point3<f64>>,
+    pub tetrahedra: usize,
+    tets: Vec<[usize; 4]>,
+}
+
+impl Body {
+    /// The solid bounded by `surface` (world frame), above the table.
+    pub fn new(surface: &TriangleMesh, material: &Material, fidelity: &Fidelity, step: f64) -> Result<Self, SimError> {
+        let (mesh, embedding) = fill(surface, fidelity)?;
+        let mut world = PhysicsWorld::new();
+        world.gravity = Vector::new(0.0, 0.0, (-9.81 * DM) as f32);
+        world.integration_parameters.dt = step as f32;
+        world.integration_parameters.num_solver_iterations = fidelity.substeps;
+        let half = Vector::new((2.0 * DM) as f32, (2.0 * DM) as f32, DM as f32);
+        let top = -SKIN * DM;
+        world.insert(
+            RigidBodyBuilder::fixed().translation(Vector::new(0.0, 0.0, (top - DM) as f32)),
+            ColliderBuilder::cuboid(half.x, half.y, half.z).friction(material.friction as f32),
+        );
+        let handle = world.insert_soft_body(builder(&mesh, material, fidelity));
+        let edges = edges(&mesh);
+        Ok(Self { world, handle, embedding, edges, nodes: mesh.nodes, tetrahedra: mesh.tets.len(), tets: mesh.tets })
+    }
+
+    /// Lets one step pass; `targets` are the world positions pinned nodes have at its end.
+    pub fn step(&mut self, targets: &[(usize, Point3<f64>)]) {
+        let body = &mut self.world.soft_bodies[self.handle];
+        for (node, target) in targets {
+            body.set_particle_kinematic_target(*node, engine(target));
+        }
+        self.world.step();
+        let body = &self.world.soft_bodies[self.handle];
+        for (node, p) in self.nodes.iter_mut().zip(body.particle_positions()) {
+            *node = Point3::new(f64::from(p.x), f64::from(p.y), f64::from(p.z)) / DM;
+        }
+    }
+
+    pub fn pin(&mut self, node: usize, pinned: bool) {
+        self.world.soft_bodies[self.handle].set_particle_pinned(node, pinned);
+    }
+
+    pub fn node(&self, node: usize) -> Point3<f64> {
+        self.nodes[node]
+    }
+
+    /// Nodes and weights that carry surface vertex `v`.
+    pub fn carrier(&self, v: usize) -> &([usize; 4], [f64; 4]) {
+        &self.embedding.carriers[v]
+    }
+
+    /// World positions of the surface vertices.
+    pub fn surface(&self) -> Vec<Point3<f64>> {
+        self.embedding.place(&self.nodes)
+    }
+
+    /// Fastest node, m/s.
+    pub fn fastest(&self) -> f64 {
+        let body = &self.world.soft_bodies[self.handle];
+        body.particle_velocities().map(|v| f64::from(v.length())).fold(0.0, f64::max) / DM
+    }
+
+    /// Volume of the tetrahedra, m³.
+    pub fn volume(&self) -> f64 {
+        self.tets.iter().map(|t| lattice::signed_volume(t.map(|v| self.nodes[v]))).sum()
+    }
+
+    /// What is wrong with the state, if anything.
+    pub fn broken(&self) -> Option<String> {
+        if let Some(index) = self.nodes.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+            return Some(format!("node {index} of the soft body is not finite any more"));
+        }
+        let stretch = |&([a, b], rest): &([usize; 2], f64)| (self.nodes[a] - self.nodes[b]).norm() / rest;
+        let worst = self.edges.iter().map(|e| (e.0, stretch(e))).max_by(|x, y| x.1.total_cmp(&y.1))?;
+        let at = self.nodes[worst.0[0]];
+        (worst.1 > MAX_STRETCH).then(|| {
+            format!(
+                "the object is stretched {:.2} times (at most {MAX_STRETCH}) at {:.3} {:.3} {:.3} m on the table: pulled too hard",
+                worst.1, at.x, at.y, at.z
+            )
+        })
+    }
+}
+
+fn engine(p: &Point3<f64>) -> Vector {
+    Vector::new((p.x * DM) as f32, (p.y * DM) as f32, (p.z * DM) as f32)
+}
+
+/// Tetrahedra of the size that gives the number asked for; finer, up to three times that number, where the surface is thin.
+fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embedding), SimError> {
+    let distance = surface.signed_distance()?;
+    let depth = |p: &Point3<f64>| distance.depth(p);
+    // Twelve tetrahedra to a cube of the lattice; those that the surface cuts come on top.
+    let mut cell = (12.0 * surface.volume() / (0.7 * fidelity.tetrahedra as f64)).cbrt();
+    loop {
+        let mesh = lattice::fill(&depth, surface.bounds(), cell);
+        let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;
+        let embedding = (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
+        match embedding {
+            Some(embedding) if embedding.gap <= MAX_GAP * cell => return Ok((mesh, embedding)),
+            found if enough => {
+                let gap = found.map_or(f64::INFINITY, |e| e.gap);
+                return Err(SimError::TooCoarse { tetrahedra: mesh.tets.len(), cell, gap });
+            }
+            _ => cell *= 0.88,
+        }
+    }
+}
+
+fn builder(mesh: &TetMesh, material: &Material, fidelity: &Fidelity) -> SoftBodyBuilder {
+    let mut masses = vec![0.0; mesh.nodes.len()];
+    for (t, tet) in mesh.tets.iter().enumerate() {
+        tet.iter().for_each(|&v| masses[v] += 0.25 * material.density * mesh.volume(t));
+    }
+    let engine_material = SoftBodyMaterial {
+        young_modulus: (material.young / DM) as f32,
+        poisson_ratio: material.poisson as f32,
+        ..SoftBodyMaterial::default()
+    };
+    SoftBodyBuilder::new(mesh.nodes.iter().map(engine).collect())
+        .masses(masses.iter().map(|&m| m as f32).collect())
+        .cells(mesh.tets.iter().map(|t| t.map(|v| v as u32)).collect())
+        .cell_model(SoftBodyCellModel::Corotational)
+        .material(engine_material)
+        .self_contacts(fidelity.self_contact)
+        .particle_radius((SKIN * DM) as f32)
+        .linear_damping(material.damping as f32)
+        .surface_collider(ColliderBuilder::ball(0.05).friction(material.friction as f32).density(0.0))
+}
+
+fn edges(mesh: &TetMesh) -> Vec<([usize; 2], f64)> {
+    let mut pairs: Vec<[usize; 2]> = Vec::new();
+    for t in &mesh.tets {
+        for a in 0..4 {
+            for b in a + 1..4 {
+                pairs.push([t[a].min(t[b]), t[a].max(t[b])]);
+            }
+        }
+    }
+    pairs.sort_unstable();
+    pairs.dedup();
+    let length = |[a, b]: [usize; 2]| -> f64 { Vector3::from(mesh.nodes[a] - mesh.nodes[b]).norm() };
+    pairs.into_iter().map(|pair| (pair, length(pair))).collect()
+}

@@ -1,0 +1,177 @@
+//! The depth camera: a z-buffer.
+//!
+//! The camera frame has its origin in the pinhole, +z along the optical axis. A point `(x, y, z)` falls on the image at
+//! `(f x/z + w/2, f y/z + h/2)`; a pixel looks along the ray through its centre. Inside a projected triangle `1/z` is linear
+//! in the image, so the nearest surface of every pixel follows from three multiplications.
+
+use nalgebra::{Isometry3, Point2, Point3, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::options::CameraOptions;
+
+/// Nothing nearer than this is drawn, metres.
+const NEAR: f64 = 0.01;
+
+/// Sides of the prism that stands for a round shaft.
+const SHAFT_SIDES: usize = 10;
+
+/// What a pixel shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Thing {
+    Nothing,
+    Object,
+    Arm,
+}
+
+/// An image of inverse depths.
+pub(super) struct DepthCamera {
+    options: CameraOptions,
+    inverse_depth: Vec<f64>,
+    thing: Vec<Thing>,
+}
+
+impl DepthCamera {
+    pub fn new(options: CameraOptions) -> Self {
+        let pixels = options.width * options.height;
+        Self { options, inverse_depth: vec![0.0; pixels], thing: vec![Thing::Nothing; pixels] }
+    }
+
+    pub fn clear(&mut self) {
+        self.inverse_depth.fill(0.0);
+        self.thing.fill(Thing::Nothing);
+    }
+
+    /// Draws triangles given in the camera frame.
+    pub fn draw(&mut self, vertices: &[Point3<f64>], triangles: &[[usize; 3]], thing: Thing) {
+        for t in triangles {
+            let corners = t.map(|v| vertices[v]);
+            if corners.iter().all(|p| p.z >= NEAR) {
+                self.fill(corners, thing);
+            } else {
+                let polygon = clip(&corners);
+                for k in 2..polygon.len() {
+                    self.fill([polygon[0], polygon[k - 1], polygon[k]], thing);
+                }
+            }
+        }
+    }
+
+    fn project(&self, p: &Point3<f64>) -> Point2<f64> {
+        let c = &self.options;
+        Point2::new(c.focal * p.x / p.z + 0.5 * c.width as f64, c.focal * p.y / p.z + 0.5 * c.height as f64)
+    }
+
+    fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing) {
+        let [a, b, c] = corners.map(|p| self.project(&p));
+        let double_area = (b - a).perp(&(c - a));
+        if double_area == 0.0 || !double_area.is_finite() {
+            return;
+        }
+        let inverse = corners.map(|p| 1.0 / p.z);
+        let range = |low: f64, high: f64, size: usize| {
+            let first = (low - 0.5).ceil().max(0.0) as usize;
+            let end = ((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
+            first..end
+        };
+        for v in range(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), self.options.height) {
+            for u in range(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), self.options.width) {
+                let p = Point2::new(u as f64 + 0.5, v as f64 + 0.5);
+                let weights = [(c - b).perp(&(p - b)), (a - c).perp(&(p - c)), (b - a).perp(&(p - a))].map(|w| w / double_area);
+                // Both neighbours of an edge draw a pixel that lies on it: the z-buffer keeps one, and no crack stays.
+                if weights.iter().all(|&w| w >= 0.0) {
+                    let depth = weights[0] * inverse[0] + weights[1] * inverse[1] + weights[2] * inverse[2];
+                    let at = v * self.options.width + u;
+                    if depth > self.inverse_depth[at] {
+                        self.inverse_depth[at] = depth;
+                        self.thing[at] = thing;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The points of the object that the camera sees, with the noise of frame `frame`.
+    pub fn points(&self, seed: u64, frame: u64) -> Vec<Point3<f64>> {
+        let c = &self.options;
+        let mut noise = ChaCha8Rng::seed_from_u64(seed);
+        noise.set_stream(frame);
+        let mut points = Vec::new();
+        for v in (0..c.height).step_by(c.pixel_stride) {
+            for u in (0..c.width).step_by(c.pixel_stride) {
+                let at = v * c.width + u;
+                if self.thing[at] != Thing::Object {
+                    continue;
+                }
+                let ray = self.ray(u, v);
+                let depth = 1.0 / self.inverse_depth[at];
+                let error = if c.noise > 0.0 { c.noise * normal(&mut noise) / ray.norm() } else { 0.0 };
+                points.push(Point3::from(ray * (depth + error)));
+            }
+        }
+        points
+    }
+
+    /// Direction of pixel `(u, v)`, scaled to depth 1.
+    fn ray(&self, u: usize, v: usize) -> Vector3<f64> {
+        let c = &self.options;
+        Vector3::new((u as f64 + 0.5 - 0.5 * c.width as f64) / c.focal, (v as f64 + 0.5 - 0.5 * c.height as f64) / c.focal, 1.0)
+    }
+
+    /// Depth and thing of every pixel, row by row; depth is infinite where nothing is.
+    #[cfg(test)]
+    pub fn image(&self) -> (Vec<f64>, Vec<Thing>) {
+        (self.inverse_depth.iter().map(|d| 1.0 / d).collect(), self.thing.clone())
+    }
+}
+
+/// A standard normal number (Box and Muller).
+fn normal(random: &mut impl Rng) -> f64 {
+    let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
+    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
+}
+
+/// The part of a triangle beyond the near plane.
+fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
+    let mut polygon = Vec::with_capacity(4);
+    for k in 0..3 {
+        let (a, b) = (corners[k], corners[(k + 1) % 3]);
+        if a.z >= NEAR {
+            polygon.push(a);
+        }
+        if (a.z >= NEAR) != (b.z >= NEAR) {
+            polygon.push(a.lerp(&b, (NEAR - a.z) / (b.z - a.z)));
+        }
+    }
+    polygon
+}
+
+/// The visible part of an arm in its tip frame: a shaft along −z and two fingers that open by `opening` along ±y.
+pub(super) fn gripper(camera_from_tip: &Isometry3<f64>, opening: f64) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
+    const RADIUS: f64 = 0.004;
+    const LENGTH: f64 = 0.25;
+    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    for k in 0..SHAFT_SIDES {
+        let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
+        let (x, y) = (RADIUS * angle.cos(), RADIUS * angle.sin());
+        vertices.extend([Point3::new(x, y, -LENGTH), Point3::new(x, y, -0.012)]);
+        let (a, b) = (2 * k, 2 * ((k + 1) % SHAFT_SIDES));
+        triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+    }
+    for side in [-1.0, 1.0] {
+        // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, `opening` off the middle at its end.
+        let first = vertices.len();
+        for (z, y) in [(-0.014, 0.002), (0.006, opening + 0.001)] {
+            for (dx, dy) in [(-0.002, -0.001), (0.002, -0.001), (0.002, 0.001), (-0.002, 0.001)] {
+                vertices.push(Point3::new(dx, side * y + dy, z));
+            }
+        }
+        for k in 0..4 {
+            let (a, b) = (first + k, first + (k + 1) % 4);
+            triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+        }
+        triangles.extend([[first + 4, first + 5, first + 6], [first + 4, first + 6, first + 7]]);
+    }
+    vertices.iter_mut().for_each(|p| *p = camera_from_tip * *p);
+    (vertices, triangles)
+}

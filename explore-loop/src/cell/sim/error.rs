@@ -1,0 +1,101 @@
+//! What can be wrong with a simulated cell before it starts.
+
+use nalgebra::Point3;
+
+/// Why a simulated cell could not be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum SimError {
+    /// The mesh has no triangles.
+    #[error("the mesh has no triangles")]
+    EmptyMesh,
+    /// The mesh is larger than the simulation can carry.
+    #[error("the mesh has {count} triangles: at most {max} can be simulated, simplify it first")]
+    TooManyTriangles {
+        /// Number of triangles.
+        count: usize,
+        /// Largest number accepted.
+        max: usize,
+    },
+    /// A vertex is not a point.
+    #[error("vertex {index} is not finite: {point}")]
+    NonFiniteVertex {
+        /// Index of the vertex.
+        index: usize,
+        /// Its coordinates.
+        point: Point3<f64>,
+    },
+    /// A triangle names a vertex that is not there.
+    #[error("triangle {triangle} uses vertex {vertex}, but there are only {count}")]
+    NoSuchVertex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// Index it uses.
+        vertex: usize,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// The surface has a rim, or more than two triangles meet in an edge.
+    #[error("the mesh is not closed: edge {a}-{b} belongs to {triangles} triangle(s) instead of 2")]
+    NotClosed {
+        /// First vertex of the edge.
+        a: usize,
+        /// Second vertex of the edge.
+        b: usize,
+        /// Number of triangles at the edge.
+        triangles: usize,
+    },
+    /// Neighbouring triangles turn against each other.
+    #[error("the mesh is not oriented: triangle {triangle} and its neighbour across edge {a}-{b} turn against each other")]
+    NotOriented {
+        /// First vertex of the edge.
+        a: usize,
+        /// Second vertex of the edge.
+        b: usize,
+        /// Index of one of the two triangles.
+        triangle: usize,
+    },
+    /// The mesh falls into several surfaces.
+    #[error("the mesh consists of {pieces} pieces: one object at a time")]
+    SeveralPieces {
+        /// Number of pieces.
+        pieces: usize,
+    },
+    /// The size is not one an object on the table can have.
+    #[error("the bounding box has a diagonal of {diagonal} m, outside 0.02 m to 1 m: are the coordinates in metres?")]
+    NotInMetres {
+        /// Diagonal as read, in metres.
+        diagonal: f64,
+    },
+    /// The surface is thinner than the tetrahedra that fit the budget.
+    #[error("{tetrahedra} tetrahedra of {cell} m are too coarse: the surface lies {gap} m away from them; allow more")]
+    TooCoarse {
+        /// Number of tetrahedra.
+        tetrahedra: usize,
+        /// Lattice spacing, metres.
+        cell: f64,
+        /// Largest distance of a surface vertex from the tetrahedra, metres.
+        gap: f64,
+    },
+    /// There is no built-in scene of that name.
+    #[error("there is no scene {name:?}: choose one of {known}")]
+    NoSuchScene {
+        /// Name asked for.
+        name: String,
+        /// Names there are.
+        known: String,
+    },
+    /// An option is outside its range.
+    #[error("option {option} is {value}, outside {range}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// Value given.
+        value: f64,
+        /// What it may be.
+        range: &'static str,
+    },
+    /// The physics engine failed.
+    #[error("the physics engine failed: {0}")]
+    Engine(String),
+}

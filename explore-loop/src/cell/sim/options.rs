@@ -1,0 +1,153 @@
+//! Everything a simulated cell can be told, with the values it has otherwise.
+
+use super::{Scene, SimError};
+
+/// How the object is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Material {
+    /// Young's modulus, Pa. At 1000 kg/m³ and 0.2 m, 3 kPa is very soft and 30 kPa like a thick woollen cap.
+    pub young: f64,
+    /// Poisson's ratio, at least 0 and below 0.5.
+    pub poisson: f64,
+    /// Density, kg/m³.
+    pub density: f64,
+    /// Coulomb friction with the table and with itself.
+    pub friction: f64,
+    /// Rate at which motion dies away in the air, 1/s.
+    pub damping: f64,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self { young: 10_000.0, poisson: 0.3, density: 1000.0, friction: 0.7, damping: 1.0 }
+    }
+}
+
+/// A pinhole depth camera looking straight down on the middle of the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraOptions {
+    /// Pixels across.
+    pub width: usize,
+    /// Pixels down.
+    pub height: usize,
+    /// Focal length, pixels.
+    pub focal: f64,
+    /// Height above the table, metres.
+    pub above_table: f64,
+    /// Frames a second.
+    pub rate: f64,
+    /// Standard deviation of the depth noise along the ray, metres.
+    pub noise: f64,
+    /// One ray for every `pixel_stride` pixels in each direction.
+    pub pixel_stride: usize,
+}
+
+impl Default for CameraOptions {
+    /// Sees 0.55 m × 0.41 m of the table, a point every 1.7 mm.
+    fn default() -> Self {
+        Self { width: 320, height: 240, focal: 320.0, above_table: 0.55, rate: 10.0, noise: 0.0, pixel_stride: 1 }
+    }
+}
+
+/// The box between the jaws, in the tip frame: what lies in it when the jaw closes is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JawOptions {
+    /// Half the width of a finger, along x, metres.
+    pub half_width: f64,
+    /// Half of what the jaws span when open, along y, metres.
+    pub half_opening: f64,
+    /// How far behind the tip the fingers reach, along −z, metres.
+    pub behind: f64,
+    /// How far before the tip the fingers reach, along z, metres.
+    pub before: f64,
+}
+
+impl Default for JawOptions {
+    fn default() -> Self {
+        Self { half_width: 0.008, half_opening: 0.009, behind: 0.004, before: 0.010 }
+    }
+}
+
+/// How finely the physics is solved.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fidelity {
+    /// About how many tetrahedra the solid is filled with.
+    pub tetrahedra: usize,
+    /// Longest time step, seconds; a whole number of steps fills a camera frame.
+    pub step: f64,
+    /// Solver substeps in a step.
+    pub substeps: usize,
+    /// Whether the object collides with itself.
+    pub self_contact: bool,
+}
+
+impl Default for Fidelity {
+    fn default() -> Self {
+        Self { tetrahedra: 2000, step: 0.01, substeps: 3, self_contact: true }
+    }
+}
+
+/// A simulated cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimOptions {
+    /// What lies on the table.
+    pub scene: Scene,
+    /// Number of arms, 2 or 3: from the right (+x), from the left (−x), from behind (−y in the camera frame).
+    pub arms: usize,
+    /// Decides how the object lies and, with the frame number, the noise of each frame.
+    pub seed: u64,
+    /// The object's material.
+    pub material: Material,
+    /// The camera.
+    pub camera: CameraOptions,
+    /// The jaws of all arms.
+    pub jaw: JawOptions,
+    /// Cost against accuracy.
+    pub fidelity: Fidelity,
+    /// Fastest a tip may go, m/s.
+    pub max_speed: f64,
+}
+
+impl SimOptions {
+    /// Three arms around `scene`, everything else by default.
+    pub fn new(scene: Scene) -> Self {
+        Self {
+            scene,
+            arms: 3,
+            seed: 0,
+            material: Material::default(),
+            camera: CameraOptions::default(),
+            jaw: JawOptions::default(),
+            fidelity: Fidelity::default(),
+            max_speed: 0.25,
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), SimError> {
+        let (m, c, j, f) = (&self.material, &self.camera, &self.jaw, &self.fidelity);
+        within("arms", self.arms as f64, 2.0, 3.0, "2 to 3")?;
+        within("young", m.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
+        within("poisson", m.poisson, 0.0, 0.49, "0 to 0.49")?;
+        within("density", m.density, 10.0, 20_000.0, "10 kg/m³ to 20000 kg/m³")?;
+        within("friction", m.friction, 0.0, 5.0, "0 to 5")?;
+        within("damping", m.damping, 0.0, 100.0, "0 to 100 per second")?;
+        within("camera width", c.width as f64, 16.0, 4096.0, "16 to 4096 pixels")?;
+        within("camera height", c.height as f64, 16.0, 4096.0, "16 to 4096 pixels")?;
+        within("camera focal", c.focal, 1.0, 1e5, "1 to 100000 pixels")?;
+        within("camera above_table", c.above_table, 0.1, 5.0, "0.1 m to 5 m")?;
+        within("camera rate", c.rate, 1.0, 200.0, "1 Hz to 200 Hz")?;
+        within("camera noise", c.noise, 0.0, 0.1, "0 m to 0.1 m")?;
+        within("camera pixel_stride", c.pixel_stride as f64, 1.0, 64.0, "1 to 64")?;
+        for value in [j.half_width, j.half_opening, j.behind, j.before] {
+            within("jaw", value, 0.0, 0.1, "0 m to 0.1 m")?;
+        }
+        within("tetrahedra", f.tetrahedra as f64, 100.0, 50_000.0, "100 to 50000")?;
+        within("step", f.step, 0.0005, 0.05, "0.5 ms to 50 ms")?;
+        within("substeps", f.substeps as f64, 1.0, 64.0, "1 to 64")?;
+        within("max_speed", self.max_speed, 0.001, 2.0, "0.001 m/s to 2 m/s")
+    }
+}
+
+fn within(option: &'static str, value: f64, low: f64, high: f64, range: &'static str) -> Result<(), SimError> {
+    if (low..=high).contains(&value) { Ok(()) } else { Err(SimError::BadOption { option, value, range }) }
+}

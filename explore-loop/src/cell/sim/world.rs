@@ -1,0 +1,263 @@
+//! [`SimCell`]: object, arms and camera put together behind [`Cell`].
+//!
+//! Time passes only inside [`Cell::observe`] and [`Cell::home`], in equal steps, a whole number of them to a frame. A step moves
+//! the tips, gives the held nodes their targets, and lets the engine solve. The same options give the same bits.
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::body::Body;
+use super::camera::{DepthCamera, Thing, gripper};
+use super::gripper::Gripper;
+use super::{SimError, SimOptions, Truth};
+use crate::cell::{ArmInfo, Cell, CellError, CellInfo, Observation, Plane};
+
+/// The object is let go this far above the table, metres.
+const DROP: f64 = 0.002;
+
+/// Longest time the object gets to come to rest, seconds, and the speed of its fastest node that counts as rest, m/s.
+const SETTLE: (f64, f64) = (4.0, 0.002);
+
+/// Speed of the way home, m/s.
+const HOME_SPEED: f64 = 0.2;
+
+/// How far an arm backs out of its grip before it turns for home, and how far it rises, metres.
+const RETREAT: (f64, f64) = (0.03, 0.05);
+
+/// A simulated cell.
+pub struct SimCell {
+    info: CellInfo,
+    options: SimOptions,
+    body: Body,
+    grippers: Vec<Gripper>,
+    camera: DepthCamera,
+    camera_from_world: Isometry3<f64>,
+    truth: Truth,
+    triangles: Vec<[usize; 3]>,
+    step: f64,
+    steps_per_frame: usize,
+    frame: u64,
+    failure: Option<String>,
+}
+
+impl SimCell {
+    /// Builds the cell, drops the object on the table and waits until it lies still.
+    ///
+    /// # Errors
+    /// An option out of range, a surface too thin for the tetrahedra allowed, or an engine that fails while the object settles.
+    pub fn new(options: &SimOptions) -> Result<(Self, Truth), SimError> {
+        options.check()?;
+        let steps_per_frame = (1.0 / (options.camera.rate * options.fidelity.step) - 1e-9).ceil().max(1.0) as usize;
+        let step = 1.0 / (options.camera.rate * steps_per_frame as f64);
+        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+        let yaw = random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+        let at = Point3::new(random.random_range(-0.015..0.015), random.random_range(-0.015..0.015), DROP);
+        let surface = options.scene.placed(yaw, at);
+        let mut body = Body::new(&surface, &options.material, &options.fidelity, step)?;
+        settle(&mut body, step)?;
+
+        let height = options.camera.above_table;
+        let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+        let camera_from_world = Isometry3::from_parts(Translation3::new(0.0, 0.0, height), half_turn);
+        let settled = body.surface().iter().map(|p| camera_from_world * p).collect();
+        let truth = Truth::new(surface.triangles.clone(), settled);
+        let arms = arms(options, &camera_from_world);
+        let table = Plane { normal: -Vector3::z_axis(), offset: height };
+        let cell = Self {
+            grippers: arms.iter().cloned().map(Gripper::new).collect(),
+            info: CellInfo { arms, table, camera_rate: options.camera.rate },
+            camera: DepthCamera::new(options.camera),
+            options: options.clone(),
+            body,
+            camera_from_world,
+            truth: truth.clone(),
+            triangles: surface.triangles,
+            step,
+            steps_per_frame,
+            frame: 0,
+            failure: None,
+        };
+        Ok((cell, truth))
+    }
+
+    /// Number of tetrahedra the object is made of.
+    pub fn tetrahedra(&self) -> usize {
+        self.body.tetrahedra
+    }
+
+    /// Volume of the object now, m³.
+    pub fn volume(&self) -> f64 {
+        self.body.volume()
+    }
+
+    fn advance_frame(&mut self) -> Result<(), CellError> {
+        if let Some(reason) = &self.failure {
+            return Err(CellError::Failed(reason.clone()));
+        }
+        let world_from_camera = self.camera_from_world.inverse();
+        for _ in 0..self.steps_per_frame {
+            self.grippers.iter_mut().for_each(|g| g.advance(self.step));
+            let targets: Vec<_> =
+                self.grippers.iter().flat_map(Gripper::targets).map(|(node, p)| (node, world_from_camera * p)).collect();
+            self.body.step(&targets);
+        }
+        self.frame += 1;
+        if let Some(reason) = self.body.broken() {
+            self.failure = Some(reason.clone());
+            return Err(CellError::Failed(reason));
+        }
+        Ok(())
+    }
+
+    fn surface(&self) -> Vec<Point3<f64>> {
+        self.body.surface().iter().map(|p| self.camera_from_world * p).collect()
+    }
+
+    fn gripper(&mut self, arm: usize) -> Result<&mut Gripper, CellError> {
+        let count = self.grippers.len();
+        self.grippers.get_mut(arm).ok_or(CellError::NoSuchArm { arm, count })
+    }
+
+    fn wait_for_arms(&mut self) -> Result<(), CellError> {
+        while self.grippers.iter().any(Gripper::moving) {
+            self.advance_frame()?;
+        }
+        Ok(())
+    }
+
+    fn check_pose(&self, arm: usize, pose: &Isometry3<f64>) -> Result<(), String> {
+        let info = &self.info.arms[arm];
+        let tip = Point3::from(pose.translation.vector);
+        if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|c| c.is_finite()) {
+            return Err(format!("the pose is not finite: {pose}"));
+        }
+        let distance = (tip - info.base).norm();
+        if distance > info.reach {
+            return Err(format!("the tip would be {distance:.3} m from the base, beyond its reach of {:.3} m", info.reach));
+        }
+        let height = self.info.table.height(&tip);
+        if height < 0.0 { Err(format!("the tip would be {:.4} m under the table", -height)) } else { Ok(()) }
+    }
+}
+
+impl Cell for SimCell {
+    fn info(&self) -> &CellInfo {
+        &self.info
+    }
+
+    fn observe(&mut self) -> Result<Observation, CellError> {
+        self.advance_frame()?;
+        let surface = self.surface();
+        self.truth.record(&surface);
+        self.camera.clear();
+        self.camera.draw(&surface, &self.triangles, Thing::Object);
+        for g in &self.grippers {
+            let (vertices, triangles) = gripper(g.pose(), g.finger_opening(&self.options.jaw));
+            self.camera.draw(&vertices, &triangles, Thing::Arm);
+        }
+        Ok(Observation {
+            stamp: self.frame as f64 / self.info.camera_rate,
+            points: self.camera.points(self.options.seed, self.frame),
+            arms: self.grippers.iter().map(Gripper::state).collect(),
+        })
+    }
+
+    fn move_arm(&mut self, arm: usize, camera_from_tip: Isometry3<f64>, speed: f64) -> Result<(), CellError> {
+        self.gripper(arm)?;
+        if !(speed > 0.0 && speed <= self.options.max_speed) {
+            let reason = format!("the speed is {speed} m/s, outside 0 (excluded) to {} m/s", self.options.max_speed);
+            return Err(CellError::BadCommand { arm, reason });
+        }
+        self.check_pose(arm, &camera_from_tip).map_err(|reason| CellError::BadCommand { arm, reason })?;
+        self.gripper(arm)?.go(camera_from_tip, speed);
+        Ok(())
+    }
+
+    fn close_jaw(&mut self, arm: usize) -> Result<(), CellError> {
+        if self.gripper(arm)?.state().holding {
+            return Ok(());
+        }
+        let surface = self.surface();
+        let (camera_from_world, jaw) = (self.camera_from_world, self.options.jaw);
+        let (before, rest) = self.grippers.split_at_mut(arm);
+        let Some((gripper, after)) = rest.split_first_mut() else { return Err(CellError::NothingGrasped { arm }) };
+        let taken = |node| before.iter().chain(after.iter()).any(|g| g.holds(node));
+        let body = &self.body;
+        if !gripper.close(body, &surface, &jaw, |node| camera_from_world * body.node(node), taken) {
+            return Err(CellError::NothingGrasped { arm });
+        }
+        let nodes: Vec<usize> = gripper.targets().map(|(node, _)| node).collect();
+        nodes.into_iter().for_each(|node| self.body.pin(node, true));
+        Ok(())
+    }
+
+    fn open_jaw(&mut self, arm: usize) -> Result<(), CellError> {
+        let released = self.gripper(arm)?.open();
+        released.into_iter().for_each(|node| self.body.pin(node, false));
+        Ok(())
+    }
+
+    fn home(&mut self) -> Result<(), CellError> {
+        // Homing with the object in hand would carry it off the table.
+        (0..self.grippers.len()).try_for_each(|arm| self.open_jaw(arm))?;
+        let up = self.info.table.normal.into_inner();
+        let speed = HOME_SPEED.min(self.options.max_speed);
+        for g in &mut self.grippers {
+            if g.pose() != &g.info.camera_from_home {
+                let mut clear = *g.pose();
+                clear.translation.vector += up * RETREAT.1 - clear.rotation * Vector3::z() * RETREAT.0;
+                g.go(clear, speed);
+            }
+        }
+        self.wait_for_arms()?;
+        for g in &mut self.grippers {
+            let home = g.info.camera_from_home;
+            g.go(home, speed);
+        }
+        self.wait_for_arms()
+    }
+
+    fn stop(&mut self) -> Result<(), CellError> {
+        self.grippers.iter_mut().for_each(Gripper::stop);
+        Ok(())
+    }
+}
+
+fn settle(body: &mut Body, step: f64) -> Result<(), SimError> {
+    let mut elapsed = 0.0;
+    while elapsed < 0.5 || (elapsed < SETTLE.0 && body.fastest() > SETTLE.1) {
+        body.step(&[]);
+        elapsed += step;
+    }
+    body.broken().map_or(Ok(()), |reason| Err(SimError::Engine(reason)))
+}
+
+/// Arms from the right, the left and behind: homes low outside the camera's view, pointing at the middle and down.
+fn arms(options: &SimOptions, camera_from_world: &Isometry3<f64>) -> Vec<ArmInfo> {
+    // In the world frame; the camera's −y, where the third arm stands, is the world's +y.
+    let sides = [Vector3::x(), -Vector3::x(), Vector3::y()];
+    sides
+        .iter()
+        .take(options.arms)
+        .enumerate()
+        .map(|(k, side)| {
+            let base = Point3::from(side * 0.40 + Vector3::z() * 0.10);
+            let tip = Point3::from(side * 0.34 + Vector3::z() * 0.16);
+            let approach = -(side + Vector3::z());
+            let world_from_home = Isometry3::from_parts(
+                Translation3::from(tip.coords),
+                // y is horizontal: the jaws open sideways.
+                UnitQuaternion::face_towards(&approach, &side.cross(&Vector3::z())),
+            );
+            ArmInfo {
+                name: format!("PSM{}", k + 1),
+                camera_from_home: camera_from_world * world_from_home,
+                base: camera_from_world * base,
+                reach: 0.65,
+                jaw_radius: options.jaw.half_opening,
+                max_speed: options.max_speed,
+            }
+        })
+        .collect()
+}
