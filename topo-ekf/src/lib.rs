@@ -1,1 +1,23 @@
 //! Tracks the hidden surface of a soft object: sparse Kalman filter over a surface graph, with table and self-intersection constraints
+
+mod columns;
+mod dual;
+mod error;
+mod filter;
+mod graph;
+mod memory;
+mod motion;
+mod observation;
+mod options;
+mod project;
+mod report;
+mod rotation;
+mod system;
+
+pub use error::Error;
+pub use filter::Filter;
+pub use nalgebra;
+pub use observation::{Frame, Observation, Plane};
+pub use options::{Options, Unseen};
+pub use project::Status;
+pub use report::StepReport;

@@ -1,0 +1,100 @@
+//! What can be wrong with an input, and with which entry of it.
+
+use thiserror::Error;
+
+/// Why a call was refused. The filter is left exactly as it was before the call.
+#[derive(Clone, Debug, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The graph has no vertex.
+    #[error("the graph has no vertices")]
+    NoVertices,
+    /// An option lies outside its range.
+    #[error("option `{name}` is {value}; it must be {must}")]
+    Option {
+        /// Field of [`Options`](crate::Options).
+        name: &'static str,
+        /// The refused value.
+        value: f64,
+        /// What would be accepted.
+        must: &'static str,
+    },
+    /// A coordinate is NaN or infinite, or so large that squares overflow.
+    #[error("{what} {index} is not a usable point: {value:?}")]
+    NonFinitePoint {
+        /// Which list: `rest`, `live` or `observation`.
+        what: &'static str,
+        /// Position in that list.
+        index: usize,
+        /// The refused coordinates.
+        value: [f64; 3],
+    },
+    /// Two lists that describe the same thing differ in length.
+    #[error("{what} has {found} entries, {expected} are needed")]
+    Length {
+        /// Which list.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that fits.
+        expected: usize,
+    },
+    /// An index points past the end of the vertices.
+    #[error("{what} {index} names vertex {vertex}, there are {vertices}")]
+    VertexOutOfRange {
+        /// Which list: `edge`, `observation`, `triangle` or `keep`.
+        what: &'static str,
+        /// Position in that list.
+        index: usize,
+        /// The refused vertex.
+        vertex: u32,
+        /// Number of vertices.
+        vertices: usize,
+    },
+    /// An edge joins a vertex with itself.
+    #[error("edge {index} joins vertex {vertex} with itself")]
+    Loop {
+        /// Position in the list of edges.
+        index: usize,
+        /// The vertex at both ends.
+        vertex: u32,
+    },
+    /// A standard deviation, weight or duration is out of range.
+    #[error("{what} {index} is {value}; it must be {must}")]
+    Value {
+        /// Which quantity.
+        what: &'static str,
+        /// Position in its list (0 for a single value).
+        index: usize,
+        /// The refused value.
+        value: f64,
+        /// What would be accepted.
+        must: &'static str,
+    },
+    /// A plane's normal is not a unit vector or its offset is not finite.
+    #[error("plane {index} is not usable: normal {normal:?}, offset {offset}")]
+    Plane {
+        /// Position in the list of planes.
+        index: usize,
+        /// The refused normal.
+        normal: [f64; 3],
+        /// Its offset.
+        offset: f64,
+    },
+    /// A matrix given as a rotation is not orthonormal.
+    #[error("rotation {index} is not orthonormal")]
+    NotARotation {
+        /// Position in the list of rotations.
+        index: usize,
+    },
+    /// The information matrix could not be factorised: the spread between the largest and the smallest
+    /// information is beyond what `f64` carries.
+    #[error("the information matrix could not be factorised (weights too far apart)")]
+    Factorisation,
+    /// The estimate overflowed.
+    #[error("the estimate of vertex {vertex} is not finite")]
+    Overflow {
+        /// The first such vertex.
+        vertex: usize,
+    },
+}

@@ -1,0 +1,112 @@
+//! Shape memory: every edge keeps its rest vector up to the rotation of its ends (as rigid as possible).
+//!
+//! ```text
+//! min over x, R   Σ_i d_i ‖x_i − x⁻_i‖² + Σ_i r_i ‖x_i − z_i‖² + Σ_e w_e ‖x_i − x_j − ½(R_i + R_j) E_e‖²
+//! global   S x = d x⁻ + r z + Σ_e w_e ½(R_i + R_j) E_e         S = diag(d + r) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ
+//! local    R_i = argmax tr(Rᵀ M_i),   M_i = Σ_{e∋i} w_e (x_i − x_j) E_eᵀ + δ tr · R⁻_i
+//! ```
+//!
+//! `S` does not change over the alternations, so each costs three back-substitutions. The rotation at the linearisation
+//! point makes the iteration the iterated form of an extended Kalman filter's update. Source: Sorkine and Alexa,
+//! *As-rigid-as-possible surface modeling* (SGP 2007), section 3, with uniform weights; the pull to the predicted rotation
+//! is ours and decides only what the edges leave open.
+
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
+
+use crate::graph::Graph;
+use crate::options::Options;
+use crate::rotation::nearest_rotation;
+use crate::system::{Factor, System};
+use crate::{Error, columns};
+
+/// Result of the alternations.
+pub(crate) struct Relaxed {
+    pub positions: Vec<Point3<f64>>,
+    pub rotations: Vec<Rotation3<f64>>,
+    pub iterations: usize,
+    pub last_move: f64,
+}
+
+/// Everything the alternations hold fixed.
+pub(crate) struct Memory<'a> {
+    pub graph: &'a Graph,
+    /// Weight of every edge, `s_e/σ_e²`.
+    pub weights: &'a [f64],
+    /// Predicted rotations `R⁻`.
+    pub predicted: &'a [Rotation3<f64>],
+    /// Predicted positions `x⁻`; the unknowns are displacements from them.
+    pub origin: &'a [Point3<f64>],
+    /// Data side of the right-hand side, `r (z − x⁻)`, column-major.
+    pub data: &'a [f64],
+}
+
+impl Memory<'_> {
+    /// Alternates until nothing moves or the allowed number is used up.
+    pub fn relax(&self, system: &mut System, factor: &Factor, options: &Options) -> Result<Relaxed, Error> {
+        let mut positions = self.origin.to_vec();
+        let mut rotations = self.predicted.to_vec();
+        let (mut iterations, mut last_move) = (0, f64::INFINITY);
+        while iterations < options.rotation_iterations && last_move > options.tolerance {
+            let next = self.solve(system, factor, &rotations)?;
+            last_move = positions.iter().zip(&next).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            positions = next;
+            rotations = self.fit(&positions, &rotations, options.rotation_memory);
+            iterations += 1;
+        }
+        Ok(Relaxed { positions, rotations, iterations, last_move })
+    }
+
+    /// Global step.
+    fn solve(
+        &self,
+        system: &mut System,
+        factor: &Factor,
+        rotations: &[Rotation3<f64>],
+    ) -> Result<Vec<Point3<f64>>, Error> {
+        let mut rhs = self.data.to_vec();
+        for (e, &[i, j]) in self.graph.edges.iter().enumerate() {
+            let (i, j) = (i as usize, j as usize);
+            let rest = self.graph.vectors[e];
+            let turned = (rotations[i] * rest + rotations[j] * rest) * 0.5;
+            let pull = (turned - (self.origin[i] - self.origin[j])) * self.weights[e];
+            columns::add(&mut rhs, i, &pull);
+            columns::add(&mut rhs, j, &-pull);
+        }
+        system.solve(factor, &mut rhs);
+        if let Some(at) = rhs.iter().position(|v| !v.is_finite()) {
+            return Err(Error::Overflow { vertex: at % self.origin.len() });
+        }
+        Ok(self.origin.iter().zip(columns::read(&rhs)).map(|(p, d)| p + d).collect())
+    }
+
+    /// Local step.
+    pub fn fit(&self, positions: &[Point3<f64>], guess: &[Rotation3<f64>], memory: f64) -> Vec<Rotation3<f64>> {
+        fit_rotations(self.graph, self.weights, positions, self.predicted, guess, memory)
+    }
+}
+
+/// Rotation of every vertex from its edges, pulled by `memory` (relative) to `prior`.
+pub(crate) fn fit_rotations(
+    graph: &Graph,
+    weights: &[f64],
+    positions: &[Point3<f64>],
+    prior: &[Rotation3<f64>],
+    guess: &[Rotation3<f64>],
+    memory: f64,
+) -> Vec<Rotation3<f64>> {
+    let mut moments = vec![Matrix3::zeros(); positions.len()];
+    let mut sizes = vec![0.0; positions.len()];
+    for (e, &[i, j]) in graph.edges.iter().enumerate() {
+        let (i, j) = (i as usize, j as usize);
+        let rest: Vector3<f64> = graph.vectors[e];
+        let moment = (positions[i] - positions[j]) * (rest * weights[e]).transpose();
+        let size = weights[e] * rest.norm_squared();
+        for k in [i, j] {
+            moments[k] += moment;
+            sizes[k] += size;
+        }
+    }
+    (0..positions.len())
+        .map(|i| nearest_rotation(&(moments[i] + prior[i].matrix() * (memory * sizes[i])), &guess[i]))
+        .collect()
+}

@@ -1,0 +1,147 @@
+//! Settings of the filter, each with the reason for its default.
+
+use crate::Error;
+
+/// How stiff, how noisy, how many iterations. All lengths in metres, angles in radians.
+///
+/// ```
+/// use topo_ekf::Options;
+/// let options = Options::default().with_edge_sigma(0.3e-3).with_separation(1.5e-3);
+/// assert_eq!(options.rotation_iterations, 6);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Standard deviation of an edge vector around its rotated rest vector. The shape memory is as strong as
+    /// `1/edge_sigma²`. Default 0.5 mm: a tenth of the usual edge of 5 mm, the strain of soft tissue under its own weight.
+    pub edge_sigma: f64,
+    /// Standard deviation of what one frame's motion of a vertex leaves unexplained; what was known of a vertex decays by it.
+    /// Default 1 mm.
+    pub process_noise: f64,
+    /// Standard deviation, per frame, of the change of a live edge vector beyond its rotation. It decides over how many
+    /// neighbours the predicted motion is averaged. Default 0.2 mm.
+    pub motion_sigma: f64,
+    /// Standard deviation, per frame, of the difference between the turns of the two ends of an edge.
+    /// Default 0.02 rad: the motion of one frame bends an object by about a degree an edge.
+    pub bend_sigma: f64,
+    /// Most alternations between rotations and positions per frame. Default 6.
+    pub rotation_iterations: usize,
+    /// Alternations stop when no vertex moved farther than this. Default 10 µm, well below what a camera resolves.
+    pub tolerance: f64,
+    /// Weight of the predicted rotation against the one fitted to a vertex's edges, as a share of the edges' own.
+    /// It decides only where edges leave the rotation open (one edge, or all on a line). Default 0.01.
+    pub rotation_memory: f64,
+    /// Standard deviation of the pull of every vertex to its predicted place. It only matters for what nothing else
+    /// holds. Default 0.1 m.
+    pub anchor_sigma: f64,
+    /// Standard deviation of the position of a vertex that enters the graph. Default 5 mm, one spacing.
+    pub initial_sigma: f64,
+    /// Least distance `δ` that a vertex keeps from a triangle far along the surface. Default 1 mm.
+    pub separation: f64,
+    /// How deep a vertex may have passed a triangle and still be put back on its side. It has to cover the relative motion
+    /// of two folds within a frame; deeper passes are not seen. Default 5 mm.
+    pub contact_reach: f64,
+    /// What a component of the graph does in a frame that shows nothing of it.
+    pub unseen: Unseen,
+}
+
+/// What a component without any observation does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Unseen {
+    /// It stays where it was: the components are different objects.
+    Hold,
+    /// It follows the rigid motion common to everything seen: the components are parts of one object whose connection
+    /// has not been seen yet.
+    Follow,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            edge_sigma: 0.5e-3,
+            process_noise: 1e-3,
+            motion_sigma: 0.2e-3,
+            bend_sigma: 0.02,
+            rotation_iterations: 6,
+            tolerance: 1e-5,
+            rotation_memory: 0.01,
+            anchor_sigma: 0.1,
+            initial_sigma: 5e-3,
+            separation: 1e-3,
+            contact_reach: 5e-3,
+            unseen: Unseen::Hold,
+        }
+    }
+}
+
+macro_rules! setters {
+    ($($with:ident $field:ident: $kind:ty),* $(,)?) => {
+        impl Options {
+            $(
+                #[doc = concat!("Sets [`", stringify!($field), "`](Self::", stringify!($field), ").")]
+                #[must_use]
+                pub fn $with(mut self, $field: $kind) -> Self {
+                    self.$field = $field;
+                    self
+                }
+            )*
+        }
+    };
+}
+
+setters! {
+    with_edge_sigma edge_sigma: f64,
+    with_process_noise process_noise: f64,
+    with_motion_sigma motion_sigma: f64,
+    with_bend_sigma bend_sigma: f64,
+    with_rotation_iterations rotation_iterations: usize,
+    with_tolerance tolerance: f64,
+    with_rotation_memory rotation_memory: f64,
+    with_anchor_sigma anchor_sigma: f64,
+    with_initial_sigma initial_sigma: f64,
+    with_separation separation: f64,
+    with_contact_reach contact_reach: f64,
+    with_unseen unseen: Unseen,
+}
+
+/// Range in which a standard deviation squares and inverts without leaving `f64`'s comfortable part: the ratio of the
+/// largest to the smallest information stays below 1e24.
+const SIGMA_RANGE: std::ops::RangeInclusive<f64> = 1e-9..=1e3;
+
+/// Whether a standard deviation can be turned into information.
+pub(crate) fn usable_sigma(sigma: f64) -> bool {
+    SIGMA_RANGE.contains(&sigma)
+}
+
+impl Options {
+    /// Refuses settings that have no meaning.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        for (name, value) in [
+            ("edge_sigma", self.edge_sigma),
+            ("motion_sigma", self.motion_sigma),
+            ("bend_sigma", self.bend_sigma),
+            ("anchor_sigma", self.anchor_sigma),
+            ("initial_sigma", self.initial_sigma),
+        ] {
+            if !usable_sigma(value) {
+                return Err(Error::Option { name, value, must: "between 1e-9 and 1e3" });
+            }
+        }
+        for (name, value) in [
+            ("process_noise", self.process_noise),
+            ("tolerance", self.tolerance),
+            ("rotation_memory", self.rotation_memory),
+            ("separation", self.separation),
+            ("contact_reach", self.contact_reach),
+        ] {
+            if !(0.0..=1e3).contains(&value) {
+                return Err(Error::Option { name, value, must: "between 0 and 1e3" });
+            }
+        }
+        if self.rotation_iterations == 0 {
+            return Err(Error::Option { name: "rotation_iterations", value: 0.0, must: "at least 1" });
+        }
+        Ok(())
+    }
+}

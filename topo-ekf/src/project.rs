@@ -1,0 +1,302 @@
+//! The estimate nearest to the unconstrained one, in the metric of its information, that keeps the constraints.
+//!
+//! ```text
+//! min ½ (x − x̂)ᵀ (S ⊗ I₃) (x − x̂)      s.t.   n·x_i + c ≥ 0  for every i,      m_k·Σ_v c_kv x_v ≥ b_k  for every row k
+//! ```
+//!
+//! The metric is the same in every direction, so the table touches the heights `n·x` alone: a bound-constrained problem with the
+//! scalar matrix `S`, solved by a primal-dual active set (resting vertices are struck from `S`, the pattern and its symbolic
+//! factor stay). Rows (self-contact, further planes) go through the Schur complement
+//!
+//! ```text
+//! G_kl = (m_k·m_l − m_kn m_ln) c_kᵀ S⁻¹ c_l  +  m_kn m_ln c_kᵀ S_free⁻¹ c_l
+//! ```
+//!
+//! and the two alternate until neither set changes. The optimum of a strictly convex problem is unique, so the starting
+//! set changes the time and not the answer. The projected mean is kept by the filter; the set of active constraints is a
+//! property of this estimate and never becomes information (that would make the filter overconfident by an order of
+//! magnitude, since the same table would be measured anew in every frame).
+
+use nalgebra::{Point3, Vector3};
+
+use crate::dual::{Row, solve_dual};
+use crate::observation::Plane;
+use crate::system::{Factor, System};
+use crate::Error;
+
+/// Alternations between the two active sets before the estimate is declared unsettled.
+const ROUNDS: usize = 30;
+/// A vertex lower than this enters the active set; it is then put exactly on the plane.
+const DEPTH: f64 = 1e-9;
+/// A row violated by more than this enters the dual. It leaves a hundredfold reserve to the 1e-6 m that is promised.
+const ROW_DEPTH: f64 = 1e-8;
+
+/// How the projection ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Status {
+    /// Nothing was violated: the estimate is the unconstrained one.
+    Free,
+    /// Constraints hold and the estimate is the nearest that keeps them.
+    Constrained,
+    /// Constraints hold, but the active set had not settled: a nearer estimate may exist.
+    Unsettled,
+    /// The constraints contradict each other: the first plane holds, the rest is violated as little as possible.
+    Infeasible,
+}
+
+/// The projected estimate.
+pub(crate) struct Projected {
+    pub positions: Vec<Point3<f64>>,
+    pub status: Status,
+    /// Vertices resting on the main plane.
+    pub resting: Vec<u32>,
+    /// Rows that push.
+    pub pushing: Vec<usize>,
+    pub rounds: usize,
+    pub factorisations: usize,
+}
+
+/// The plane handled by striking vertices; everything else is a row.
+pub(crate) struct Projection<'a> {
+    pub values: &'a [f64],
+    pub factor: &'a Factor,
+    pub estimate: &'a [Point3<f64>],
+    pub plane: Option<Plane>,
+    pub rows: &'a [Row],
+}
+
+/// Working state of the two nested active sets.
+struct Sets {
+    struck: Vec<bool>,
+    /// Rows that were violated at some round; the dual decides which of them push.
+    rows: Vec<usize>,
+    /// `S⁻¹ c_k` of those rows, one column each, kept over the rounds.
+    full: Vec<f64>,
+}
+
+impl Projection<'_> {
+    /// Solves; `warm` names vertices that probably rest on the plane.
+    pub fn solve(&self, system: &mut System, warm: &[u32]) -> Result<Projected, Error> {
+        let size = self.estimate.len();
+        let normal = self.plane.map_or(Vector3::zeros(), |p| p.normal.into_inner());
+        let heights: Vec<f64> =
+            self.estimate.iter().map(|p| self.plane.map_or(f64::INFINITY, |plane| plane.height(p))).collect();
+        let violated = self.violated(self.estimate);
+        if violated.is_empty() && heights.iter().all(|&h| h >= 0.0) {
+            return Ok(self.unchanged());
+        }
+        let mut sets = Sets { struck: heights.iter().map(|&h| h < 0.0).collect(), rows: vec![], full: vec![] };
+        for &i in warm {
+            // Only those near the plane: a set left over from another place would cost rounds, not save them.
+            if let Some(struck) = sets.struck.get_mut(i as usize) {
+                *struck |= heights[i as usize] < 1e-3;
+            }
+        }
+        self.admit(&mut sets, &violated, system);
+
+        let mut shift = vec![Vector3::zeros(); size];
+        let (mut rounds, mut factorisations, mut settled, mut pushing) = (0, 0, false, vec![]);
+        let mut forces = vec![];
+        while rounds < ROUNDS && !settled {
+            rounds += 1;
+            let free = if sets.struck.contains(&true) {
+                factorisations += 1;
+                Some(system.factorise(&system.pattern.strike(self.values, &sets.struck))?)
+            } else {
+                None
+            };
+            let free = free.as_ref().unwrap_or(self.factor);
+            let mut lift = self.lift(system, free, &sets.struck, &heights);
+            (shift, forces) = self.push(system, free, &sets, &mut lift, &normal)?;
+            pushing = sets.rows.iter().zip(&forces).filter(|(_, f)| **f > 0.0).map(|(&k, _)| k).collect();
+            settled = !self.update(&mut sets, &shift, &lift, &heights, &normal, &forces, system);
+        }
+
+        let mut positions: Vec<_> = self.estimate.iter().zip(&shift).map(|(p, d)| p + d).collect();
+        if let Some(plane) = &self.plane {
+            lift_above(&mut positions, plane);
+        }
+        let left = self.violated(&positions).into_iter().map(|k| self.rows[k].gap(&positions)).fold(0.0, f64::max);
+        let status = match (settled, left > 1e-6) {
+            (_, true) => Status::Infeasible,
+            (true, false) => Status::Constrained,
+            (false, false) => Status::Unsettled,
+        };
+        let resting = (0..size as u32).filter(|&i| sets.struck[i as usize]).collect();
+        Ok(Projected { positions, status, resting, pushing, rounds, factorisations })
+    }
+
+    fn unchanged(&self) -> Projected {
+        Projected {
+            positions: self.estimate.to_vec(),
+            status: Status::Free,
+            resting: vec![],
+            pushing: vec![],
+            rounds: 0,
+            factorisations: 0,
+        }
+    }
+
+    fn violated(&self, positions: &[Point3<f64>]) -> Vec<usize> {
+        (0..self.rows.len()).filter(|&k| self.rows[k].gap(positions) > ROW_DEPTH).collect()
+    }
+
+    /// Adds rows to the dual and solves for their columns.
+    fn admit(&self, sets: &mut Sets, rows: &[usize], system: &mut System) {
+        let size = self.estimate.len();
+        let mut block = vec![0.0; size * rows.len()];
+        for (column, &k) in block.chunks_exact_mut(size).zip(rows) {
+            for &(v, c) in &self.rows[k].terms {
+                column[v as usize] += c;
+            }
+        }
+        system.solve(self.factor, &mut block);
+        sets.full.extend_from_slice(&block);
+        sets.rows.extend_from_slice(rows);
+    }
+
+    /// Height changes with the struck vertices on the plane and nothing else pushing.
+    fn lift(&self, system: &mut System, free: &Factor, struck: &[bool], heights: &[f64]) -> Vec<f64> {
+        let held: Vec<f64> = struck.iter().zip(heights).map(|(&s, &h)| if s { -h } else { 0.0 }).collect();
+        if !struck.contains(&true) {
+            return held;
+        }
+        let pull = system.pattern.multiply(self.values, &held);
+        let mut lift: Vec<f64> = struck.iter().zip(&pull).map(|(&s, &p)| if s { 0.0 } else { -p }).collect();
+        system.solve(free, &mut lift);
+        for (l, h) in lift.iter_mut().zip(&held) {
+            *l += h;
+        }
+        lift
+    }
+
+    /// Adds what the rows push; returns the whole displacement and the forces of the rows.
+    fn push(
+        &self,
+        system: &mut System,
+        free: &Factor,
+        sets: &Sets,
+        lift: &mut [f64],
+        normal: &Vector3<f64>,
+    ) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Error> {
+        let size = lift.len();
+        let rows: Vec<&Row> = sets.rows.iter().map(|&k| &self.rows[k]).collect();
+        let mut over = vec![0.0; size * rows.len()];
+        for (column, row) in over.chunks_exact_mut(size).zip(&rows) {
+            for &(v, c) in &row.terms {
+                if !sets.struck[v as usize] {
+                    column[v as usize] += c;
+                }
+            }
+        }
+        if self.plane.is_some() {
+            system.solve(free, &mut over);
+        }
+        let along: Vec<f64> = rows.iter().map(|r| r.direction.dot(normal)).collect();
+        let count = rows.len();
+        let mut gram = nalgebra::DMatrix::zeros(count, count);
+        for l in 0..count {
+            let (flat, high) = (&sets.full[l * size..(l + 1) * size], &over[l * size..(l + 1) * size]);
+            for k in 0..=l {
+                let tall = along[k] * along[l];
+                let wide = rows[k].direction.dot(&rows[l].direction) - tall;
+                let mut g = wide * rows[k].dot(flat);
+                if tall != 0.0 {
+                    g += tall * rows[k].dot(high);
+                }
+                gram[(k, l)] = g;
+                gram[(l, k)] = g;
+            }
+        }
+        let gaps = rows.iter().zip(&along).map(|(r, a)| r.gap(self.estimate) - a * r.dot(lift)).collect::<Vec<_>>();
+        let forces = solve_dual(&gram, &gaps)?;
+        let mut shift = vec![Vector3::zeros(); size];
+        for (l, row) in rows.iter().enumerate() {
+            if forces[l] > 0.0 {
+                let flat = (row.direction - normal * along[l]) * forces[l];
+                let tall = along[l] * forces[l];
+                for i in 0..size {
+                    shift[i] += flat * sets.full[l * size + i];
+                    lift[i] += tall * over[l * size + i];
+                }
+            }
+        }
+        for (s, l) in shift.iter_mut().zip(lift.iter()) {
+            *s += normal * *l;
+        }
+        Ok((shift, forces))
+    }
+
+    /// Next sets; `true` if something changed.
+    #[allow(clippy::too_many_arguments)] // every argument is a named part of the optimality conditions
+    fn update(
+        &self,
+        sets: &mut Sets,
+        shift: &[Vector3<f64>],
+        lift: &[f64],
+        heights: &[f64],
+        normal: &Vector3<f64>,
+        forces: &[f64],
+        system: &mut System,
+    ) -> bool {
+        let mut changed = false;
+        if self.plane.is_some() {
+            // Force of the table on a struck vertex: what S says of the lift, less what the rows give.
+            let mut table = system.pattern.multiply(self.values, lift);
+            for (&k, &force) in sets.rows.iter().zip(forces) {
+                let row = &self.rows[k];
+                for &(v, c) in &row.terms {
+                    table[v as usize] -= force * c * row.direction.dot(normal);
+                }
+            }
+            for i in 0..lift.len() {
+                let next = if sets.struck[i] { table[i] > 0.0 } else { heights[i] + lift[i] < -DEPTH };
+                changed |= next != sets.struck[i];
+                sets.struck[i] = next;
+            }
+        }
+        let positions: Vec<_> = self.estimate.iter().zip(shift).map(|(p, d)| p + d).collect();
+        let mut new = self.violated(&positions);
+        new.retain(|k| !sets.rows.contains(k));
+        changed |= !new.is_empty();
+        self.admit(sets, &new, system);
+        changed
+    }
+}
+
+/// Puts on the plane what rounding left a nanometre below.
+fn lift_above(positions: &mut [Point3<f64>], plane: &Plane) {
+    for p in positions {
+        let height = plane.height(p);
+        if height < 0.0 {
+            *p -= plane.normal.into_inner() * height;
+        }
+    }
+}
+
+/// Deepest violation of a plane, 0 if none.
+pub(crate) fn deepest(planes: &[Plane], positions: &[Point3<f64>]) -> f64 {
+    planes.iter().flat_map(|plane| positions.iter().map(|p| -plane.height(p))).fold(0.0, f64::max)
+}
+
+/// The plane that is handled by striking (the one most vertices violate, the first of equals) and rows for the others.
+pub(crate) fn split_planes(planes: &[Plane], estimate: &[Point3<f64>]) -> (Option<Plane>, Vec<Row>) {
+    let below = |plane: &Plane| estimate.iter().filter(|p| plane.height(p) < 0.0).count();
+    let Some(main) = (0..planes.len()).max_by_key(|&k| (below(&planes[k]), std::cmp::Reverse(k))) else {
+        return (None, vec![]);
+    };
+    let rows = planes
+        .iter()
+        .enumerate()
+        .filter(|&(k, _)| k != main)
+        .flat_map(|(_, plane)| {
+            (0..estimate.len() as u32).map(|v| Row {
+                terms: vec![(v, 1.0)],
+                direction: plane.normal.into_inner(),
+                bound: -plane.offset,
+            })
+        })
+        .collect();
+    (Some(planes[main]), rows)
+}

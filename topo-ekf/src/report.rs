@@ -1,0 +1,33 @@
+//! What a step tells about itself.
+
+use crate::project::Status;
+
+/// Outcome of one [`Filter::step`](crate::Filter::step).
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct StepReport {
+    /// How the constraints ended.
+    pub status: Status,
+    /// Alternations between rotations and positions.
+    pub iterations: usize,
+    /// Farthest that a vertex moved in the last of them, m.
+    pub last_move: f64,
+    /// Deepest vertex below a plane, before the projection and after it, m.
+    pub plane_depth: [f64; 2],
+    /// Largest lack of separation between a vertex and a triangle far along the surface, before and after, m.
+    pub contact_depth: [f64; 2],
+    /// Vertices resting on the plane that most vertices touch.
+    pub resting: Vec<u32>,
+    /// Number of pushing rows: self-contacts and touches of further planes.
+    pub pushing: usize,
+    /// Pairs of vertex and triangle that were watched.
+    pub watched: usize,
+    /// Rounds of the two nested active sets.
+    pub rounds: usize,
+    /// Factorisations beyond the three that every step needs.
+    pub factorisations: usize,
+    /// Distance of every observation from the prediction, in standard deviations:
+    /// `‖z − x⁻‖ / √(3 (σ² + 1/d⁻))`. The prediction's own information `d⁻` leaves out what the neighbours tell, so the
+    /// values are on the low side; about 1 or less is ordinary, 3 and more is an outlier.
+    pub innovations: Vec<f64>,
+}

@@ -1,0 +1,180 @@
+//! The sparse information matrix and its Cholesky factor.
+//!
+//! ```text
+//! S = diag(d) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ          Q × Q, the same for x, y and z
+//! ```
+//!
+//! The pattern and the fill-reducing order depend on the graph alone: they are found once and every factorisation
+//! after it is numeric only.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::{
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::{Conj, MatMut, Par, Side};
+
+use crate::Error;
+
+/// Columns that one solve may have; more are solved in slices of this width.
+const WIDTH: usize = 64;
+/// From this many vertices the blocked (supernodal) factorisation is the faster one.
+const SUPERNODAL_FROM: usize = 200;
+
+/// Lower triangle of `S` in compressed columns.
+#[derive(Clone, Debug)]
+pub(crate) struct Pattern {
+    pub starts: Vec<usize>,
+    pub rows: Vec<usize>,
+    /// Where each diagonal entry lies: always first in its column.
+    pub diagonal: Vec<usize>,
+    /// Where each edge's entry lies.
+    pub edge: Vec<usize>,
+}
+
+impl Pattern {
+    pub fn new(vertices: usize, edges: &[[u32; 2]]) -> Self {
+        let mut columns: Vec<Vec<usize>> = (0..vertices).map(|i| vec![i]).collect();
+        for &[i, j] in edges {
+            columns[i.min(j) as usize].push(i.max(j) as usize);
+        }
+        let mut starts = vec![0];
+        let mut rows = Vec::with_capacity(vertices + edges.len());
+        for column in &mut columns {
+            column.sort_unstable();
+            column.dedup();
+            rows.extend_from_slice(column);
+            starts.push(rows.len());
+        }
+        let edge = edges
+            .iter()
+            .map(|&[i, j]| {
+                let (column, row) = (i.min(j) as usize, i.max(j) as usize);
+                starts[column] + rows[starts[column]..starts[column + 1]].partition_point(|&r| r < row)
+            })
+            .collect();
+        let diagonal = starts[..vertices].to_vec();
+        Self { starts, rows, diagonal, edge }
+    }
+
+    pub fn size(&self) -> usize {
+        self.diagonal.len()
+    }
+
+    /// `diag(d) + Σ w_e (e_i − e_j)(e_i − e_j)ᵀ`.
+    pub fn assemble(&self, diagonal: &[f64], edges: &[[u32; 2]], weight: impl Fn(usize) -> f64) -> Vec<f64> {
+        let mut values = vec![0.0; self.rows.len()];
+        for (&at, &d) in self.diagonal.iter().zip(diagonal) {
+            values[at] = d;
+        }
+        for (e, &[i, j]) in edges.iter().enumerate() {
+            let w = weight(e);
+            values[self.edge[e]] -= w;
+            values[self.diagonal[i as usize]] += w;
+            values[self.diagonal[j as usize]] += w;
+        }
+        values
+    }
+
+    /// `S v`.
+    pub fn multiply(&self, values: &[f64], v: &[f64]) -> Vec<f64> {
+        let mut product = vec![0.0; v.len()];
+        for column in 0..self.size() {
+            let first = self.starts[column];
+            product[column] += values[first] * v[column];
+            for at in first + 1..self.starts[column + 1] {
+                let row = self.rows[at];
+                product[row] += values[at] * v[column];
+                product[column] += values[at] * v[row];
+            }
+        }
+        product
+    }
+
+    /// `S` with the rows and columns of `struck` vertices replaced by those of a diagonal matrix: the system of the
+    /// others when the struck ones are held. The pattern stays, so the symbolic factor does too.
+    pub fn strike(&self, values: &[f64], struck: &[bool]) -> Vec<f64> {
+        let mut kept = values.to_vec();
+        for column in 0..self.size() {
+            for at in self.starts[column] + 1..self.starts[column + 1] {
+                if struck[column] || struck[self.rows[at]] {
+                    kept[at] = 0.0;
+                }
+            }
+        }
+        kept
+    }
+}
+
+/// Pattern, order and working memory; a numeric factor is a plain vector made by [`System::factorise`].
+pub(crate) struct System {
+    pub pattern: Pattern,
+    symbolic: SymbolicCholesky<usize>,
+    memory: MemBuffer,
+}
+
+/// Numeric Cholesky factor belonging to the [`System`] that made it.
+pub(crate) struct Factor(Vec<f64>);
+
+impl System {
+    pub fn new(vertices: usize, edges: &[[u32; 2]]) -> Result<Self, Error> {
+        let pattern = Pattern::new(vertices, edges);
+        let threshold = if vertices < SUPERNODAL_FROM {
+            SupernodalThreshold::FORCE_SIMPLICIAL
+        } else {
+            SupernodalThreshold::FORCE_SUPERNODAL
+        };
+        let symbolic = analyse(&pattern, threshold)?;
+        let scratch = symbolic
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default())
+            .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
+        let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
+        Ok(Self { pattern, symbolic, memory })
+    }
+
+    /// Cholesky factor of the matrix with these lower-triangle values.
+    pub fn factorise(&mut self, values: &[f64]) -> Result<Factor, Error> {
+        let mut factor = vec![0.0; self.symbolic.len_val()];
+        self.symbolic
+            .factorize_numeric_llt(
+                &mut factor,
+                matrix(&self.pattern, values),
+                Side::Lower,
+                LltRegularization::default(),
+                Par::Seq,
+                MemStack::new(&mut self.memory),
+                faer::Spec::default(),
+            )
+            .map_err(|_| Error::Factorisation)?;
+        Ok(Factor(factor))
+    }
+
+    /// Replaces the columns of `rhs` (column-major, as many as fit) by `S⁻¹` of them.
+    pub fn solve(&mut self, factor: &Factor, rhs: &mut [f64]) {
+        let size = self.pattern.size();
+        let llt = LltRef::new(&self.symbolic, &factor.0);
+        for slice in rhs.chunks_mut(size * WIDTH) {
+            let columns = slice.len() / size;
+            let view = MatMut::from_column_major_slice_mut(slice, size, columns);
+            llt.solve_in_place_with_conj(Conj::No, view, Par::Seq, MemStack::new(&mut self.memory));
+        }
+    }
+}
+
+/// Fill-reducing order and pattern of the factor.
+pub(crate) fn analyse(pattern: &Pattern, threshold: SupernodalThreshold) -> Result<SymbolicCholesky<usize>, Error> {
+    let params = CholeskySymbolicParams { supernodal_flop_ratio_threshold: threshold, ..Default::default() };
+    factorize_symbolic_cholesky(symbolic(pattern), Side::Lower, SymmetricOrdering::Amd, params)
+        .map_err(|_| Error::Factorisation)
+}
+
+fn symbolic(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
+    SymbolicSparseColMatRef::new_checked(pattern.size(), pattern.size(), &pattern.starts, None, &pattern.rows)
+}
+
+/// View of the lower triangle for faer.
+pub(crate) fn matrix<'a>(pattern: &'a Pattern, values: &'a [f64]) -> SparseColMatRef<'a, usize, f64> {
+    SparseColMatRef::new(symbolic(pattern), values)
+}

@@ -1,0 +1,92 @@
+//! Bodies and small dense tools shared by the tests.
+#![allow(dead_code, missing_docs, clippy::unwrap_used, reason = "each test file uses its own part")]
+
+use std::collections::BTreeSet;
+
+use nalgebra::{Point3, Rotation3, Vector3};
+
+/// Deterministic noise: the same numbers in every run, on every machine.
+pub struct Noise(pub u64);
+
+impl Noise {
+    /// Uniform in (0, 1), by splitmix64.
+    pub fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64 + 1e-17
+    }
+
+    /// Standard normal, by Box and Muller.
+    pub fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+
+    pub fn vector(&mut self, sigma: f64) -> Vector3<f64> {
+        Vector3::new(self.normal(), self.normal(), self.normal()) * sigma
+    }
+}
+
+/// Ellipsoid with nearly uniform vertices (golden spiral), edges to the nearest neighbours.
+pub fn ellipsoid(count: usize, half: [f64; 3], neighbours: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>) {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    let points: Vec<_> = (0..count)
+        .map(|i| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+            let (r, a) = ((1.0 - z * z).sqrt(), golden * i as f64);
+            Point3::new(half[0] * r * a.cos(), half[1] * r * a.sin(), half[2] * z)
+        })
+        .collect();
+    let edges = nearest_edges(&points, neighbours);
+    (points, edges)
+}
+
+/// Undirected edges to the nearest neighbours, sorted.
+pub fn nearest_edges(points: &[Point3<f64>], neighbours: usize) -> Vec<[u32; 2]> {
+    let mut edges = BTreeSet::new();
+    for (i, p) in points.iter().enumerate() {
+        let mut order: Vec<usize> = (0..points.len()).filter(|&j| j != i).collect();
+        order.sort_by(|&a, &b| (points[a] - p).norm().total_cmp(&(points[b] - p).norm()));
+        for &j in order.iter().take(neighbours) {
+            edges.insert([i.min(j) as u32, i.max(j) as u32]);
+        }
+    }
+    edges.into_iter().collect()
+}
+
+/// Square sheet in the plane z = 0, its lattice edges with diagonals, its triangles.
+pub fn sheet(side: usize, spacing: f64) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Vec<[u32; 3]>) {
+    let at = |x: usize, y: usize| (y * side + x) as u32;
+    let points = (0..side * side)
+        .map(|k| Point3::new((k % side) as f64 * spacing, (k / side) as f64 * spacing, 0.0))
+        .collect();
+    let (mut edges, mut triangles) = (vec![], vec![]);
+    for y in 0..side {
+        for x in 0..side {
+            if x + 1 < side {
+                edges.push([at(x, y), at(x + 1, y)]);
+            }
+            if y + 1 < side {
+                edges.push([at(x, y), at(x, y + 1)]);
+            }
+            if x + 1 < side && y + 1 < side {
+                edges.push([at(x, y), at(x + 1, y + 1)]);
+                edges.push([at(x + 1, y), at(x, y + 1)]);
+                triangles.push([at(x, y), at(x + 1, y), at(x + 1, y + 1)]);
+                triangles.push([at(x, y), at(x + 1, y + 1), at(x, y + 1)]);
+            }
+        }
+    }
+    (points, edges, triangles)
+}
+
+pub fn turned(points: &[Point3<f64>], r: &Rotation3<f64>, t: &Vector3<f64>) -> Vec<Point3<f64>> {
+    points.iter().map(|p| r * p + t).collect()
+}
+
+pub fn mean_error(found: &[Point3<f64>], truth: &[Point3<f64>], chosen: impl Fn(usize) -> bool) -> f64 {
+    let picked: Vec<f64> =
+        (0..truth.len()).filter(|&i| chosen(i)).map(|i| (found[i] - truth[i]).norm()).collect();
+    picked.iter().sum::<f64>() / picked.len().max(1) as f64
+}
