@@ -1,1 +1,32 @@
 //! Where to grip a soft object and how to move it so that its hidden side turns up: null-space grips, turning over, stretching
+mod agent_box;
+mod candidates;
+mod check;
+mod error;
+mod factor;
+mod grips;
+mod model;
+mod motion;
+mod null_space;
+mod options;
+mod plan;
+mod scene;
+mod stiffness;
+mod turn;
+mod turn_over;
+
+pub use agent_box::{AgentBox, agent_box};
+pub use candidates::{Candidate, Candidates, Reason, candidates};
+pub use check::Refusal;
+pub use error::Error;
+pub use grips::{Grip, GripSet, Role, plan_grips};
+pub use model::{Model, missing_vector_area};
+pub use motion::{ArmPath, Keyframe, Motion};
+pub use nalgebra;
+pub use null_space::Coverage;
+pub use options::{CandidateSource, Options, Support};
+pub use plan::{Plan, PlanOptions, RefusedSet, plan};
+pub use scene::{Arm, Plane, PoseTest, Scene, Workspace};
+pub use stiffness::{CoverageOptions, Stiffness, target_weights};
+pub use turn::{Turn, turns};
+pub use turn_over::{Recentre, TurnOptions, turn_over};

@@ -1,0 +1,142 @@
+//! Motions: what each tip does, and when.
+//!
+//! All tips pass their way points together. Between two way points the motion is straight (translation and slerp), and
+//! the time it takes is what the slowest needs:
+//!
+//! ```text
+//! Δt = max over arms( |Δp| / v,  Δφ / ω ),     v(σ) = min(v_max, √(v_0² + 2 a σ), √(v_0² + 2 a (σ_end − σ)))
+//! ```
+//!
+//! with `σ` the way gone by the tip that moves most, so that the body is never jerked at the start or dropped at the end.
+
+use nalgebra::Isometry3;
+
+use crate::Role;
+
+/// A pose at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Keyframe {
+    /// Seconds since the motion began.
+    pub time: f64,
+    /// Pose of the tip.
+    pub camera_from_tip: Isometry3<f64>,
+}
+
+/// The way of one arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ArmPath {
+    /// The arm.
+    pub arm: usize,
+    /// What its grip is for.
+    pub role: Role,
+    /// Poses in order of time; straight in between. The first is the grasp pose.
+    pub keyframes: Vec<Keyframe>,
+    /// When the jaws open: the end for a lifting arm, earlier for a supporting one.
+    pub release: f64,
+    /// Where to go after the end, once the jaws are open: back along the tool and up.
+    pub camera_from_retreat: Isometry3<f64>,
+}
+
+impl ArmPath {
+    /// Pose of the tip at `time`; before the start and after the end it rests.
+    pub fn at(&self, time: f64) -> Option<Isometry3<f64>> {
+        let after = self.keyframes.partition_point(|k| k.time <= time);
+        let (Some(from), to) = (
+            self.keyframes.get(after.saturating_sub(1)),
+            self.keyframes.get(after),
+        ) else {
+            return None;
+        };
+        let Some(to) = to.filter(|_| after > 0) else {
+            return Some(from.camera_from_tip);
+        };
+        let share = (time - from.time) / (to.time - from.time);
+        Some(between(&from.camera_from_tip, &to.camera_from_tip, share))
+    }
+
+    /// Largest speed of the tip, m/s.
+    pub fn peak_speed(&self) -> f64 {
+        let speed = |w: &[Keyframe]| {
+            travelled(&w[0].camera_from_tip, &w[1].camera_from_tip) / (w[1].time - w[0].time)
+        };
+        self.keyframes
+            .windows(2)
+            .filter(|w| w[1].time > w[0].time)
+            .map(speed)
+            .fold(0.0, f64::max)
+    }
+}
+
+/// A motion of several arms, checked and timed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// One path for each arm that takes part.
+    pub arms: Vec<ArmPath>,
+    /// Seconds.
+    pub duration: f64,
+}
+
+impl Motion {
+    /// Largest speed of any tip, m/s.
+    pub fn peak_speed(&self) -> f64 {
+        self.arms
+            .iter()
+            .map(ArmPath::peak_speed)
+            .fold(0.0, f64::max)
+    }
+}
+
+/// The pose `share` of the way from `a` to `b`.
+pub(crate) fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    // The plain slerp of opposite rotations is undefined; then the turn happens at the middle.
+    a.try_lerp_slerp(b, share, 1e-9)
+        .unwrap_or(if share < 0.5 { *a } else { *b })
+}
+
+fn travelled(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    (b.translation.vector - a.translation.vector).norm()
+}
+
+/// How fast the way points are passed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Pace {
+    /// m/s.
+    pub speed: f64,
+    /// m/s².
+    pub acceleration: f64,
+    /// rad/s.
+    pub turn_rate: f64,
+}
+
+/// Speed at the very start and end, as a share of the full speed: with none it would never begin.
+const CREEP: f64 = 0.1;
+
+/// Times at which the way points are passed; `paths` all have the same number of them.
+pub(crate) fn times(paths: &[Vec<Isometry3<f64>>], pace: &Pace) -> Vec<f64> {
+    let count = paths.first().map_or(0, Vec::len);
+    let step = |k: usize| {
+        let moved = paths
+            .iter()
+            .map(|p| travelled(&p[k], &p[k + 1]))
+            .fold(0.0, f64::max);
+        let turned = paths
+            .iter()
+            .map(|p| p[k].rotation.angle_to(&p[k + 1].rotation))
+            .fold(0.0, f64::max);
+        (moved, turned)
+    };
+    let steps: Vec<(f64, f64)> = (0..count.saturating_sub(1)).map(step).collect();
+    let whole: f64 = steps.iter().map(|s| s.0).sum();
+    let creep = CREEP * pace.speed;
+    let ramp = |way: f64| (creep * creep + 2.0 * pace.acceleration * way).sqrt();
+    let (mut gone, mut time) = (0.0, 0.0);
+    let mut times = vec![0.0; count.min(1)];
+    for (moved, turned) in steps {
+        let middle = gone + 0.5 * moved;
+        let speed = pace.speed.min(ramp(middle)).min(ramp(whole - middle));
+        time += (moved / speed).max(turned / pace.turn_rate);
+        gone += moved;
+        times.push(time);
+    }
+    times
+}

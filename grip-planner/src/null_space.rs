@@ -1,0 +1,302 @@
+//! Null-space coverage: how much of the motion of the targets a set of grips commands.
+//!
+//! ```text
+//! NSC(g) = 1 − tr(S Z(ZᵀKZ)⁻¹Zᵀ) / tr(S K⁻¹),      Z spans the null space of Φ_g
+//! ```
+//!
+//! Holding `g` conditions the prior `C = K⁻¹` on the gripped vertices, and conditioning needs no null space:
+//! `Z(ZᵀKZ)⁻¹Zᵀ = C − CΦᵀ(ΦCΦᵀ)⁻¹ΦC`. With the columns `c_j = C e_j` of the candidates solved once,
+//!
+//! ```text
+//! NSC(g) = tr(G_gg⁻¹ H_gg) / tr(S C),     G_jk = c_j[k],     H_jk = c_jᵀ S c_k
+//! ```
+//!
+//! so a pair costs a 2×2 block and a triple a 3×3 block. The blocks are worked off one grip after the other (Gram–Schmidt
+//! in the metric `G`): each adds a term that is never negative, which makes the measure monotone to the last bit, and a
+//! grip that repeats another adds nothing.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+use nalgebra::{DMatrix, Vector3};
+
+use crate::factor::Factor;
+use crate::stiffness::{Stiffness, target_weights};
+use crate::{CoverageOptions, Error, Model, Plane};
+
+/// A grip adds nothing when the others leave it less than this share of its variance: they already determine
+/// it to six digits.
+const REPEATED: f64 = 1e-12;
+
+/// Solved covariance columns of the candidates.
+#[derive(Debug, Clone)]
+pub struct Coverage {
+    size: usize,
+    candidates: Vec<u32>,
+    /// Column of each vertex, or `NONE`.
+    column_of: Vec<u32>,
+    /// `size` × candidates, column-major.
+    columns: Vec<f64>,
+    gram: DMatrix<f64>,
+    commanded: DMatrix<f64>,
+    total: f64,
+}
+
+const NONE: u32 = u32::MAX;
+
+impl Coverage {
+    /// Coverage of the membrane model ([`Stiffness::membrane`], [`target_weights`]).
+    ///
+    /// # Errors
+    /// A model, setting or candidate that is not usable.
+    pub fn new(
+        model: &Model,
+        table: &Plane,
+        candidates: &[u32],
+        options: &CoverageOptions,
+    ) -> Result<Self, Error> {
+        let stiffness = Stiffness::membrane(model, table, options)?;
+        Self::with_stiffness(&stiffness, &target_weights(model, options)?, candidates)
+    }
+
+    /// Coverage for any stiffness and target weights (one per vertex, not negative).
+    ///
+    /// # Errors
+    /// Weights that are not usable, a candidate that does not exist, a stiffness that is not positive definite.
+    ///
+    /// # Complexity
+    /// One sparse factorisation, one solve per candidate `m`, one product of `m² n`.
+    pub fn with_stiffness(
+        stiffness: &Stiffness,
+        targets: &[f64],
+        candidates: &[u32],
+    ) -> Result<Self, Error> {
+        let size = stiffness.anchors().len();
+        check(size, targets, candidates)?;
+        let mut column_of = vec![NONE; size];
+        let mut unique = Vec::with_capacity(candidates.len());
+        for &v in candidates {
+            if column_of[v as usize] == NONE {
+                column_of[v as usize] = unique.len() as u32;
+                unique.push(v);
+            }
+        }
+        let factor = Factor::new(size, &stiffness.lower())?;
+        let total: f64 = factor
+            .inverse_diagonal()
+            .iter()
+            .zip(targets)
+            .map(|(c, s)| c * s)
+            .sum();
+        if !(total.is_finite() && total > 0.0) {
+            return Err(Error::NoTarget { total });
+        }
+        let columns = factor.inverse_columns(&unique);
+        let gram = DMatrix::from_fn(unique.len(), unique.len(), |i, j| {
+            columns[j * size + unique[i] as usize]
+        });
+        let commanded = weighted_gram(&columns, targets, unique.len());
+        Ok(Self {
+            size,
+            candidates: unique,
+            column_of,
+            columns,
+            gram,
+            commanded,
+            total,
+        })
+    }
+
+    /// The candidates, in the order they were given.
+    pub fn candidates(&self) -> &[u32] {
+        &self.candidates
+    }
+
+    /// `NSC` of a set of grips, between 0 (nothing is commanded) and 1 (everything is).
+    ///
+    /// # Errors
+    /// A vertex that is not a candidate.
+    pub fn score(&self, vertices: &[u32]) -> Result<f64, Error> {
+        let columns = vertices
+            .iter()
+            .map(|&v| self.column(v))
+            .collect::<Result<Vec<_>, _>>()?;
+        Ok(self.score_columns(&columns, &mut Vec::new()))
+    }
+
+    /// Every pair of candidates with its score.
+    pub fn pairs(&self) -> impl Iterator<Item = ([u32; 2], f64)> + '_ {
+        let count = self.candidates.len();
+        (0..count).flat_map(move |i| {
+            (i + 1..count).map(move |j| {
+                (
+                    [self.candidates[i], self.candidates[j]],
+                    self.score_pair(i, j),
+                )
+            })
+        })
+    }
+
+    /// The triple of candidates with the largest score; the first in candidate order wins a draw.
+    pub fn best_triple(&self) -> Option<([u32; 3], f64)> {
+        let count = self.candidates.len();
+        let mut scratch = Vec::new();
+        let mut best: Option<([usize; 3], f64)> = None;
+        for i in 0..count {
+            for j in i + 1..count {
+                for k in j + 1..count {
+                    let score = self.score_columns(&[i, j, k], &mut scratch);
+                    if best.is_none_or(|(_, b)| score > b) {
+                        best = Some(([i, j, k], score));
+                    }
+                }
+            }
+        }
+        best.map(|(set, score)| (set.map(|c| self.candidates[c]), score))
+    }
+
+    /// Motion of every vertex when the grips move with the given velocities: the most probable field, `u = C Φᵀ (Φ C Φᵀ)⁻¹ v`.
+    /// With unit velocities these are the `J_i v̂` of [`crate::speed_limit`].
+    ///
+    /// # Errors
+    /// A vertex that is not a candidate, or given twice.
+    pub fn field(&self, grips: &[(u32, Vector3<f64>)]) -> Result<Vec<Vector3<f64>>, Error> {
+        let columns = grips
+            .iter()
+            .map(|&(v, _)| self.column(v))
+            .collect::<Result<Vec<_>, _>>()?;
+        if let Some(k) = (0..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
+            return Err(Error::RepeatedGrip { vertex: grips[k].0 });
+        }
+        let block = DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
+            self.gram[(columns[i], columns[j])]
+        });
+        let velocity = DMatrix::from_fn(columns.len(), 3, |i, k| grips[i].1[k]);
+        let multipliers = block
+            .cholesky()
+            .ok_or(Error::NotPositiveDefinite)?
+            .solve(&velocity);
+        let mut field = vec![Vector3::zeros(); self.size];
+        for (k, &c) in columns.iter().enumerate() {
+            let pull = Vector3::new(
+                multipliers[(k, 0)],
+                multipliers[(k, 1)],
+                multipliers[(k, 2)],
+            );
+            for (u, &share) in field
+                .iter_mut()
+                .zip(&self.columns[c * self.size..(c + 1) * self.size])
+            {
+                *u += pull * share;
+            }
+        }
+        Ok(field)
+    }
+
+    fn column(&self, vertex: u32) -> Result<usize, Error> {
+        match self.column_of.get(vertex as usize) {
+            Some(&c) if c != NONE => Ok(c as usize),
+            _ => Err(Error::NotACandidate { vertex }),
+        }
+    }
+
+    /// The 2×2 block by hand: all pairs are scored for every plan.
+    pub(crate) fn score_pair(&self, i: usize, j: usize) -> f64 {
+        let (g, h) = (&self.gram, &self.commanded);
+        let first = h[(i, i)] / g[(i, i)];
+        let r = g[(i, j)] / g[(i, i)];
+        let left = g[(j, j)] - r * g[(i, j)];
+        if left <= REPEATED * g[(j, j)] {
+            return (first / self.total).clamp(0.0, 1.0);
+        }
+        let second = (h[(j, j)] - 2.0 * r * h[(i, j)] + r * r * h[(i, i)]).max(0.0) / left;
+        ((first + second) / self.total).clamp(0.0, 1.0)
+    }
+
+    /// Any block: `w_1, w_2 …` are the unit vectors of the grips made orthonormal in the metric `G`, and
+    /// `tr(G⁻¹H) = Σ w_kᵀ H w_k`. `scratch` keeps them.
+    fn score_columns(&self, columns: &[usize], scratch: &mut Vec<f64>) -> f64 {
+        let count = columns.len();
+        scratch.clear();
+        scratch.resize(count * count, 0.0);
+        let mut sum = 0.0;
+        for j in 0..count {
+            let (done, rest) = scratch.split_at_mut(j * count);
+            let w = &mut rest[..count];
+            w[j] = 1.0;
+            let own = self.gram[(columns[j], columns[j])];
+            let mut left = own;
+            for v in done.chunks_exact(count) {
+                let overlap: f64 = (0..j)
+                    .map(|k| v[k] * self.gram[(columns[k], columns[j])])
+                    .sum();
+                left -= overlap * overlap;
+                (0..j).for_each(|k| w[k] -= overlap * v[k]);
+            }
+            if left <= REPEATED * own {
+                w.fill(0.0);
+                continue;
+            }
+            let scale = 1.0 / left.sqrt();
+            w.iter_mut().for_each(|x| *x *= scale);
+            sum += self.commanded_by(columns, w, j).max(0.0);
+        }
+        (sum / self.total).clamp(0.0, 1.0)
+    }
+
+    /// `wᵀ H w` over the first `last + 1` columns.
+    fn commanded_by(&self, columns: &[usize], w: &[f64], last: usize) -> f64 {
+        let row = |a: usize| {
+            (0..=last)
+                .map(|b| self.commanded[(columns[a], columns[b])] * w[b])
+                .sum::<f64>()
+        };
+        (0..=last).map(|a| w[a] * row(a)).sum()
+    }
+}
+
+fn check(size: usize, targets: &[f64], candidates: &[u32]) -> Result<(), Error> {
+    if size == 0 {
+        return Err(Error::EmptyModel);
+    }
+    if targets.len() != size {
+        return Err(Error::LengthMismatch {
+            what: "target weights",
+            count: targets.len(),
+            points: size,
+        });
+    }
+    if let Some(&value) = targets.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
+        return Err(Error::BadSetting {
+            name: "target weight",
+            value,
+            expected: "finite and at least 0",
+        });
+    }
+    match candidates.iter().find(|&&v| v as usize >= size) {
+        Some(&vertex) => Err(Error::NoSuchVertex {
+            vertex,
+            points: size,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// `H = columnsᵀ S columns`.
+fn weighted_gram(columns: &[f64], targets: &[f64], count: usize) -> DMatrix<f64> {
+    let size = targets.len();
+    let weighted: Vec<f64> = columns
+        .iter()
+        .zip(targets.iter().cycle())
+        .map(|(c, s)| c * s)
+        .collect();
+    let mut out = DMatrix::zeros(count, count);
+    matmul(
+        MatMut::from_column_major_slice_mut(out.as_mut_slice(), count, count),
+        Accum::Replace,
+        MatRef::from_column_major_slice(columns, size, count).transpose(),
+        MatRef::from_column_major_slice(&weighted, size, count),
+        1.0,
+        Par::Seq,
+    );
+    out
+}

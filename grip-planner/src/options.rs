@@ -1,0 +1,115 @@
+//! Settings of the planner.
+
+use nalgebra::UnitVector3;
+
+use crate::scene::{not_negative, positive, within};
+use crate::{CoverageOptions, Error};
+
+/// Which vertices may be gripped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CandidateSource {
+    /// Only the visible boundary of the explored part.
+    Boundary,
+    /// The visible boundary first; what room is left goes to visible vertices near the outline of the body,
+    /// so that a body whose boundary is hidden can still be turned.
+    BoundaryThenVisible,
+}
+
+/// What a third arm does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Support {
+    /// Nothing.
+    None,
+    /// It holds the body near the pivot while the others lift, when it can reach.
+    Hold,
+}
+
+/// Settings of [`crate::candidates`] and [`crate::plan_grips`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// The stiffness and the target weights.
+    pub coverage: CoverageOptions,
+    /// Which vertices may be gripped. Default: the boundary, then the visible outline.
+    pub source: CandidateSource,
+    /// At most so many candidates are kept, spread out. Default 100.
+    pub max_candidates: usize,
+    /// Least angle between a tool and the table, radians. Default 40°: lower tools hit the table or the neighbour.
+    pub min_elevation: f64,
+    /// A vertex whose normal dips more than this under the horizon is not approached, radians. Default 50°.
+    pub max_dip: f64,
+    /// How far the tip goes beyond the vertex, metres. Default 0.003: the jaws close on tissue and not before it.
+    pub grip_depth: f64,
+    /// Length of the straight last part of the approach, metres. Default 0.03.
+    pub approach_distance: f64,
+    /// Length of the straight part of a tool behind its tip, metres. Default 0.05.
+    pub shaft_length: f64,
+    /// Share of the turning suitability in the score, 0 (coverage alone, the paper's Algorithm 2) to 1. Default 0.5.
+    pub turning_weight: f64,
+    /// Where the distance of two lifting grips should be, as a share of the box along the axis. Default 0.4 to 0.8.
+    pub spread: [f64; 2],
+    /// At most so many sets are returned. Default 24.
+    pub max_sets: usize,
+    /// Lift only the side that lies in this direction. Default: whichever is best.
+    pub lift: Option<UnitVector3<f64>>,
+    /// What a third arm does. Default: holds.
+    pub support: Support,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            coverage: CoverageOptions::default(),
+            source: CandidateSource::BoundaryThenVisible,
+            max_candidates: 100,
+            min_elevation: 40f64.to_radians(),
+            max_dip: 50f64.to_radians(),
+            grip_depth: 0.003,
+            approach_distance: 0.03,
+            shaft_length: 0.05,
+            turning_weight: 0.5,
+            spread: [0.4, 0.8],
+            max_sets: 24,
+            lift: None,
+            support: Support::Hold,
+        }
+    }
+}
+
+impl Options {
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let right = std::f64::consts::FRAC_PI_2;
+        self.coverage.check()?;
+        within(
+            "min_elevation",
+            self.min_elevation,
+            0.0,
+            right,
+            "between 0 and a right angle",
+        )?;
+        within(
+            "max_dip",
+            self.max_dip,
+            0.0,
+            right,
+            "between 0 and a right angle",
+        )?;
+        not_negative("grip_depth", self.grip_depth)?;
+        positive("approach_distance", self.approach_distance)?;
+        positive("shaft_length", self.shaft_length)?;
+        within(
+            "turning_weight",
+            self.turning_weight,
+            0.0,
+            1.0,
+            "between 0 and 1",
+        )?;
+        positive("spread[0]", self.spread[0])?;
+        within(
+            "spread[1]",
+            self.spread[1],
+            self.spread[0],
+            10.0,
+            "at least spread[0]",
+        )
+    }
+}

@@ -1,0 +1,267 @@
+//! The table, the arms and what they can reach.
+//!
+//! Everything is in the camera frame, metres. A tip frame has its origin midway between the jaws, +z along
+//! the approach (from the wrist to the object) and ±y along the direction in which the jaws open.
+
+use std::fmt;
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
+
+use crate::Error;
+
+/// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has
+/// `normal · x + offset ≥ 0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane {
+    /// Unit normal, toward the free side.
+    pub normal: UnitVector3<f64>,
+    /// Offset in metres.
+    pub offset: f64,
+}
+
+impl Plane {
+    /// Signed height of `point` above the plane, in metres.
+    pub fn height(&self, point: &Point3<f64>) -> f64 {
+        self.normal.dot(&point.coords) + self.offset
+    }
+
+    /// The point of the plane under `point`.
+    pub fn foot(&self, point: &Point3<f64>) -> Point3<f64> {
+        point - self.normal.as_ref() * self.height(point)
+    }
+
+    /// The part of `v` along the plane.
+    pub fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
+        v - self.normal.as_ref() * self.normal.dot(v)
+    }
+
+    /// Two unit vectors that span the plane, `(u, v, normal)` right-handed.
+    pub fn axes(&self) -> [UnitVector3<f64>; 2] {
+        let n = self.normal;
+        // The coordinate axis least along the normal gives the best conditioned cross product.
+        let helper = match n.iamin() {
+            0 => Vector3::x(),
+            1 => Vector3::y(),
+            _ => Vector3::z(),
+        };
+        let u = UnitVector3::new_normalize(helper - n.as_ref() * n.dot(&helper));
+        [u, UnitVector3::new_normalize(n.cross(&u))]
+    }
+}
+
+/// A test on a tip pose, `camera_from_tip`.
+pub type PoseTest = Arc<dyn Fn(&Isometry3<f64>) -> bool + Send + Sync>;
+
+/// Where the tip of an arm can be.
+#[derive(Clone)]
+#[non_exhaustive]
+pub enum Workspace {
+    /// A box about the origin of its own frame.
+    Box {
+        /// Pose of the box.
+        camera_from_box: Isometry3<f64>,
+        /// Half its sides.
+        half_extents: Vector3<f64>,
+    },
+    /// All points within `radius` of `center`.
+    Ball {
+        /// Centre.
+        center: Point3<f64>,
+        /// Radius.
+        radius: f64,
+    },
+    /// A cone with its tip cut off, between two spheres: what an arm with a remote centre of motion sweeps.
+    SphereSector {
+        /// The fixed point.
+        apex: Point3<f64>,
+        /// Middle of the cone.
+        axis: UnitVector3<f64>,
+        /// Angle between the axis and the rim, radians.
+        half_angle: f64,
+        /// Smallest and largest distance from the apex.
+        radii: [f64; 2],
+    },
+    /// Any test on the pose of the tip, so that wrist limits can count.
+    Custom(PoseTest),
+}
+
+impl Workspace {
+    /// Whether the tip may be at `camera_from_tip`.
+    pub fn contains(&self, camera_from_tip: &Isometry3<f64>) -> bool {
+        let tip = Point3::from(camera_from_tip.translation.vector);
+        match self {
+            Self::Box {
+                camera_from_box,
+                half_extents,
+            } => {
+                let p = camera_from_box.inverse_transform_point(&tip);
+                (0..3).all(|k| p[k].abs() <= half_extents[k])
+            }
+            Self::Ball { center, radius } => (tip - center).norm() <= *radius,
+            Self::SphereSector {
+                apex,
+                axis,
+                half_angle,
+                radii,
+            } => {
+                let d = tip - apex;
+                let r = d.norm();
+                let angle = d.cross(axis).norm().atan2(d.dot(axis));
+                (radii[0]..=radii[1]).contains(&r) && angle <= *half_angle
+            }
+            Self::Custom(test) => test(camera_from_tip),
+        }
+    }
+}
+
+impl fmt::Debug for Workspace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Box {
+                camera_from_box,
+                half_extents,
+            } => f
+                .debug_struct("Box")
+                .field("camera_from_box", camera_from_box)
+                .field("half_extents", half_extents)
+                .finish(),
+            Self::Ball { center, radius } => f
+                .debug_struct("Ball")
+                .field("center", center)
+                .field("radius", radius)
+                .finish(),
+            Self::SphereSector {
+                apex,
+                axis,
+                half_angle,
+                radii,
+            } => f
+                .debug_struct("SphereSector")
+                .field("apex", apex)
+                .field("axis", axis)
+                .field("half_angle", half_angle)
+                .field("radii", radii)
+                .finish(),
+            Self::Custom(_) => f.write_str("Custom(..)"),
+        }
+    }
+}
+
+/// An arm as the planner sees it.
+#[derive(Debug, Clone)]
+pub struct Arm {
+    /// The foot of the arm: which side it comes from.
+    pub base: Point3<f64>,
+    /// Where its tip can be.
+    pub workspace: Workspace,
+    /// Where the tip waits without hiding the object (`camera_from_tip`).
+    pub home: Isometry3<f64>,
+    /// The fastest the tip may go, m/s.
+    pub max_speed: f64,
+}
+
+/// Everything round the object.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// What the object lies on.
+    pub table: Plane,
+    /// The arms.
+    pub arms: &'a [Arm],
+    /// Where the camera is.
+    pub camera: Point3<f64>,
+    /// Half the width of what fits between the open jaws; also the half thickness of a tool.
+    pub jaw_radius: f64,
+    /// Smallest distance between two grips.
+    pub jaw_separation: f64,
+    /// Distance that is kept between a tip and the table, and between two tools.
+    pub clearance: f64,
+}
+
+impl Scene<'_> {
+    /// Refuses what is not finite or not positive.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        positive("jaw_radius", self.jaw_radius)?;
+        not_negative("jaw_separation", self.jaw_separation)?;
+        not_negative("clearance", self.clearance)?;
+        if !self.camera.iter().all(|x| x.is_finite()) {
+            return Err(Error::BadSetting {
+                name: "camera",
+                value: f64::NAN,
+                expected: "finite",
+            });
+        }
+        if !(self.table.offset.is_finite() && (self.table.normal.norm() - 1.0).abs() < 1e-6) {
+            return Err(Error::BadSetting {
+                name: "table",
+                value: self.table.offset,
+                expected: "a unit normal and a finite offset",
+            });
+        }
+        self.arms
+            .iter()
+            .enumerate()
+            .try_for_each(|(arm, a)| check_arm(arm, a))
+    }
+}
+
+fn check_arm(arm: usize, a: &Arm) -> Result<(), Error> {
+    if !a.base.iter().all(|x| x.is_finite()) {
+        return Err(Error::BadArm {
+            arm,
+            what: "its base",
+        });
+    }
+    if !a.home.to_homogeneous().iter().all(|x| x.is_finite()) {
+        return Err(Error::BadArm {
+            arm,
+            what: "its home",
+        });
+    }
+    if !(a.max_speed.is_finite() && a.max_speed > 0.0) {
+        return Err(Error::BadArm {
+            arm,
+            what: "its largest speed",
+        });
+    }
+    Ok(())
+}
+
+pub(crate) fn positive(name: &'static str, value: f64) -> Result<(), Error> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(Error::BadSetting {
+        name,
+        value,
+        expected: "finite and above 0",
+    })
+}
+
+pub(crate) fn not_negative(name: &'static str, value: f64) -> Result<(), Error> {
+    if value.is_finite() && value >= 0.0 {
+        return Ok(());
+    }
+    Err(Error::BadSetting {
+        name,
+        value,
+        expected: "finite and at least 0",
+    })
+}
+
+pub(crate) fn within(
+    name: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    expected: &'static str,
+) -> Result<(), Error> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(Error::BadSetting {
+        name,
+        value,
+        expected,
+    })
+}
