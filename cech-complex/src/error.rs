@@ -1,0 +1,96 @@
+//! The one error type of the crate: what was wrong, where, and the value.
+
+use nalgebra::{Point3, Vector3};
+
+/// Everything that can be wrong with an input.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A length or scale that has to be positive and finite is not.
+    #[error("{what} must be positive and finite, got {value}")]
+    NotPositive {
+        /// Name of the parameter.
+        what: &'static str,
+        /// What was given.
+        value: f64,
+    },
+    /// An angle lies outside `[0, π/2)`, or a cosine outside `[−1, 1]`.
+    #[error("{what} is out of range: {value}")]
+    OutOfRange {
+        /// Name of the parameter.
+        what: &'static str,
+        /// What was given.
+        value: f64,
+    },
+    /// The sampling is too coarse for the reach: no cylinder covers its own patch without meeting another sheet.
+    #[error(
+        "a spacing of {spacing} m is too coarse for a reach of {reach} m: the cylinders would extend {extent} m off the surface"
+    )]
+    TooCoarse {
+        /// Sampling spacing, m.
+        spacing: f64,
+        /// Reach of the surface, m.
+        reach: f64,
+        /// How far from the surface the union of the cylinders would extend, m.
+        extent: f64,
+    },
+    /// A coordinate is NaN or infinite.
+    #[error("point {index} is not finite: {point}")]
+    NonFinitePoint {
+        /// Index of the point.
+        index: usize,
+        /// The point.
+        point: Point3<f64>,
+    },
+    /// A normal is not a unit vector (NaN included).
+    #[error("normal {index} is not a unit vector: {normal}")]
+    NonUnitNormal {
+        /// Index of the normal.
+        index: usize,
+        /// The normal.
+        normal: Vector3<f64>,
+    },
+    /// Two slices that describe the same points differ in length.
+    #[error("{points} points but {others} {what}")]
+    LengthMismatch {
+        /// Number of points.
+        points: usize,
+        /// What the other slice holds.
+        what: &'static str,
+        /// Length of the other slice.
+        others: usize,
+    },
+    /// A filtration value was asked for no cylinder, or for more than four.
+    #[error(
+        "a simplex of the nerve has 1 to 4 vertices here (Helly decides larger ones), got {count}"
+    )]
+    SimplexSize {
+        /// Number of cylinders given.
+        count: usize,
+    },
+    /// The complex would exceed `Options::max_simplices`.
+    #[error("the complex has at least {count} simplices, the limit is {limit}")]
+    TooManySimplices {
+        /// Simplices counted when the limit was passed.
+        count: usize,
+        /// The limit.
+        limit: usize,
+    },
+    /// A vertex index is not an index of a point of this complex.
+    #[error("vertex {index} does not exist, the complex has {len} points")]
+    NoSuchVertex {
+        /// The index.
+        index: usize,
+        /// Number of points.
+        len: usize,
+    },
+}
+
+/// `value` itself when it is positive and finite.
+pub(crate) fn positive(what: &'static str, value: f64) -> Result<f64, Error> {
+    if value > 0.0 && value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Error::NotPositive { what, value })
+    }
+}

@@ -1,0 +1,224 @@
+//! Persistent homology of the complex in dimensions 0, 1 and 2 over Z/2.
+//!
+//! ```text
+//! β_k^{a,b} = rank( H_k(K_a) → H_k(K_b) ) = number of bars of dimension k with birth ≤ a and b < death
+//! ```
+//!
+//! Simplices are ordered by value, then lexicographically; faces precede cofaces because dimensions are ordered apart.
+//! Dimension 0 is union-find over the edges. The edges that close a cycle are the columns of `H¹`, and the triangles that ended no class of `H¹`
+//! those of `H²` (module `cohomology`). Homology and cohomology have the same bars (de Silva, Morozov and
+//! Vejdemo-Johansson 2011).
+
+use crate::cohomology::{Coboundary, NONE, UnionFind, reduce};
+use crate::skeleton::Skeleton;
+
+/// A homology class that is born and dies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bar {
+    /// 0 component, 1 loop, 2 cavity.
+    pub dimension: usize,
+    /// Scale at which the class appears.
+    pub birth: f64,
+    /// Scale at which it becomes trivial or merges with an older one; infinite if it outlives the complex (whose scale may be cut
+    /// off before the class would die).
+    pub death: f64,
+    /// Simplex that creates the class: index into the vertices, edges or triangles of the complex.
+    pub birth_simplex: u32,
+    /// Simplex that ends it: index into the edges, triangles or tetrahedra.
+    pub death_simplex: Option<u32>,
+}
+
+impl Bar {
+    /// `death − birth`.
+    pub fn persistence(&self) -> f64 {
+        self.death - self.birth
+    }
+}
+
+/// All bars of positive length, by dimension, then birth, then death.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Barcode {
+    bars: Vec<Bar>,
+}
+
+impl Barcode {
+    /// All bars.
+    pub fn bars(&self) -> &[Bar] {
+        &self.bars
+    }
+
+    /// Bars of one dimension.
+    pub fn of_dimension(&self, dimension: usize) -> impl Iterator<Item = &Bar> {
+        self.bars
+            .iter()
+            .filter(move |bar| bar.dimension == dimension)
+    }
+
+    /// Number of bars of dimension 0, 1, 2 born by `from` and alive after `to` (or after `from`, if that is later).
+    pub fn rank(&self, from: f64, to: f64) -> [usize; 3] {
+        let mut rank = [0; 3];
+        for bar in self
+            .bars
+            .iter()
+            .filter(|bar| bar.birth <= from && bar.death > to.max(from))
+        {
+            rank[bar.dimension] += 1;
+        }
+        rank
+    }
+
+    fn push(&mut self, bar: Bar) {
+        if bar.death > bar.birth {
+            self.bars.push(bar);
+        }
+    }
+}
+
+/// Simplices of one dimension in filtration order.
+pub(crate) struct Order {
+    /// Simplex at each rank.
+    pub(crate) at: Vec<u32>,
+    /// Rank of each simplex.
+    pub(crate) rank: Vec<u32>,
+}
+
+impl Order {
+    pub(crate) fn new(values: &[f64]) -> Self {
+        // Non-negative floats compare like their bit patterns, and integers sort faster.
+        let mut keyed: Vec<(u64, u32)> = values
+            .iter()
+            .enumerate()
+            .map(|(i, value)| (value.to_bits(), i as u32))
+            .collect();
+        keyed.sort_unstable();
+        let at: Vec<u32> = keyed.into_iter().map(|(_, simplex)| simplex).collect();
+        let mut rank = vec![0; at.len()];
+        for (r, &simplex) in at.iter().enumerate() {
+            rank[simplex as usize] = r as u32;
+        }
+        Self { at, rank }
+    }
+
+    /// Facets of every coface in rank order, named by rank.
+    fn facets<const N: usize>(&self, cofaces: &Order, facets: &[[u32; N]]) -> Vec<[u32; N]> {
+        let ranked = |&t: &u32| facets[t as usize].map(|facet| self.rank[facet as usize]);
+        cofaces.at.iter().map(ranked).collect()
+    }
+}
+
+/// The barcode of a skeleton whose vertices are those marked `present`.
+pub(crate) fn barcode(skeleton: &Skeleton, present: &[bool]) -> Barcode {
+    let edges = Order::new(&skeleton.edge_values);
+    let triangles = Order::new(&skeleton.triangle_values);
+    let tetrahedra = Order::new(&skeleton.tetrahedron_values);
+    let mut barcode = Barcode::default();
+
+    let joins = components(skeleton, present, &edges, &mut barcode);
+    let d1 = Coboundary::new(
+        edges.at.len(),
+        &edges.facets(&triangles, &skeleton.triangle_edges),
+    );
+    let loops = reduce(&d1, |edge| joins[edge as usize]);
+    let columns = (&edges, &skeleton.edge_values[..]);
+    record(
+        1,
+        &loops,
+        columns,
+        (&triangles, &skeleton.triangle_values),
+        &mut barcode,
+    );
+
+    let facets = triangles.facets(&tetrahedra, &skeleton.tetrahedron_triangles);
+    let d2 = Coboundary::new(triangles.at.len(), &facets);
+    let cavities = reduce(&d2, |triangle| {
+        loops.column_of_row[triangle as usize] != NONE
+    });
+    let columns = (&triangles, &skeleton.triangle_values[..]);
+    record(
+        2,
+        &cavities,
+        columns,
+        (&tetrahedra, &skeleton.tetrahedron_values),
+        &mut barcode,
+    );
+
+    let key = |bar: &Bar| {
+        (
+            bar.dimension,
+            bar.birth.to_bits(),
+            bar.death.to_bits(),
+            bar.birth_simplex,
+        )
+    };
+    barcode.bars.sort_unstable_by_key(key);
+    barcode
+}
+
+/// Bars of dimension 0; returns, by rank, which edges join two components.
+fn components(
+    skeleton: &Skeleton,
+    present: &[bool],
+    edges: &Order,
+    barcode: &mut Barcode,
+) -> Vec<bool> {
+    let mut sets = UnionFind::new(present.len());
+    let mut joins = vec![false; edges.at.len()];
+    for (rank, &edge) in edges.at.iter().enumerate() {
+        let [a, b] = skeleton.edges[edge as usize];
+        if let Some(vertex) = sets.union(a, b) {
+            joins[rank] = true;
+            let death = skeleton.edge_values[edge as usize];
+            let death_simplex = Some(edge);
+            barcode.push(Bar {
+                dimension: 0,
+                birth: 0.0,
+                death,
+                birth_simplex: vertex,
+                death_simplex,
+            });
+        }
+    }
+    for vertex in (0..present.len() as u32).filter(|&v| present[v as usize]) {
+        if sets.find(vertex) == vertex {
+            let death = f64::INFINITY;
+            barcode.push(Bar {
+                dimension: 0,
+                birth: 0.0,
+                death,
+                birth_simplex: vertex,
+                death_simplex: None,
+            });
+        }
+    }
+    joins
+}
+
+/// Turns a pairing into bars.
+fn record(
+    dimension: usize,
+    pairing: &crate::cohomology::Pairing,
+    (columns, births): (&Order, &[f64]),
+    (rows, deaths): (&Order, &[f64]),
+    barcode: &mut Barcode,
+) {
+    let bar = |column: u32, row: Option<usize>| {
+        let birth_simplex = columns.at[column as usize];
+        let death_simplex = row.map(|row| rows.at[row]);
+        let death = death_simplex.map_or(f64::INFINITY, |simplex| deaths[simplex as usize]);
+        Bar {
+            dimension,
+            birth: births[birth_simplex as usize],
+            death,
+            birth_simplex,
+            death_simplex,
+        }
+    };
+    for (row, &column) in pairing.column_of_row.iter().enumerate() {
+        if column != NONE {
+            barcode.push(bar(column, Some(row)));
+        }
+    }
+    for (column, _) in &pairing.essential {
+        barcode.push(bar(*column, None));
+    }
+}
