@@ -3,9 +3,11 @@
 use nalgebra::{Point3, Rotation3};
 
 use crate::graph::{Graph, check_points, check_vertex};
+use crate::marginal::variances;
 use crate::memory::{Memory, fit_rotations};
 use crate::motion::{Motion, predict};
 use crate::observation::{Frame, Seen};
+use crate::observability::Observability;
 use crate::options::Options;
 use crate::project::{Projected, Projection, deepest, split_planes};
 use crate::report::StepReport;
@@ -201,6 +203,25 @@ impl Filter {
         let guess: Vec<_> = known.into_iter().map(Option::unwrap_or_default).collect();
         let fitted = fit_rotations(graph, &weights, live, &guess, &guess, self.options.rotation_memory);
         keep.iter().zip(guess).zip(fitted).map(|((k, g), f)| if k.is_some() { g } else { clean(&f) }).collect()
+    }
+
+    /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape memory and the
+    /// anchor together. A constraint does not lower it (a resting vertex is known better along the normal than this says).
+    ///
+    /// # Errors
+    /// As [`Filter::step`], after stiffness or options that leave the information matrix unusable.
+    ///
+    /// # Complexity
+    /// One factorisation and one selected inverse, about 6 ms at 2,000 vertices: ask for it every few frames.
+    pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
+        let values = self.values(&self.information, &self.weights());
+        let variances = variances(&self.system.pattern, self.system.simplicial()?, &values)?;
+        Ok(variances.into_iter().map(f64::sqrt).collect())
+    }
+
+    /// What the last step determined, by connection; [`Filter::marginal_sigmas`] says how well.
+    pub fn observability(&self) -> Observability {
+        Observability::new(&self.seen, &self.graph.component, self.graph.components)
     }
 
     /// One frame: predict, update, project.

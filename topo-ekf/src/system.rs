@@ -7,6 +7,8 @@
 //! The pattern and the fill-reducing order depend on the graph alone: they are found once and every factorisation
 //! after it is numeric only.
 
+use std::sync::OnceLock;
+
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
@@ -113,6 +115,8 @@ pub(crate) struct System {
     pub pattern: Pattern,
     symbolic: SymbolicCholesky<usize>,
     memory: MemBuffer,
+    /// Column-by-column analysis for the selected inverse, made when first asked for.
+    simplicial: OnceLock<SymbolicCholesky<usize>>,
 }
 
 /// Numeric Cholesky factor belonging to the [`System`] that made it.
@@ -131,7 +135,16 @@ impl System {
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default())
             .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
         let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
-        Ok(Self { pattern, symbolic, memory })
+        Ok(Self { pattern, symbolic, memory, simplicial: OnceLock::new() })
+    }
+
+    /// The analysis that [`crate::marginal`] needs.
+    pub fn simplicial(&self) -> Result<&SymbolicCholesky<usize>, Error> {
+        if let Some(done) = self.simplicial.get() {
+            return Ok(done);
+        }
+        let analysis = analyse(&self.pattern, SupernodalThreshold::FORCE_SIMPLICIAL)?;
+        Ok(self.simplicial.get_or_init(|| analysis))
     }
 
     /// Cholesky factor of the matrix with these lower-triangle values.
@@ -164,7 +177,7 @@ impl System {
 }
 
 /// Fill-reducing order and pattern of the factor.
-pub(crate) fn analyse(pattern: &Pattern, threshold: SupernodalThreshold) -> Result<SymbolicCholesky<usize>, Error> {
+fn analyse(pattern: &Pattern, threshold: SupernodalThreshold) -> Result<SymbolicCholesky<usize>, Error> {
     let params = CholeskySymbolicParams { supernodal_flop_ratio_threshold: threshold, ..Default::default() };
     factorize_symbolic_cholesky(symbolic(pattern), Side::Lower, SymmetricOrdering::Amd, params)
         .map_err(|_| Error::Factorisation)
