@@ -313,6 +313,15 @@ impl Field {
     ) -> Option<Part> {
         let d = p - self.nodes[i];
         let radius = self.radii[i] + distance;
+        if radius <= 0.0 {
+            // All nodes coincide, and `p` with them.
+            let (weight, slope) = (1.0, Vector3::zeros());
+            return Some(Part {
+                node: i,
+                weight,
+                slope,
+            });
+        }
         let t2 = d.norm_squared() / (radius * radius);
         if t2 >= 1.0 {
             return None;

@@ -1,0 +1,233 @@
+//! Clouds: normals, down-sampling, and where a seen surface ends.
+//!
+//! ```text
+//! normal        eigenvector of the smallest eigenvalue of Σ (p_j − p̄)(p_j − p̄)ᵀ over the k nearest,
+//!               with n · (viewpoint − p) > 0
+//! down-sample   one point per cube of the grid: the one nearest to the mean of its cube
+//! boundary      neighbours seen along n, sorted by angle: a gap wider than the bound means that the surface ends there
+//! ```
+
+use nalgebra::{Matrix3, Point3, Unit, UnitVector3, Vector3};
+
+use crate::error::{Error, check_length, check_normals, check_points, check_range};
+use crate::tree::{Neighbour, Tree};
+
+/// A cloud of oriented points, borrowed.
+#[derive(Debug, Clone, Copy)]
+pub struct Cloud<'a> {
+    /// Positions, in m.
+    pub points: &'a [Point3<f64>],
+    /// One unit normal per point.
+    pub normals: &'a [UnitVector3<f64>],
+}
+
+impl Cloud<'_> {
+    /// Checked at the door, so that nothing inside needs to.
+    pub(crate) fn check(&self, cloud: &'static str) -> Result<(), Error> {
+        if self.points.is_empty() {
+            return Err(Error::EmptyCloud { cloud });
+        }
+        check_length("normals", self.points.len(), self.normals.len())?;
+        check_points(cloud, self.points)?;
+        check_normals(cloud, self.normals)
+    }
+}
+
+/// Normals of `points` by principal components over the `k` nearest (the point itself included), turned to `viewpoint`.
+///
+/// Where the neighbours coincide, or seen exactly edge on, the direction to the viewpoint stands in.
+///
+/// # Errors
+/// A coordinate that is not finite, or `k` below 3.
+///
+/// # Complexity
+/// `O(n log n + n k)`.
+///
+/// ```
+/// use nalgebra::Point3;
+/// let plane: Vec<_> = (0..100).map(|i| Point3::new(f64::from(i % 10), f64::from(i / 10), 0.0)).collect();
+/// let normals = nonrigid_reg::estimate_normals(&plane, 8, &Point3::new(5.0, 5.0, 50.0))?;
+/// assert!(normals.iter().all(|n| n.z > 0.999_999));
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
+pub fn estimate_normals(
+    points: &[Point3<f64>],
+    k: usize,
+    viewpoint: &Point3<f64>,
+) -> Result<Vec<UnitVector3<f64>>, Error> {
+    check_points("point", points)?;
+    check_points("viewpoint", std::slice::from_ref(viewpoint))?;
+    check_range("k", k as f64, k >= 3, "at least 3")?;
+    let Some(tree) = Tree::new(points) else {
+        return Ok(Vec::new());
+    };
+    let normal = |p: &Point3<f64>| {
+        let near = tree.nearest_n(p, k.min(points.len()));
+        let toward = viewpoint - p;
+        let n = smallest_direction(points, &near);
+        let oriented = n.map(|n| if n.dot(&toward) < 0.0 { -n } else { n });
+        oriented
+            .or_else(|| Unit::try_new(toward, 1e-12))
+            .unwrap_or_else(Vector3::z_axis)
+    };
+    Ok(points.iter().map(normal).collect())
+}
+
+/// Direction of least spread; nothing if the points coincide.
+fn smallest_direction(points: &[Point3<f64>], near: &[Neighbour]) -> Option<UnitVector3<f64>> {
+    let origin = points[near.first()?.index];
+    let count = near.len() as f64;
+    let mean: Vector3<f64> = near
+        .iter()
+        .map(|n| points[n.index] - origin)
+        .sum::<Vector3<f64>>()
+        / count;
+    let mut scatter = Matrix3::zeros();
+    for n in near {
+        let d = points[n.index] - origin - mean;
+        scatter += d * d.transpose();
+    }
+    let trace = scatter.trace();
+    if trace <= f64::MIN_POSITIVE * 1e20 {
+        return None;
+    }
+    let eigen = (scatter / trace).symmetric_eigen();
+    let column = eigen.eigenvectors.column(eigen.eigenvalues.imin());
+    Unit::try_new(column.into_owned(), 1e-9)
+}
+
+/// A cloud with one point per cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Downsampled {
+    /// The kept points.
+    pub points: Vec<Point3<f64>>,
+    /// Mean normal of the cell of each; the kept point's own where they cancel.
+    pub normals: Vec<UnitVector3<f64>>,
+    /// Index of each kept point in the input.
+    pub indices: Vec<usize>,
+}
+
+/// Keeps of every cube of side `spacing` the point nearest to the mean of the cube. Sorted by cube, so that the order of the input
+/// does not matter.
+///
+/// # Errors
+/// Slices of different lengths, a coordinate that is not finite, or a spacing that is not positive or so small
+/// that cells cannot be numbered (a coordinate beyond 2⁵² spacings).
+///
+/// # Complexity
+/// `O(n log n)`.
+pub fn voxel_downsample(
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    spacing: f64,
+) -> Result<Downsampled, Error> {
+    check_length("normals", points.len(), normals.len())?;
+    check_points("point", points)?;
+    check_normals("normal", normals)?;
+    let indices = representatives(points, spacing)?;
+    let blended = indices.iter().map(|kept| {
+        let sum: Vector3<f64> = kept.cell.iter().map(|&i| normals[i].into_inner()).sum();
+        Unit::try_new(sum, 1e-9).unwrap_or(normals[kept.index])
+    });
+    Ok(Downsampled {
+        points: indices.iter().map(|kept| points[kept.index]).collect(),
+        normals: blended.collect(),
+        indices: indices.iter().map(|kept| kept.index).collect(),
+    })
+}
+
+/// A kept point and all points of its cell.
+pub(crate) struct Kept {
+    pub index: usize,
+    pub cell: Vec<usize>,
+}
+
+/// One point per cube, sorted by cube.
+pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Vec<Kept>, Error> {
+    let largest = points.iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
+    // 2⁵²: beyond it neighbouring cells have the same number.
+    let ok = spacing > 0.0 && spacing.is_finite() && largest / spacing < 4.5e15;
+    check_range("spacing", spacing, ok, "positive and not below 2⁻⁵² of the coordinates")?;
+    let cell = |p: &Point3<f64>| p.coords.map(|c| (c / spacing).floor() as i64);
+    let mut keyed: Vec<([i64; 3], usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, p)| (cell(p).into(), i))
+        .collect();
+    keyed.sort_unstable();
+    let kept = keyed.chunk_by(|a, b| a.0 == b.0).map(|group| {
+        let cell: Vec<usize> = group.iter().map(|&(_, i)| i).collect();
+        Kept {
+            index: nearest_to_mean(points, &cell),
+            cell,
+        }
+    });
+    Ok(kept.collect())
+}
+
+fn nearest_to_mean(points: &[Point3<f64>], cell: &[usize]) -> usize {
+    let origin = points[cell[0]];
+    let mean = cell
+        .iter()
+        .map(|&i| points[i] - origin)
+        .sum::<Vector3<f64>>()
+        / cell.len() as f64;
+    let distance = |i: usize| (points[i] - origin - mean).norm_squared();
+    cell.iter()
+        .copied()
+        .min_by(|&a, &b| distance(a).total_cmp(&distance(b)))
+        .unwrap_or(cell[0])
+}
+
+/// Which points lie at the end of the seen surface: seen along the normal, the `k` nearest leave a gap wider than `angle` (rad).
+///
+/// # Errors
+/// As for a registration: empty, mismatched or non-finite clouds; `k` below 3; an angle outside `(0, 2π)`.
+///
+/// # Complexity
+/// `O(n log n + n k log k)`.
+pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>, Error> {
+    cloud.check("cloud")?;
+    check_range("k", k as f64, k >= 3, "at least 3")?;
+    let full = std::f64::consts::TAU;
+    check_range("angle", angle, angle > 0.0 && angle < full, "between 0 and 2π")?;
+    let Some(tree) = Tree::new(cloud.points) else {
+        return Ok(Vec::new());
+    };
+    let ends = |i: usize| is_boundary(cloud, &tree, i, k, angle);
+    Ok((0..cloud.points.len()).map(ends).collect())
+}
+
+/// Whether the surface ends at point `i`.
+pub(crate) fn is_boundary(cloud: &Cloud, tree: &Tree, i: usize, k: usize, angle: f64) -> bool {
+    let (p, n) = (cloud.points[i], cloud.normals[i]);
+    let (s, t) = tangents(&n);
+    let near = tree.nearest_n(&p, (k + 1).min(cloud.points.len()));
+    let mut directions: Vec<f64> = near
+        .iter()
+        .filter(|other| other.index != i)
+        .map(|other| cloud.points[other.index] - p)
+        .map(|d| d.dot(&t).atan2(d.dot(&s)))
+        .collect();
+    directions.sort_by(f64::total_cmp);
+    let (Some(first), Some(last)) = (directions.first(), directions.last()) else {
+        return true;
+    };
+    let around = first + std::f64::consts::TAU - last;
+    let widest = directions
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .fold(around, f64::max);
+    widest > angle
+}
+
+/// Two unit vectors that complete `normal` to an orthonormal frame.
+fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+    let axis = if normal.x.abs() < 0.6 {
+        Vector3::x()
+    } else {
+        Vector3::y()
+    };
+    let s = normal.cross(&axis).normalize();
+    (s, normal.cross(&s))
+}

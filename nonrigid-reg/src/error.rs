@@ -1,0 +1,130 @@
+use nalgebra::{Point3, UnitVector3, Vector3};
+use thiserror::Error;
+
+/// What was wrong with the input, and where. How a registration ended is not here but in
+/// [`Status`](crate::Status).
+#[derive(Debug, Clone, PartialEq, Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A cloud has no points.
+    #[error("the {cloud} cloud has no points")]
+    EmptyCloud {
+        /// Which cloud.
+        cloud: &'static str,
+    },
+    /// Two slices that run in parallel have different lengths.
+    #[error("{expected} points, but {found} {what}")]
+    LengthMismatch {
+        /// What the second slice holds.
+        what: &'static str,
+        /// Number of points.
+        expected: usize,
+        /// Number of entries in the second slice.
+        found: usize,
+    },
+    /// A coordinate is not finite, or beyond 1e6 m.
+    #[error("{what} {index} has coordinate {value}, which is not finite or beyond 1e6 m")]
+    BadCoordinate {
+        /// Which slice.
+        what: &'static str,
+        /// Index in that slice.
+        index: usize,
+        /// The offending coordinate.
+        value: f64,
+    },
+    /// A standard deviation is negative or not finite.
+    #[error("landmark {index} has sigma {value}, which must be finite and not negative")]
+    BadSigma {
+        /// Index of the landmark.
+        index: usize,
+        /// The value given.
+        value: f64,
+    },
+    /// An option lies outside its range.
+    #[error("{option} = {value}, but it must be {bound}")]
+    BadOption {
+        /// Name of the option.
+        option: &'static str,
+        /// The value given.
+        value: f64,
+        /// The admissible range, in words.
+        bound: &'static str,
+    },
+    /// The node spacing makes more nodes than the dense solver takes.
+    #[error("{nodes} nodes at this spacing; at most {limit} are solved, use a larger node spacing")]
+    TooManyNodes {
+        /// Nodes at the spacing asked for.
+        nodes: usize,
+        /// Largest number solved.
+        limit: usize,
+    },
+    /// The normal equations could not be factorised: the weights span too many orders of magnitude.
+    #[error("the normal equations lost definiteness in iteration {iteration}")]
+    Singular {
+        /// Iteration in which it happened.
+        iteration: usize,
+    },
+}
+
+/// A kilometre-sized organ is a unit mistake; squares of 1e6 m still keep nanometres apart in `f64`.
+const LARGEST: f64 = 1e6;
+
+fn check_coordinates<'a>(
+    what: &'static str,
+    triples: impl Iterator<Item = &'a Vector3<f64>>,
+) -> Result<(), Error> {
+    for (index, v) in triples.enumerate() {
+        if let Some(&value) = v.iter().find(|c| c.is_nan() || c.abs() > LARGEST) {
+            return Err(Error::BadCoordinate { what, index, value });
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result<(), Error> {
+    check_coordinates(what, points.iter().map(|p| &p.coords))
+}
+
+pub(crate) fn check_vectors(what: &'static str, vectors: &[Vector3<f64>]) -> Result<(), Error> {
+    check_coordinates(what, vectors.iter())
+}
+
+pub(crate) fn check_normals(
+    what: &'static str,
+    normals: &[UnitVector3<f64>],
+) -> Result<(), Error> {
+    check_coordinates(what, normals.iter().map(AsRef::as_ref))
+}
+
+pub(crate) fn check_length(
+    what: &'static str,
+    expected: usize,
+    found: usize,
+) -> Result<(), Error> {
+    if expected == found {
+        Ok(())
+    } else {
+        Err(Error::LengthMismatch {
+            what,
+            expected,
+            found,
+        })
+    }
+}
+
+pub(crate) fn check_range(
+    option: &'static str,
+    value: f64,
+    ok: bool,
+    bound: &'static str,
+) -> Result<(), Error> {
+    if ok {
+        Ok(())
+    } else {
+        Err(Error::BadOption {
+            option,
+            value,
+            bound,
+        })
+    }
+}

@@ -1,0 +1,109 @@
+use crate::error::{Error, check_range};
+
+/// Settings of a registration. The defaults are the measured best for objects of 0.1 to 0.3 m, clouds of 1,000 to 5,000 points, 0.5 mm noise and up to
+/// 10 mm of motion a frame.
+///
+/// ```
+/// use nonrigid_reg::Options;
+/// let coarse = Options { node_spacing: 0.02, ..Options::default() };
+/// assert_eq!(coarse.gates.len(), coarse.iterations);
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Spacing `r` of the deformation nodes, in m. Cost grows with its inverse to the sixth.
+    pub node_spacing: f64,
+    /// Most Gauss–Newton iterations.
+    pub iterations: usize,
+    /// Distance beyond which a match counts nothing, in m, per iteration; the last stays.
+    pub gates: Vec<f64>,
+    /// Stop once no node moves more than this in an iteration with the last gate, in m.
+    pub tolerance: f64,
+    /// `λ_b`: how strongly neighbours must agree with each other's gradient; no unit.
+    pub bending: f64,
+    /// `λ_s`: how strongly strain is held down, in units of `r²`.
+    pub strain: f64,
+    /// `α`: point-to-point share of a match, beside the point-to-plane part of weight one.
+    pub tangential: f64,
+    /// Smallest cosine between the normals of a match.
+    pub normal_cosine: f64,
+    /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
+    pub boundary_weight: f64,
+    /// Gap among the directions of a target point's neighbours that makes it a boundary point, in rad.
+    pub boundary_angle: f64,
+    /// Standard deviation of a cloud point, in m: the unit in which landmarks and features are weighed.
+    pub point_sigma: f64,
+    /// Weight of an exact landmark, in cloud points.
+    pub landmark_weight: f64,
+    /// Standard deviation of an image feature, in m; outliers are found by a robust weight.
+    pub feature_sigma: f64,
+    /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
+    pub min_overlap: f64,
+    /// Root mean square distance of matches, in m, above which the status is [`Status::HighResidual`](crate::Status::HighResidual).
+    pub max_residual: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            node_spacing: 0.014,
+            iterations: 5,
+            gates: vec![0.020, 0.015, 0.010, 0.007, 0.005],
+            tolerance: 1e-5,
+            bending: 2.5,
+            strain: 0.025,
+            tangential: 0.005,
+            normal_cosine: 0.5,
+            boundary_weight: 0.05,
+            boundary_angle: 130_f64.to_radians(),
+            point_sigma: 0.001,
+            landmark_weight: 1e4,
+            feature_sigma: 0.0011,
+            min_overlap: 0.3,
+            max_residual: 0.003,
+        }
+    }
+}
+
+impl Options {
+    /// The gate of iteration `k`.
+    pub(crate) fn gate(&self, k: usize) -> f64 {
+        let last = self.gates.len().saturating_sub(1);
+        self.gates.get(k.min(last)).copied().unwrap_or(f64::MAX)
+    }
+
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        let positive = [
+            ("node_spacing", self.node_spacing),
+            ("bending", self.bending),
+            ("strain", self.strain),
+            ("point_sigma", self.point_sigma),
+            ("landmark_weight", self.landmark_weight),
+            ("feature_sigma", self.feature_sigma),
+            ("boundary_angle", self.boundary_angle),
+            ("max_residual", self.max_residual),
+        ];
+        for (option, value) in positive {
+            let ok = value > 0.0 && value <= 1e12;
+            check_range(option, value, ok, "positive and at most 1e12")?;
+        }
+        let not_negative = [
+            ("tolerance", self.tolerance),
+            ("tangential", self.tangential),
+            ("boundary_weight", self.boundary_weight),
+        ];
+        for (option, value) in not_negative {
+            let ok = (0.0..=1e12).contains(&value);
+            check_range(option, value, ok, "between 0 and 1e12")?;
+        }
+        let cosine = self.normal_cosine;
+        check_range("normal_cosine", cosine, (-1.0..1.0).contains(&cosine), "in [-1, 1)")?;
+        let share = self.min_overlap;
+        check_range("min_overlap", share, (0.0..=1.0).contains(&share), "in [0, 1]")?;
+        check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
+        check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
+        for &gate in &self.gates {
+            check_range("gates", gate, gate > 0.0 && gate <= 1e12, "positive and at most 1e12")?;
+        }
+        Ok(())
+    }
+}
