@@ -153,4 +153,14 @@ pub enum Error {
         /// The name.
         name: String,
     },
+    /// A depth image has another size than it, or the camera, claims.
+    #[error("{length} depths do not make an image of {width} × {height}")]
+    ImageSize {
+        /// Columns.
+        width: usize,
+        /// Rows.
+        height: usize,
+        /// Number of depths.
+        length: usize,
+    },
 }

@@ -204,7 +204,11 @@ fn frames_come_in_the_order_of_time_with_the_closest_pose() {
     for index in 0..15 {
         let time = f64::from(index) * 0.01 + 0.003;
         writer
-            .pose(time, "PSM1", &Isometry3::translation(f64::from(index), 0.0, 0.0))
+            .pose(
+                time,
+                "PSM1",
+                &Isometry3::translation(f64::from(index), 0.0, 0.0),
+            )
             .unwrap();
     }
     writer.finish().unwrap();

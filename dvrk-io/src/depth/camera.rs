@@ -1,0 +1,112 @@
+//! The pinhole camera.
+//!
+//! ```text
+//! u = fx · x/z + cx        v = fy · y/z + cy
+//! ```
+//! Pixel (0, 0) has its centre at u = v = 0, as in OpenCV and `sensor_msgs/CameraInfo`.
+
+use nalgebra::Point3;
+
+use crate::Error;
+
+/// Size and focal parameters of a rectified camera, in pixels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intrinsics {
+    width: usize,
+    height: usize,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+}
+
+impl Intrinsics {
+    /// Focal lengths `focal` = (fx, fy) and principal point `center` = (cx, cy), all in pixels.
+    ///
+    /// # Errors
+    /// A focal length that is not positive, or anything not finite.
+    pub fn new(
+        width: usize,
+        height: usize,
+        focal: [f64; 2],
+        center: [f64; 2],
+    ) -> Result<Self, Error> {
+        for value in focal {
+            if !(value > 0.0 && value.is_finite()) {
+                let expected = "must be positive and finite";
+                return Err(Error::OutOfRange {
+                    what: "focal length",
+                    value,
+                    expected,
+                });
+            }
+        }
+        for value in center {
+            if !value.is_finite() {
+                return Err(Error::OutOfRange {
+                    what: "principal point",
+                    value,
+                    expected: "must be finite",
+                });
+            }
+        }
+        let ([fx, fy], [cx, cy]) = (focal, center);
+        Ok(Self {
+            width,
+            height,
+            fx,
+            fy,
+            cx,
+            cy,
+        })
+    }
+
+    /// From the matrix `k` of a `sensor_msgs/CameraInfo`, row by row.
+    ///
+    /// # Errors
+    /// See [`Intrinsics::new`]; also a skew other than 0, which a rectified camera does not have.
+    pub fn from_k(width: usize, height: usize, k: &[f64; 9]) -> Result<Self, Error> {
+        let [fx, skew, cx, _, fy, cy, ..] = *k;
+        if skew != 0.0 {
+            return Err(Error::OutOfRange {
+                what: "skew",
+                value: skew,
+                expected: "must be 0",
+            });
+        }
+        Self::new(width, height, [fx, fy], [cx, cy])
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The point at depth `depth` (metres along the optical axis) on the ray through pixel (u, v).
+    pub fn back_project(&self, u: f64, v: f64, depth: f64) -> Point3<f64> {
+        Point3::new(
+            (u - self.cx) / self.fx * depth,
+            (v - self.cy) / self.fy * depth,
+            depth,
+        )
+    }
+
+    /// Where a point appears; `None` behind the camera or in its plane.
+    pub fn project(&self, point: &Point3<f64>) -> Option<[f64; 2]> {
+        let pixel = [
+            self.fx * point.x / point.z + self.cx,
+            self.fy * point.y / point.z + self.cy,
+        ];
+        (point.z > 0.0).then_some(pixel)
+    }
+
+    /// The coarser of the two angular resolutions: metres between neighbouring rays at one metre.
+    pub(super) fn ray_spacing(&self) -> f64 {
+        1.0 / self.fx.min(self.fy)
+    }
+}
