@@ -132,8 +132,11 @@ fn engine(p: &Point3<f64>) -> Vector {
 fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embedding), SimError> {
     let distance = surface.signed_distance()?;
     let depth = |p: &Point3<f64>| distance.depth(p);
-    // Twelve tetrahedra to a cube of the lattice; those that the surface cuts come on top.
-    let mut cell = (12.0 * surface.volume() / (0.7 * fidelity.tetrahedra as f64)).cbrt();
+    let wanted = fidelity.tetrahedra as f64;
+    // Twelve tetrahedra to a cube of the lattice; how many pieces the surface cuts come on top, a first filling tells.
+    let mut cell = (12.0 * surface.volume() / wanted).cbrt();
+    let first = lattice::fill(&depth, surface.bounds(), cell).tets.len();
+    cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.5, 2.0);
     loop {
         let mesh = lattice::fill(&depth, surface.bounds(), cell);
         let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;

@@ -51,7 +51,7 @@ impl Liver {
         let disc = |x: f64, y: f64, r: f64| (p - Vector2::new(x, y)).norm() - r;
         let right = smooth_min(disc(-0.040, 0.004, 0.060), disc(-0.014, -0.008, 0.053), 0.03);
         let left = smooth_min(disc(0.040, 0.006, 0.040), disc(0.066, 0.010, 0.034), 0.03);
-        let notch = disc(0.018, -0.068, 0.016);
+        let notch = disc(0.024, -0.058, 0.018);
         -smooth_min(-smooth_min(right, left, 0.04), notch, 0.02)
     }
 }
@@ -61,8 +61,8 @@ impl Implicit for Liver {
         let outline = Self::outline(p.xy().coords);
         // Thickness falls from the right lobe to the left, and from the middle to the rim.
         let right = smooth_step((0.05 - p.x) / 0.10);
-        let inward = smooth_step((-outline / 0.050).min(1.0));
-        let crown = 0.0015 + (0.006 + 0.0165 * right) * inward;
+        let inward = (-outline / 0.055).clamp(0.0, 1.0);
+        let crown = (0.006 + 0.0135 * right) * inward * (2.0 - inward);
         // The dome rises more above the rim than the hollow side hangs below it.
         let side = if p.z > 0.0 { 1.35 } else { 0.65 };
         round_slab(outline, p.z, RIM + side * crown)

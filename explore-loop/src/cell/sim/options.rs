@@ -83,7 +83,7 @@ pub struct Fidelity {
 
 impl Default for Fidelity {
     fn default() -> Self {
-        Self { tetrahedra: 2000, step: 0.01, substeps: 3, self_contact: true }
+        Self { tetrahedra: 2000, step: 0.01, substeps: 4, self_contact: true }
     }
 }
 
