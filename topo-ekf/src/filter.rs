@@ -1,7 +1,11 @@
 //! The filter: predict, update, project.
 
+use std::collections::HashSet;
+
 use nalgebra::{Point3, Rotation3};
 
+use crate::contact::{Surface, deepest_gap};
+use crate::dual::Row;
 use crate::graph::{Graph, check_points, check_vertex};
 use crate::marginal::variances;
 use crate::memory::{Memory, fit_rotations};
@@ -9,7 +13,7 @@ use crate::motion::{Motion, predict};
 use crate::observation::{Frame, Seen};
 use crate::observability::Observability;
 use crate::options::Options;
-use crate::project::{Projected, Projection, deepest, split_planes};
+use crate::project::{Projected, Projection, Status, deepest, split_planes};
 use crate::report::StepReport;
 use crate::rotation::clean;
 use crate::system::{Factor, System};
@@ -38,7 +42,13 @@ pub struct Filter {
     /// Vertices measured in the last step.
     pub(crate) seen: Vec<bool>,
     resting: Vec<u32>,
+    surface: Surface,
 }
+
+/// Times the contacts are linearised; each takes the square of what was left, so the third is rarely needed.
+const LINEARISATIONS: usize = 4;
+/// Lack of separation that is left standing, m.
+const SEPARATED: f64 = 1e-6;
 
 /// Everything a successful step replaces.
 struct Posterior {
@@ -71,6 +81,7 @@ impl Filter {
             information: vec![options.initial_sigma.powi(-2); rest.len()],
             seen: vec![false; rest.len()],
             resting: vec![],
+            surface: Surface::default(),
         })
     }
 
@@ -317,27 +328,60 @@ impl Filter {
         factor: &Factor,
         estimate: &[Point3<f64>],
     ) -> Result<(Projected, StepReport), Error> {
-        let (plane, rows) = split_planes(frame.planes, estimate);
-        let projection = Projection { values, factor, estimate, plane, rows: &rows };
-        let projected = projection.solve(&mut self.system, &self.resting)?;
+        let (plane, planes) = split_planes(frame.planes, estimate);
+        let surface = std::mem::take(&mut self.surface).renewed(frame.triangles, estimate.len());
+        let watch = |now: &[Point3<f64>]| {
+            surface.watch(&self.live, now, self.options.separation, self.options.contact_reach)
+        };
+        let mut contacts = watch(estimate);
+        let before = deepest_gap(&contacts, estimate);
+        let (mut passes, mut rounds, mut factorisations) = (0, 0, 0);
+        let (projected, left, watched) = loop {
+            let rows: Vec<_> = planes.iter().chain(&contacts).cloned().collect();
+            let projection = Projection { values, factor, estimate, plane, rows: &rows };
+            let projected = projection.solve(&mut self.system, &self.resting)?;
+            rounds += projected.rounds;
+            factorisations += projected.factorisations;
+            passes += 1;
+            // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
+            let again = watch(&projected.positions);
+            let left = deepest_gap(&again, &projected.positions);
+            if left <= SEPARATED || passes == LINEARISATIONS {
+                break (projected, left, contacts.len());
+            }
+            contacts = merged(contacts, again);
+        };
+        self.surface = surface;
         if let Some(vertex) = projected.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
             return Err(Error::Overflow { vertex });
         }
+        let status = match projected.status {
+            Status::Constrained if left > SEPARATED => Status::Unsettled,
+            status => status,
+        };
         let report = StepReport {
-            status: projected.status,
+            status,
             iterations: 0,
             last_move: 0.0,
             plane_depth: [deepest(frame.planes, estimate), deepest(frame.planes, &projected.positions)],
-            contact_depth: [0.0; 2],
+            contact_depth: [before, left],
             resting: projected.resting.clone(),
             pushing: projected.pushing.len(),
-            watched: 0,
-            rounds: projected.rounds,
-            factorisations: projected.factorisations,
+            watched,
+            rounds,
+            factorisations,
             innovations: vec![],
         };
         Ok((projected, report))
     }
+}
+
+/// The rows of the newer linearisation, and of the older one for the vertices that the newer does not watch.
+fn merged(old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
+    let watched: HashSet<u32> = new.iter().map(|r| r.terms[0].0).collect();
+    let mut rows = new;
+    rows.extend(old.into_iter().filter(|r| !watched.contains(&r.terms[0].0)));
+    rows
 }
 
 fn checked_rotations(given: &[Rotation3<f64>]) -> Result<Vec<Rotation3<f64>>, Error> {

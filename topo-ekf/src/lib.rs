@@ -1,6 +1,7 @@
 //! Tracks the hidden surface of a soft object: sparse Kalman filter over a surface graph, with table and self-intersection constraints
 
 mod columns;
+mod contact;
 mod dual;
 mod error;
 mod filter;
