@@ -13,7 +13,7 @@ use crate::motion::{Motion, predict};
 use crate::observation::{Frame, Seen};
 use crate::observability::Observability;
 use crate::options::Options;
-use crate::project::{Projected, Projection, Status, deepest, split_planes};
+use crate::project::{Projected, Projection, Status, Warm, deepest, split_planes};
 use crate::report::StepReport;
 use crate::rotation::clean;
 use crate::system::{Factor, System};
@@ -41,7 +41,7 @@ pub struct Filter {
     pub(crate) information: Vec<f64>,
     /// Vertices measured in the last step.
     pub(crate) seen: Vec<bool>,
-    resting: Vec<u32>,
+    warm: Warm,
     surface: Surface,
 }
 
@@ -56,7 +56,7 @@ struct Posterior {
     rotations: Vec<Rotation3<f64>>,
     information: Vec<f64>,
     seen: Vec<bool>,
-    resting: Vec<u32>,
+    warm: Warm,
 }
 
 impl Filter {
@@ -80,7 +80,7 @@ impl Filter {
             rotations: vec![Rotation3::identity(); rest.len()],
             information: vec![options.initial_sigma.powi(-2); rest.len()],
             seen: vec![false; rest.len()],
-            resting: vec![],
+            warm: Warm::default(),
             surface: Surface::default(),
         })
     }
@@ -175,8 +175,8 @@ impl Filter {
         let new = self.options.initial_sigma.powi(-2);
         self.information = keep.iter().map(|k| k.map_or(new, |k| self.information[k as usize])).collect();
         self.seen = keep.iter().map(|k| k.is_some_and(|k| self.seen[k as usize])).collect();
-        // Resting vertices only warm up the next projection, so dropping them is safe.
-        self.resting = vec![];
+        // Active sets only warm up the next projection, so dropping them is safe.
+        self.warm = Warm::default();
         self.rest = rest.to_vec();
         self.live = live.to_vec();
         self.rotations = rotations;
@@ -249,7 +249,7 @@ impl Filter {
         self.rotations = posterior.rotations;
         self.information = posterior.information;
         self.seen = posterior.seen;
-        self.resting = posterior.resting;
+        self.warm = posterior.warm;
         Ok(report)
     }
 
@@ -281,7 +281,7 @@ impl Filter {
         let relaxed = memory.relax(&mut self.system, &factor, &self.options)?;
 
         // Project.
-        let (projected, mut report) = self.project(frame, &values, &factor, &relaxed.positions)?;
+        let (projected, warm, mut report) = self.project(frame, &values, &factor, &relaxed.positions)?;
         let memory = Memory {
             graph: &self.graph,
             weights: &weights,
@@ -298,7 +298,7 @@ impl Filter {
             rotations: rotations.iter().map(clean).collect(),
             information,
             seen: seen.information.iter().map(|&r| r > 0.0).collect(),
-            resting: projected.resting,
+            warm,
         };
         Ok((posterior, report))
     }
@@ -327,7 +327,7 @@ impl Filter {
         values: &[f64],
         factor: &Factor,
         estimate: &[Point3<f64>],
-    ) -> Result<(Projected, StepReport), Error> {
+    ) -> Result<(Projected, Warm, StepReport), Error> {
         let (plane, planes) = split_planes(frame.planes, estimate);
         let surface = std::mem::take(&mut self.surface).renewed(frame.triangles, estimate.len());
         let watch = |now: &[Point3<f64>]| {
@@ -335,11 +335,13 @@ impl Filter {
         };
         let mut contacts = watch(estimate);
         let before = deepest_gap(&contacts, estimate);
+        let mut warm = self.warm.clone();
         let (mut passes, mut rounds, mut factorisations) = (0, 0, 0);
         let (projected, left, watched) = loop {
             let rows: Vec<_> = planes.iter().chain(&contacts).cloned().collect();
             let projection = Projection { values, factor, estimate, plane, rows: &rows };
-            let projected = projection.solve(&mut self.system, &self.resting)?;
+            let projected = projection.solve(&mut self.system, &warm)?;
+            warm = Warm::of(&projected, &rows);
             rounds += projected.rounds;
             factorisations += projected.factorisations;
             passes += 1;
@@ -372,7 +374,7 @@ impl Filter {
             factorisations,
             innovations: vec![],
         };
-        Ok((projected, report))
+        Ok((projected, warm, report))
     }
 }
 

@@ -17,6 +17,8 @@
 //! property of this estimate and never becomes information (that would make the filter overconfident by an order of
 //! magnitude, since the same table would be measured anew in every frame).
 
+use std::collections::HashSet;
+
 use nalgebra::{Point3, Vector3};
 
 use crate::dual::{Row, solve_dual};
@@ -24,8 +26,8 @@ use crate::observation::Plane;
 use crate::system::{Factor, System};
 use crate::Error;
 
-/// Alternations between the two active sets before the estimate is declared unsettled.
-const ROUNDS: usize = 30;
+/// Alternations between the two active sets before everything goes into the dual, where rows are only added.
+const ROUNDS: usize = 15;
 /// A vertex lower than this enters the active set; it is then put exactly on the plane.
 const DEPTH: f64 = 1e-9;
 /// A row violated by more than this enters the dual. It leaves a hundredfold reserve to the 1e-6 m that is promised.
@@ -39,7 +41,8 @@ pub enum Status {
     Free,
     /// Constraints hold and the estimate is the nearest that keeps them.
     Constrained,
-    /// Constraints hold, but the active set had not settled: a nearer estimate may exist.
+    /// The active set or the linearised contacts had not settled: the first plane holds, a contact may lack some separation
+    /// (see [`StepReport::contact_depth`](crate::StepReport)).
     Unsettled,
     /// The constraints contradict each other: the first plane holds, the rest is violated as little as possible.
     Infeasible,
@@ -66,6 +69,26 @@ pub(crate) struct Projection<'a> {
     pub rows: &'a [Row],
 }
 
+/// Active sets to start from: those of the last frame or of the last linearisation.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Warm {
+    /// Vertices that rested on the plane.
+    pub resting: Vec<u32>,
+    /// Vertices whose separation from a triangle pushed.
+    pub pushed: HashSet<u32>,
+}
+
+impl Warm {
+    pub fn of(projected: &Projected, rows: &[Row]) -> Self {
+        let pushed = projected.pushing.iter().map(|&k| &rows[k]).filter(|r| r.terms.len() > 1).map(|r| r.terms[0].0);
+        Self { resting: projected.resting.clone(), pushed: pushed.collect() }
+    }
+
+    fn pushes(&self, row: &Row) -> bool {
+        row.terms.len() > 1 && self.pushed.contains(&row.terms[0].0)
+    }
+}
+
 /// Working state of the two nested active sets.
 struct Sets {
     struck: Vec<bool>,
@@ -76,28 +99,44 @@ struct Sets {
 }
 
 impl Projection<'_> {
-    /// Solves; `warm` names vertices that probably rest on the plane.
-    pub fn solve(&self, system: &mut System, warm: &[u32]) -> Result<Projected, Error> {
-        let size = self.estimate.len();
-        let normal = self.plane.map_or(Vector3::zeros(), |p| p.normal.into_inner());
+    /// Solves from the active sets of `warm`.
+    pub fn solve(&self, system: &mut System, warm: &Warm) -> Result<Projected, Error> {
         let heights: Vec<f64> =
             self.estimate.iter().map(|p| self.plane.map_or(f64::INFINITY, |plane| plane.height(p))).collect();
-        let violated = self.violated(self.estimate);
-        if violated.is_empty() && heights.iter().all(|&h| h >= 0.0) {
+        let mut rows = self.violated(self.estimate);
+        if rows.is_empty() && heights.iter().all(|&h| h >= 0.0) {
             return Ok(self.unchanged());
         }
-        let mut sets = Sets { struck: heights.iter().map(|&h| h < 0.0).collect(), rows: vec![], full: vec![] };
-        for &i in warm {
+        let mut struck: Vec<bool> = heights.iter().map(|&h| h < 0.0).collect();
+        for &i in &warm.resting {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
-            if let Some(struck) = sets.struck.get_mut(i as usize) {
-                *struck |= heights[i as usize] < 1e-3;
-            }
+            struck[i as usize] |= heights[i as usize] < 1e-3;
         }
-        self.admit(&mut sets, &violated, system);
+        rows.extend((0..self.rows.len()).filter(|k| self.rows[*k].gap(self.estimate) <= ROW_DEPTH && warm.pushes(&self.rows[*k])));
+        let mut sets = Sets { struck, rows: vec![], full: vec![] };
+        self.admit(&mut sets, &rows, system);
+        let mut projected = self.alternate(system, &mut sets, &heights)?;
+        if projected.status == Status::Unsettled && let Some(plane) = self.plane {
+            // Vertices that are struck and freed again and again; as rows they are only ever added, which ends.
+            let rows: Vec<_> = self.rows.iter().cloned().chain(plane_rows(&plane, self.estimate.len())).collect();
+            let all = Projection { plane: None, rows: &rows, ..*self };
+            let spent = (projected.rounds, projected.factorisations);
+            projected = all.solve(system, &Warm::default())?;
+            projected.rounds += spent.0;
+            projected.factorisations += spent.1;
+            projected.resting = projected.pushing.iter().filter_map(|k| k.checked_sub(self.rows.len())).map(|i| i as u32).collect();
+            projected.pushing.retain(|k| *k < self.rows.len());
+            lift_above(&mut projected.positions, &plane);
+        }
+        Ok(projected)
+    }
 
+    /// The two nested active sets.
+    fn alternate(&self, system: &mut System, sets: &mut Sets, heights: &[f64]) -> Result<Projected, Error> {
+        let size = self.estimate.len();
+        let normal = self.plane.map_or(Vector3::zeros(), |p| p.normal.into_inner());
         let mut shift = vec![Vector3::zeros(); size];
         let (mut rounds, mut factorisations, mut settled, mut pushing) = (0, 0, false, vec![]);
-        let mut forces = vec![];
         while rounds < ROUNDS && !settled {
             rounds += 1;
             let free = if sets.struck.contains(&true) {
@@ -107,21 +146,21 @@ impl Projection<'_> {
                 None
             };
             let free = free.as_ref().unwrap_or(self.factor);
-            let mut lift = self.lift(system, free, &sets.struck, &heights);
-            (shift, forces) = self.push(system, free, &sets, &mut lift, &normal)?;
+            let mut lift = self.lift(system, free, &sets.struck, heights);
+            let forces;
+            (shift, forces) = self.push(system, free, sets, &mut lift, &normal)?;
             pushing = sets.rows.iter().zip(&forces).filter(|(_, f)| **f > 0.0).map(|(&k, _)| k).collect();
-            settled = !self.update(&mut sets, &shift, &lift, &heights, &normal, &forces, system);
+            settled = !self.update(sets, &shift, &lift, heights, &normal, &forces, system);
         }
-
         let mut positions: Vec<_> = self.estimate.iter().zip(&shift).map(|(p, d)| p + d).collect();
         if let Some(plane) = &self.plane {
             lift_above(&mut positions, plane);
         }
-        let left = self.violated(&positions).into_iter().map(|k| self.rows[k].gap(&positions)).fold(0.0, f64::max);
+        let left = self.rows.iter().map(|r| r.gap(&positions)).fold(0.0, f64::max);
         let status = match (settled, left > 1e-6) {
-            (_, true) => Status::Infeasible,
+            (true, true) => Status::Infeasible,
             (true, false) => Status::Constrained,
-            (false, false) => Status::Unsettled,
+            (false, _) => Status::Unsettled,
         };
         let resting = (0..size as u32).filter(|&i| sets.struck[i as usize]).collect();
         Ok(Projected { positions, status, resting, pushing, rounds, factorisations })
@@ -290,13 +329,13 @@ pub(crate) fn split_planes(planes: &[Plane], estimate: &[Point3<f64>]) -> (Optio
         .iter()
         .enumerate()
         .filter(|&(k, _)| k != main)
-        .flat_map(|(_, plane)| {
-            (0..estimate.len() as u32).map(|v| Row {
-                terms: vec![(v, 1.0)],
-                direction: plane.normal.into_inner(),
-                bound: -plane.offset,
-            })
-        })
+        .flat_map(|(_, plane)| plane_rows(plane, estimate.len()))
         .collect();
     (Some(planes[main]), rows)
+}
+
+/// A plane as one row per vertex.
+fn plane_rows(plane: &Plane, vertices: usize) -> impl Iterator<Item = Row> + use<> {
+    let (direction, bound) = (plane.normal.into_inner(), -plane.offset);
+    (0..vertices as u32).map(move |v| Row { terms: vec![(v, 1.0)], direction, bound })
 }

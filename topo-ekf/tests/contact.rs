@@ -33,7 +33,7 @@ fn a_flap_pushed_through_the_other_stays_on_its_side() {
     let flap = |i: usize| fold[i].z > 7.9e-3;
     let up = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.0 }];
     let mut noise = Noise(5);
-    let mut deepest = 0f64;
+    let mut pushing = 0;
     for frame in 1..=8 {
         // The seen flap is reported lower and lower, at last 4 mm under the hidden one on the table.
         let drop = 1.5e-3 * f64::from(frame);
@@ -54,9 +54,9 @@ fn a_flap_pushed_through_the_other_stays_on_its_side() {
         assert!(matches!(report.status, Status::Free | Status::Constrained), "{:?}", report.status);
         assert!(report.plane_depth[1] <= 1e-9);
         assert!(report.contact_depth[1] <= 1e-6);
-        deepest = deepest.max(report.contact_depth[0]);
+        pushing = pushing.max(report.pushing);
     }
-    assert!(deepest > 1e-4, "the test must violate something");
+    assert!(pushing > 50, "the test must press something");
     // Every flap vertex is above the sheet that lies under it.
     for i in (0..rest.len()).filter(|&i| flap(i)) {
         assert!(filter.live()[i].z > 0.5e-3, "{i} {}", filter.live()[i]);
