@@ -218,7 +218,7 @@ fn solve(rows: &mut [[f64; UNKNOWNS + 1]; UNKNOWNS], size: usize) -> Option<[f64
         }
         rows.swap(column, pivot);
         let top = rows[column];
-        if !(top[column].abs() > 1e-300) {
+        if top[column].abs() <= 1e-300 || top[column].is_nan() {
             return None;
         }
         let inverse = 1.0 / top[column];

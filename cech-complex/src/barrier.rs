@@ -71,7 +71,8 @@ impl Path {
                 1.0
             };
             let (y, s) = (self.y + step.xyz() * damping, self.s + step.w * damping);
-            if !(problem.pieces(&y).max() < s) {
+            let inside = problem.pieces(&y).max() < s;
+            if !inside {
                 return false;
             }
             (self.y, self.s) = (y, s);

@@ -293,13 +293,18 @@ impl Complex {
     ///
     /// It equals `β₀ − β₁ + β₂ − β₃` *of the 3-skeleton*, whose `β₃` counts hollow 4-simplices and is not that of the nerve.
     pub fn euler_characteristic(&self, scale: f64) -> i64 {
-        let up_to = |values: &[f64]| values.iter().filter(|value| **value <= scale).count() as i64;
+        let up_to = |values: &[f64]| signed(values.iter().filter(|value| **value <= scale).count());
         let s = &self.skeleton;
         let vertices = if scale >= 0.0 {
-            self.counts()[0] as i64
+            signed(self.counts()[0])
         } else {
             0
         };
         vertices - up_to(&s.edge_values) + up_to(&s.triangle_values) - up_to(&s.tetrahedron_values)
     }
+}
+
+/// Counts of simplices are below `u32::MAX`.
+fn signed(count: usize) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
 }

@@ -101,7 +101,8 @@ pub(crate) fn check_cloud(
             });
         }
         // UnitVector3 can be built unchecked; 1e-6 admits normals that went through f32.
-        if !((normal.norm_squared() - 1.0).abs() < 1e-6) {
+        let unit = (normal.norm_squared() - 1.0).abs() < 1e-6;
+        if !unit {
             return Err(Error::NonUnitNormal {
                 index,
                 normal: normal.into_inner(),
@@ -143,7 +144,7 @@ pub(crate) fn solve(
         .iter()
         .map(|o| (o.point - centre).norm())
         .fold(0.0, f64::max);
-    if !(size > 0.0) {
+    if size <= 0.0 {
         return FiltrationValue {
             value: 0.0,
             lower: 0.0,

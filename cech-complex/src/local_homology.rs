@@ -10,8 +10,8 @@
 //! many simplices carry it. `ρ = 2` and `R = 3.5` spacings: below, the ring `K_{ρ,R}` is torn by the sampling; above,
 //! curvature and other features come into view. Distances are geodesic, so that a second sheet nearby does not count.
 //!
-//! **Certificate.** A vertex has a *closed fan* if its neighbours, sorted by angle in its tangent plane, look the same way as it does, leave no
-//! gap of 90°, and each forms a triangle with the next and the vertex. If that holds for all vertices within `ρ`, there is neither
+//! **Certificate.** A vertex has a *closed fan* if its neighbours within `ρ`, sorted by angle in its tangent plane, look the same way as it
+//! does, leave no gap of 90°, and each forms a triangle with the next and the vertex. If that holds for all vertices within `ρ`, there is neither
 //! rim nor junction there, and the vertex is inside. Everything else is decided by the definition.
 
 use crate::cohomology::{Coboundary, NONE, reduce};
@@ -25,6 +25,9 @@ use std::f64::consts::FRAC_PI_2;
 const INNER: f64 = 2.0;
 /// Radius `R` of the ball, in spacings.
 const OUTER: f64 = 3.5;
+/// Radius `R` that has to confirm a non-manifold vertex: on one vertex in a thousand of a plain surface the edge of the first ball
+/// runs so that the ring has a loop or a loose end of its own, and the second ball has another edge.
+const WIDER: f64 = 4.25;
 /// Least cosine between the normals of a closed fan.
 const SAME_WAY: f64 = 0.5;
 /// Scale of the complex that is looked at: the cylinder's own size.
@@ -79,7 +82,10 @@ impl Complex {
         positive("spacing", spacing)?;
         let mut around = Surroundings::new(self);
         let vertices = 0..self.points.len() as u32;
-        let closed: Vec<bool> = vertices.clone().map(|v| self.has_closed_fan(v)).collect();
+        let closed: Vec<bool> = vertices
+            .clone()
+            .map(|v| self.has_closed_fan(v, INNER * spacing))
+            .collect();
         Ok(vertices.map(|v| around.kind(v, spacing, &closed)).collect())
     }
 
@@ -91,11 +97,11 @@ impl Complex {
         self.check_vertex(vertex)?;
         positive("spacing", spacing)?;
         let mut around = Surroundings::new(self);
-        around.grow(vertex, spacing);
-        Ok(around.homology(spacing))
+        around.ball(vertex, OUTER * spacing);
+        Ok(around.homology(INNER * spacing))
     }
 
-    fn has_closed_fan(&self, v: u32) -> bool {
+    fn has_closed_fan(&self, v: u32, radius: f64) -> bool {
         let normal = self.normals[v as usize].into_inner();
         // Any tangent will do: the angles are only compared with each other.
         let axis = if normal.x.abs() < 0.6 {
@@ -112,13 +118,13 @@ impl Complex {
             .iter()
             .zip(self.adjacency.edges(v))
         {
-            if self.skeleton.edge_values[edge as usize] > SCALE {
+            let d = self.points[neighbour as usize] - self.points[v as usize];
+            if self.skeleton.edge_values[edge as usize] > SCALE || d.norm() > radius {
                 continue;
             }
             if self.normals[neighbour as usize].dot(&normal) < SAME_WAY {
                 return false;
             }
-            let d = self.points[neighbour as usize] - self.points[v as usize];
             fan.push((w.dot(&d).atan2(u.dot(&d)), neighbour));
         }
         fan.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -175,15 +181,16 @@ impl<'a> Surroundings<'a> {
                 return VertexKind::Interior;
             }
         }
-        self.grow(v, spacing);
+        self.ball(v, OUTER * spacing);
         if self.paths.settled.len() < 2 {
             return VertexKind::Isolated;
         }
-        self.homology(spacing).kind()
-    }
-
-    fn grow(&mut self, v: u32, spacing: f64) {
-        self.ball(v, OUTER * spacing);
+        let kind = self.homology(INNER * spacing).kind();
+        if kind != VertexKind::NonManifold {
+            return kind;
+        }
+        self.ball(v, WIDER * spacing);
+        self.homology(INNER * spacing).kind()
     }
 
     fn ball(&mut self, v: u32, radius: f64) {
@@ -193,11 +200,10 @@ impl<'a> Surroundings<'a> {
         self.paths.run(complex, &[v], radius, weight);
     }
 
-    /// Relative homology of the ball that `grow` has left. Chains are the simplices with an inner vertex; their cofaces in the ball
+    /// Relative homology of the ball that `ball` has left. Chains are the simplices with an inner vertex; their cofaces in the ball
     /// have one too, so coboundaries need no truncation.
-    fn homology(&mut self, spacing: f64) -> LocalHomology {
+    fn homology(&mut self, inner: f64) -> LocalHomology {
         let skeleton = &self.complex.skeleton;
-        let inner = INNER * spacing;
         let zone = |distance: f64| match distance {
             d if d <= inner => Zone::Inner,
             d if d.is_finite() => Zone::Ring,

@@ -2,9 +2,10 @@
 //!
 //! A basis of cocycles `φ_1 … φ_b` of a subcomplex annotates every edge with `b` bits, and the class of a loop is the sum of the
 //! annotations along it: two loops with the same sum are homologous (Busaryev, Cabello, Chen, Dey and Wang 2012). A loop of a
-//! non-trivial class uses an annotated edge. So from one end of each of these, shortest-path trees are grown; an edge outside the tree closes a loop;
-//! and the loops are taken by length as long as their classes are independent (Erickson and Whittlesey 2005). The basis
-//! found is the shortest there is.
+//! non-trivial class uses an annotated edge. So from one end of each of these a shortest-path tree is grown; an edge outside the
+//! tree closes a loop; and loops are taken by length as long as their classes are independent (Erickson and Whittlesey 2005).
+//! The basis found is the shortest there is. A loop through the root of a tree lies within half its length, so trees stop at half
+//! the longest loop of the best basis so far.
 
 use crate::cohomology::{Coboundary, NONE, UnionFind, reduce};
 use crate::complex::Complex;
@@ -13,7 +14,7 @@ use crate::persistence::Order;
 use std::collections::BTreeMap;
 
 /// Class of a loop or annotation of an edge: one bit per basis cocycle.
-type Class = Vec<u64>;
+type Class = Box<[u64]>;
 
 /// The edges and triangles of a subcomplex, named by their place in the complex.
 pub(crate) struct Part {
@@ -28,12 +29,12 @@ pub(crate) struct Cycle {
     pub(crate) vertices: Vec<u32>,
 }
 
-/// A loop that a tree and one more edge close.
-struct Candidate {
+/// A loop that the tree of `root` and one more `edge` close.
+#[derive(Clone, Copy)]
+struct Closure {
     length: f64,
     root: u32,
     edge: u32,
-    class: Class,
 }
 
 impl Part {
@@ -62,8 +63,34 @@ impl Part {
         Self { edges, triangles }
     }
 
-    /// Annotation of every edge of the complex by a basis of `H¹` of the part, and the rank of it.
-    fn annotate(&self, complex: &Complex) -> (BTreeMap<u32, Class>, usize) {
+    /// A basis of `H₁` of the part by its shortest loops, where an edge is as long as `weight` says.
+    pub(crate) fn shortest_basis(
+        &self,
+        complex: &Complex,
+        weight: impl Fn(u32) -> f64,
+    ) -> Vec<Cycle> {
+        let cocycles = self.cocycles(complex);
+        if cocycles.is_empty() {
+            return Vec::new();
+        }
+        let mut search = Search::new(complex, self, &cocycles, weight);
+        for (done, root) in search.roots(&cocycles).into_iter().enumerate() {
+            search.grow(root);
+            search.close(root);
+            // Rarely enough to cost nothing, often enough to profit from the first tree on.
+            if (done + 1).is_power_of_two() {
+                search.tighten_limit();
+            }
+        }
+        let basis = search.basis();
+        basis
+            .into_iter()
+            .map(|closure| search.trace(closure))
+            .collect()
+    }
+
+    /// A basis of `H¹`, each cocycle as the edges of the complex on which it is 1.
+    fn cocycles(&self, complex: &Complex) -> Vec<Vec<u32>> {
         let mut sets = UnionFind::new(complex.points.len());
         let mut join = |&edge: &u32| {
             let [a, b] = complex.skeleton.edges[edge as usize];
@@ -71,133 +98,202 @@ impl Part {
         };
         let joins: Vec<bool> = self.edges.iter().map(&mut join).collect();
         let matrix = Coboundary::new(self.edges.len(), &self.triangles);
-        let cocycles = reduce(&matrix, |edge| joins[edge as usize]).essential;
+        let name = |cocycle: Vec<u32>| {
+            cocycle
+                .into_iter()
+                .map(|e| self.edges[e as usize])
+                .collect()
+        };
+        reduce(&matrix, |edge| joins[edge as usize])
+            .essential
+            .into_iter()
+            .map(|(_, cocycle)| name(cocycle))
+            .collect()
+    }
+}
+
+/// State of the search for the shortest basis.
+struct Search<'a> {
+    complex: &'a Complex,
+    part: &'a Part,
+    /// Length of every edge of the complex, infinite outside the part.
+    length: Vec<f64>,
+    rank: usize,
+    words: usize,
+    /// `words` words per edge of the complex.
+    annotation: Vec<u64>,
+    /// `words` words per vertex: class of the tree path to it.
+    path_class: Vec<u64>,
+    paths: ShortestPaths,
+    limit: f64,
+    best: BTreeMap<Class, Closure>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        complex: &'a Complex,
+        part: &'a Part,
+        cocycles: &[Vec<u32>],
+        weight: impl Fn(u32) -> f64,
+    ) -> Self {
+        let (edges, vertices) = (complex.skeleton.edges.len(), complex.points.len());
         let words = cocycles.len().div_ceil(64);
-        let mut annotations = BTreeMap::new();
-        for (bit, (_, cocycle)) in cocycles.iter().enumerate() {
+        let mut length = vec![f64::INFINITY; edges];
+        for &edge in &part.edges {
+            length[edge as usize] = weight(edge);
+        }
+        let mut annotation = vec![0; words * edges];
+        for (bit, cocycle) in cocycles.iter().enumerate() {
             for &edge in cocycle {
-                let class = annotations
-                    .entry(self.edges[edge as usize])
-                    .or_insert_with(|| vec![0; words]);
-                class[bit / 64] |= 1 << (bit % 64);
+                annotation[words * edge as usize + bit / 64] |= 1 << (bit % 64);
             }
         }
-        (annotations, cocycles.len())
+        Self {
+            complex,
+            part,
+            length,
+            rank: cocycles.len(),
+            words,
+            annotation,
+            path_class: vec![0; words * vertices],
+            paths: ShortestPaths::new(vertices),
+            limit: f64::INFINITY,
+            best: BTreeMap::new(),
+        }
     }
 
-    /// A basis of `H₁` of the part by its shortest loops, where an edge is as long as `weight` says.
-    pub(crate) fn shortest_basis(
-        &self,
-        complex: &Complex,
-        weight: impl Fn(u32) -> f64,
-    ) -> Vec<Cycle> {
-        let (annotations, rank) = self.annotate(complex);
-        if rank == 0 {
-            return Vec::new();
+    /// Vertices that meet every annotated edge, chosen greedily: a vertex on many such edges spares many others.
+    fn roots(&self, cocycles: &[Vec<u32>]) -> Vec<u32> {
+        let ends = |edge: u32| self.complex.skeleton.edges[edge as usize];
+        let mut edges: Vec<u32> = cocycles.iter().flatten().copied().collect();
+        edges.sort_unstable();
+        edges.dedup();
+        let mut degree = vec![0u32; self.complex.points.len()];
+        for v in edges.iter().flat_map(|&edge| ends(edge)) {
+            degree[v as usize] += 1;
         }
-        let mut member = vec![false; complex.skeleton.edges.len()];
-        for &edge in &self.edges {
-            member[edge as usize] = true;
+        edges.sort_by_key(|&edge| {
+            let [a, b] = ends(edge);
+            std::cmp::Reverse(degree[a as usize].max(degree[b as usize]))
+        });
+        let mut is_root = vec![false; degree.len()];
+        let mut roots = Vec::new();
+        for [a, b] in edges.into_iter().map(ends) {
+            if !is_root[a as usize] && !is_root[b as usize] {
+                let root = if degree[b as usize] > degree[a as usize] {
+                    b
+                } else {
+                    a
+                };
+                is_root[root as usize] = true;
+                roots.push(root);
+            }
         }
-        let length = |edge: u32| member[edge as usize].then(|| weight(edge));
-        let mut roots: Vec<u32> = annotations
-            .keys()
-            .map(|&edge| complex.skeleton.edges[edge as usize][0])
-            .collect();
-        roots.sort_unstable();
-        roots.dedup();
+        roots
+    }
 
-        let mut paths = ShortestPaths::new(complex.points.len());
-        let mut candidates = Vec::new();
-        for &root in &roots {
-            paths.run(complex, &[root], f64::INFINITY, length);
-            self.close(
-                complex,
-                &paths,
-                &annotations,
-                &weight,
-                root,
-                rank,
-                &mut candidates,
-            );
+    fn grow(&mut self, root: u32) {
+        let length = &self.length;
+        self.paths
+            .run(self.complex, &[root], 0.5 * self.limit, |edge| {
+                let length = length[edge as usize];
+                length.is_finite().then_some(length)
+            });
+    }
+
+    /// Notes the shortest loop of every class that the present tree and one edge close.
+    fn close(&mut self, root: u32) {
+        let words = self.words;
+        self.path_class[words * root as usize..][..words].fill(0);
+        // Parents are settled before their children.
+        for &vertex in &self.paths.settled[1..] {
+            let edge = self.paths.parent[vertex as usize] as usize;
+            let parent = self.other_end(edge as u32, vertex) as usize;
+            for word in 0..words {
+                self.path_class[words * vertex as usize + word] =
+                    self.path_class[words * parent + word] ^ self.annotation[words * edge + word];
+            }
         }
-        candidates.sort_by(|a, b| {
-            a.length
-                .total_cmp(&b.length)
-                .then((a.root, a.edge).cmp(&(b.root, b.edge)))
+        let mut class: Class = vec![0; words].into();
+        for &edge in &self.part.edges {
+            let [a, b] = self.complex.skeleton.edges[edge as usize].map(|v| v as usize);
+            let (from, to) = (self.paths.distance[a], self.paths.distance[b]);
+            let length = from + to + self.length[edge as usize];
+            if length > self.limit || length.is_infinite() {
+                continue;
+            }
+            let mut trivial = true;
+            for word in 0..words {
+                class[word] = self.path_class[words * a + word]
+                    ^ self.path_class[words * b + word]
+                    ^ self.annotation[words * edge as usize + word];
+                trivial &= class[word] == 0;
+            }
+            if trivial {
+                continue;
+            }
+            match self.best.get_mut(&class) {
+                Some(known) if known.length <= length => {}
+                Some(known) => *known = Closure { length, root, edge },
+                None => {
+                    self.best
+                        .insert(class.clone(), Closure { length, root, edge });
+                }
+            }
+        }
+    }
+
+    /// The shortest independent loops among those noted.
+    fn basis(&self) -> Vec<Closure> {
+        let mut noted: Vec<(&Class, Closure)> = self.best.iter().map(|(c, l)| (c, *l)).collect();
+        noted.sort_by(|a, b| {
+            a.1.length
+                .total_cmp(&b.1.length)
+                .then((a.1.root, a.1.edge).cmp(&(b.1.root, b.1.edge)))
         });
         let mut independent = Independent::default();
-        let mut cycles = Vec::with_capacity(rank);
-        for candidate in candidates {
-            if cycles.len() < rank && independent.insert(candidate.class) {
-                paths.run(complex, &[candidate.root], f64::INFINITY, length);
-                cycles.push(trace(complex, &paths, candidate.edge));
-            }
-        }
-        cycles
+        noted.retain(|(class, _)| independent.insert((*class).clone()));
+        noted.into_iter().map(|(_, closure)| closure).collect()
     }
 
-    /// The shortest loop of every class that one tree and one edge close.
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "the inner loop of `shortest_basis`, with its locals"
-    )]
-    fn close(
-        &self,
-        complex: &Complex,
-        paths: &ShortestPaths,
-        annotations: &BTreeMap<u32, Class>,
-        weight: impl Fn(u32) -> f64,
-        root: u32,
-        rank: usize,
-        candidates: &mut Vec<Candidate>,
-    ) {
-        let zero: Class = vec![0; rank.div_ceil(64)];
-        // Class of the tree path to every vertex, parents first.
-        let mut class_of: BTreeMap<u32, Class> = BTreeMap::new();
-        for &vertex in &paths.settled {
-            let edge = paths.parent[vertex as usize];
-            if edge == NONE {
-                continue;
-            }
-            let parent = other_end(complex, edge, vertex);
-            let mut class = class_of
-                .get(&parent)
-                .cloned()
-                .unwrap_or_else(|| zero.clone());
-            add(&mut class, annotations.get(&edge));
-            if class != zero {
-                class_of.insert(vertex, class);
-            }
+    fn tighten_limit(&mut self) {
+        let basis = self.basis();
+        if basis.len() == self.rank
+            && let Some(longest) = basis.last()
+        {
+            // A little slack, so that rounding in sums along two ways round loses no loop.
+            self.limit = self.limit.min(longest.length * (1.0 + 1e-9));
         }
-        let mut best: BTreeMap<Class, (f64, u32)> = BTreeMap::new();
-        for &edge in &self.edges {
-            let [a, b] = complex.skeleton.edges[edge as usize];
-            let (from, to) = (paths.distance[a as usize], paths.distance[b as usize]);
-            if from.is_infinite()
-                || paths.parent[a as usize] == edge
-                || paths.parent[b as usize] == edge
-            {
-                continue;
-            }
-            let mut class = class_of.get(&a).cloned().unwrap_or_else(|| zero.clone());
-            add(&mut class, class_of.get(&b));
-            add(&mut class, annotations.get(&edge));
-            if class == zero {
-                continue;
-            }
-            let length = from + to + weight(edge);
-            let entry = best.entry(class).or_insert((length, edge));
-            if length < entry.0 {
-                *entry = (length, edge);
-            }
+    }
+
+    /// The loop itself, without the stem that both branches of the tree share.
+    fn trace(&mut self, closure: Closure) -> Cycle {
+        self.grow(closure.root);
+        let [a, b] = self.complex.skeleton.edges[closure.edge as usize];
+        let (mut left, mut right) = (self.branch(a), self.branch(b));
+        while left.len() > 1 && right.len() > 1 && left[left.len() - 2] == right[right.len() - 2] {
+            left.pop();
+            right.pop();
         }
-        candidates.extend(best.into_iter().map(|(class, (length, edge))| Candidate {
-            length,
-            root,
-            edge,
-            class,
-        }));
+        // Both branches end at the vertex where they part: keep it once.
+        right.pop();
+        left.extend(right.into_iter().rev());
+        Cycle { vertices: left }
+    }
+
+    /// From a vertex up to the root.
+    fn branch(&self, mut vertex: u32) -> Vec<u32> {
+        let mut branch = vec![vertex];
+        while self.paths.parent[vertex as usize] != NONE {
+            vertex = self.other_end(self.paths.parent[vertex as usize], vertex);
+            branch.push(vertex);
+        }
+        branch
+    }
+
+    fn other_end(&self, edge: u32, vertex: u32) -> u32 {
+        let [a, b] = self.complex.skeleton.edges[edge as usize];
+        if a == vertex { b } else { a }
     }
 }
 
@@ -212,7 +308,9 @@ impl Independent {
     fn insert(&mut self, mut class: Class) -> bool {
         for (bit, row) in &self.rows {
             if class[bit / 64] >> (bit % 64) & 1 == 1 {
-                add(&mut class, Some(row));
+                for (word, more) in class.iter_mut().zip(row) {
+                    *word ^= more;
+                }
             }
         }
         let Some(word) = class.iter().position(|&word| word != 0) else {
@@ -222,39 +320,4 @@ impl Independent {
         self.rows.push((bit, class));
         true
     }
-}
-
-fn add(class: &mut Class, other: Option<&Class>) {
-    if let Some(other) = other {
-        for (word, more) in class.iter_mut().zip(other) {
-            *word ^= more;
-        }
-    }
-}
-
-fn other_end(complex: &Complex, edge: u32, vertex: u32) -> u32 {
-    let [a, b] = complex.skeleton.edges[edge as usize];
-    if a == vertex { b } else { a }
-}
-
-/// The loop that `edge` closes with the tree, without the stem that both branches share.
-fn trace(complex: &Complex, paths: &ShortestPaths, edge: u32) -> Cycle {
-    let branch = |mut vertex: u32| {
-        let mut branch = vec![vertex];
-        while paths.parent[vertex as usize] != NONE {
-            vertex = other_end(complex, paths.parent[vertex as usize], vertex);
-            branch.push(vertex);
-        }
-        branch
-    };
-    let [a, b] = complex.skeleton.edges[edge as usize];
-    let (mut left, mut right) = (branch(a), branch(b));
-    while left.len() > 1 && right.len() > 1 && left[left.len() - 2] == right[right.len() - 2] {
-        left.pop();
-        right.pop();
-    }
-    // Both branches end at the vertex where they part: keep it once.
-    right.pop();
-    left.extend(right.into_iter().rev());
-    Cycle { vertices: left }
 }
