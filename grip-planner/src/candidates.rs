@@ -90,17 +90,40 @@ pub struct Candidates {
 /// # Complexity
 /// `O(n)` per candidate that is looked at.
 pub fn candidates(model: &Model, scene: &Scene, options: &Options) -> Result<Candidates, Error> {
-    model.check()?;
-    scene.check()?;
-    options.check()?;
-    let search = Search {
-        model,
-        scene,
-        options,
-        near: Adjacency::new(model.points.len(), model.edges),
-        outline: agent_box(model.points, &scene.table)?,
-    };
-    Ok(search.run())
+    Ok(Search::new(model, scene, options)?.run())
+}
+
+/// The same judgement on vertices of one's own choice, whether they are on the boundary or not; none is thinned out while
+/// there is room.
+///
+/// # Errors
+/// A model, scene, setting or vertex that is not usable.
+pub fn candidates_among(
+    model: &Model,
+    scene: &Scene,
+    options: &Options,
+    vertices: &[u32],
+) -> Result<Candidates, Error> {
+    let search = Search::new(model, scene, options)?;
+    let points = model.points.len();
+    if let Some(&vertex) = vertices.iter().find(|&&v| v as usize >= points) {
+        return Err(Error::NoSuchVertex { vertex, points });
+    }
+    let mut wanted = vertices.to_vec();
+    wanted.sort_unstable();
+    wanted.dedup();
+    let mut rejected = Vec::new();
+    let reachable = search.examine(wanted.into_iter(), &mut rejected);
+    let accepted = search.keep_free(&reachable, options.max_candidates, &[], &mut rejected);
+    Ok(Candidates::sorted(accepted, rejected))
+}
+
+impl Candidates {
+    fn sorted(mut accepted: Vec<Candidate>, mut rejected: Vec<(u32, Reason)>) -> Self {
+        accepted.sort_by_key(|c| c.vertex);
+        rejected.sort_by_key(|r| r.0);
+        Self { accepted, rejected }
+    }
 }
 
 struct Search<'a> {
@@ -111,7 +134,26 @@ struct Search<'a> {
     outline: AgentBox,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    fn new(
+        model: &'a Model<'a>,
+        scene: &'a Scene<'a>,
+        options: &'a Options,
+    ) -> Result<Self, Error> {
+        model.check()?;
+        scene.check()?;
+        options.check()?;
+        let near = Adjacency::new(model.points.len(), model.edges);
+        let outline = agent_box(model.points, &scene.table)?;
+        Ok(Self {
+            model,
+            scene,
+            options,
+            near,
+            outline,
+        })
+    }
+
     fn run(&self) -> Candidates {
         let mut rejected = Vec::new();
         let rim = (0..self.model.points.len() as u32).filter(|&v| self.model.boundary[v as usize]);
@@ -136,9 +178,7 @@ impl Search<'_> {
             );
             accepted.extend(more);
         }
-        accepted.sort_by_key(|c| c.vertex);
-        rejected.sort_by_key(|r| r.0);
-        Candidates { accepted, rejected }
+        Candidates::sorted(accepted, rejected)
     }
 
     /// Visible vertices in the outer quarter of the footprint, not on the boundary.

@@ -8,11 +8,11 @@
 //! opposite corners, and nobody can turn it over like that; suitability alone forgets what the grips are to
 //! move. A geometric mean lets neither be zero. Sets without any suitability are left out whatever `ω` is.
 //!
-//! The arms are given to the grips so that the sum of the ways from base to grip, seen along the table normal, is least: two such ways never
-//! cross. A third arm holds the body near the pivot, at the vertex with the best coverage of all three.
+//! A grip that is not on the boundary of the explored part counts less ([`Options::outline_weight`]). A third arm holds the body near the pivot, at the vertex with the best coverage of all three.
 
 use nalgebra::{Isometry3, Point3, Translation3};
 
+use crate::assign::{assign, cross};
 use crate::candidates::backed_off;
 use crate::options::Support;
 use crate::turn::{Turn, turns};
@@ -173,7 +173,8 @@ impl Ranking<'_> {
         let weight = self.options.turning_weight;
         for (pair, c) in pairs.iter_mut().zip(covered) {
             pair.score = (c / most).powf(1.0 - weight)
-                * (pair.suitability * self.turns[pair.turn].gain).powf(weight);
+                * (pair.suitability * self.turns[pair.turn].gain).powf(weight)
+                * self.source_weight(pair);
         }
         pairs.sort_by(|a, b| {
             b.score
@@ -182,6 +183,18 @@ impl Ranking<'_> {
                 .then(a.grips.cmp(&b.grips))
         });
         pairs
+    }
+
+    /// What is left of the score for grips beside the boundary.
+    fn source_weight(&self, pair: &Pair) -> f64 {
+        let weight = |g: &usize| {
+            if self.found[*g].boundary {
+                1.0
+            } else {
+                self.options.outline_weight
+            }
+        };
+        pair.grips.iter().map(weight).product()
     }
 
     /// The turns that lift the wanted side; all when none is wanted.
@@ -210,7 +223,10 @@ impl Ranking<'_> {
             if chosen.iter().any(|c| self.near_copy(c, &pair)) {
                 continue;
             }
-            let Some(arms) = self.assign(pair.grips) else {
+            let grips = pair.grips.map(|g| &self.found[g]);
+            let start = grips.map(|c| c.tip);
+            let end = start.map(|p| self.turns[pair.turn].mirrored(&p));
+            let Some(arms) = assign(self.scene, grips, &[start, end]) else {
                 continue;
             };
             sets.push(self.set(&pair, arms));
@@ -226,43 +242,6 @@ impl Ranking<'_> {
         let [p, q] = a.grips;
         let [r, s] = b.grips;
         a.turn == b.turn && ((near(p, r) && near(q, s)) || (near(p, s) && near(q, r)))
-    }
-
-    /// The arms for two grips: least way, no crossing, in reach.
-    fn assign(&self, grips: [usize; 2]) -> Option<[usize; 2]> {
-        let count = self.scene.arms.len();
-        let way = |arm: usize, grip: usize| {
-            self.scene
-                .table
-                .along(&(self.found[grip].tip - self.scene.arms[arm].base))
-                .norm()
-        };
-        let mut best: Option<(f64, [usize; 2])> = None;
-        for a in 0..count {
-            for b in (0..count).filter(|&b| b != a) {
-                let reached = self.found[grips[0]].arms.contains(&a)
-                    && self.found[grips[1]].arms.contains(&b);
-                if !reached || self.cross((a, grips[0]), (b, grips[1])) {
-                    continue;
-                }
-                let sum = way(a, grips[0]) + way(b, grips[1]);
-                if best.is_none_or(|(least, _)| sum < least) {
-                    best = Some((sum, [a, b]));
-                }
-            }
-        }
-        best.map(|(_, arms)| arms)
-    }
-
-    /// Whether the ways from the bases to the grips cross, seen along the table normal.
-    fn cross(&self, (a, p): (usize, usize), (b, q): (usize, usize)) -> bool {
-        let n = self.scene.table.normal;
-        let side = |from: &Point3<f64>, to: &Point3<f64>, x: &Point3<f64>| {
-            n.dot(&(to - from).cross(&(x - from)))
-        };
-        let (a, b) = (&self.scene.arms[a].base, &self.scene.arms[b].base);
-        let (p, q) = (&self.found[p].tip, &self.found[q].tip);
-        side(a, p, b) * side(a, p, q) < 0.0 && side(b, q, a) * side(b, q, p) < 0.0
     }
 
     fn set(&self, pair: &Pair, arms: [usize; 2]) -> GripSet {
@@ -300,9 +279,17 @@ impl Ranking<'_> {
             if at.y > 0.25 * turn.span || at.x.abs() > 0.4 * turn.length || !far {
                 continue;
             }
+            let crosses = |arm: usize, g: usize| {
+                let lifting = [
+                    &self.scene.arms[arms[g]].base,
+                    &self.found[pair.grips[g]].tip,
+                ];
+                cross(self.scene, [&self.scene.arms[arm].base, &c.tip], lifting)
+            };
+            // From the lifted side it would have to reach across the body, and back while that is in the air.
+            let behind = |arm: usize| turn.local(&self.scene.arms[arm].base).y < 0.5 * turn.span;
             let free = |arm: &usize| {
-                !arms.contains(arm)
-                    && (0..2).all(|g| !self.cross((*arm, k), (arms[g], pair.grips[g])))
+                !arms.contains(arm) && behind(*arm) && (0..2).all(|g| !crosses(*arm, g))
             };
             let Some(&arm) = c.arms.iter().find(|arm| free(arm)) else {
                 continue;

@@ -1,5 +1,6 @@
 //! Where to grip a soft object and how to move it so that its hidden side turns up: null-space grips, turning over, stretching
 mod agent_box;
+mod assign;
 mod candidates;
 mod check;
 mod error;
@@ -11,12 +12,14 @@ mod null_space;
 mod options;
 mod plan;
 mod scene;
+mod speed;
 mod stiffness;
+mod stretch;
 mod turn;
 mod turn_over;
 
 pub use agent_box::{AgentBox, agent_box};
-pub use candidates::{Candidate, Candidates, Reason, candidates};
+pub use candidates::{Candidate, Candidates, Reason, candidates, candidates_among};
 pub use check::Refusal;
 pub use error::Error;
 pub use grips::{Grip, GripSet, Role, plan_grips};
@@ -27,6 +30,8 @@ pub use null_space::Coverage;
 pub use options::{CandidateSource, Options, Support};
 pub use plan::{Plan, PlanOptions, RefusedSet, plan};
 pub use scene::{Arm, Plane, PoseTest, Scene, Workspace};
+pub use speed::{GovernorOptions, SpeedGovernor, speed_limit};
 pub use stiffness::{CoverageOptions, Stiffness, target_weights};
+pub use stretch::{Stretch, StretchOptions, stretch};
 pub use turn::{Turn, turns};
 pub use turn_over::{Recentre, TurnOptions, turn_over};

@@ -43,6 +43,8 @@ pub struct Options {
     pub approach_distance: f64,
     /// Length of the straight part of a tool behind its tip, metres. Default 0.05.
     pub shaft_length: f64,
+    /// What is left of the score for each grip that is visible but not on the boundary. Default 0.8.
+    pub outline_weight: f64,
     /// Share of the turning suitability in the score, 0 (coverage alone, the paper's Algorithm 2) to 1. Default 0.5.
     pub turning_weight: f64,
     /// Where the distance of two lifting grips should be, as a share of the box along the axis. Default 0.4 to 0.8.
@@ -66,6 +68,7 @@ impl Default for Options {
             grip_depth: 0.003,
             approach_distance: 0.03,
             shaft_length: 0.05,
+            outline_weight: 0.8,
             turning_weight: 0.5,
             spread: [0.4, 0.8],
             max_sets: 24,
@@ -96,6 +99,13 @@ impl Options {
         not_negative("grip_depth", self.grip_depth)?;
         positive("approach_distance", self.approach_distance)?;
         positive("shaft_length", self.shaft_length)?;
+        within(
+            "outline_weight",
+            self.outline_weight,
+            0.0,
+            1.0,
+            "between 0 and 1",
+        )?;
         within(
             "turning_weight",
             self.turning_weight,

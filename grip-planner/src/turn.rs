@@ -69,6 +69,11 @@ impl Turn {
             + self.up.as_ref() * local.z
     }
 
+    /// The point reflected to the other side of the box: about where a grip ends when the body is turned on the spot.
+    pub(crate) fn mirrored(&self, point: &Point3<f64>) -> Point3<f64> {
+        point + self.lifted.as_ref() * (self.span - 2.0 * self.local(point).y)
+    }
+
     /// How well two grips would lift, 0 to 1; `spread` is the wanted distance as a share of the length.
     pub fn suitability(&self, grips: [&Point3<f64>; 2], spread: [f64; 2]) -> f64 {
         let [a, b] = grips.map(|p| self.local(p));

@@ -1,0 +1,493 @@
+//! Candidates, sets of grips and motions.
+#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+
+mod fixture;
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use fixture::{Body, DEPTH};
+use grip_planner::nalgebra::{
+    Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3,
+};
+use grip_planner::{
+    Arm, CandidateSource, Error, Motion, Options, PlanOptions, Reason, Recentre, Refusal, Role,
+    Scene, TurnOptions, Workspace, candidates, plan, plan_grips, turn_over,
+};
+use proptest::prelude::*;
+
+fn body() -> impl Strategy<Value = Body> {
+    (0.06..0.12, 0.04..0.08, 0.015..0.035, -0.2..0.3, -3.0..3.0)
+        .prop_map(|(a, b, c, lowest, yaw)| Body::ellipsoid([a, b, c], 500, lowest, yaw))
+}
+
+/// Everything a motion promises, checked more finely than the planner does.
+fn keeps_its_promises(motion: &Motion, scene: &Scene, speed: f64) -> Result<(), TestCaseError> {
+    for path in &motion.arms {
+        let arm = &scene.arms[path.arm];
+        prop_assert!(
+            path.keyframes[0].time == 0.0
+                && path.keyframes.windows(2).all(|w| w[1].time >= w[0].time)
+        );
+        prop_assert!(
+            path.keyframes.last().unwrap().time <= motion.duration
+                && path.release <= motion.duration
+        );
+        prop_assert!(path.peak_speed() <= speed.min(arm.max_speed) * (1.0 + 1e-9));
+        for k in 0..400 {
+            let pose = path.at(motion.duration * f64::from(k) / 399.0).unwrap();
+            let tip = Point3::from(pose.translation.vector);
+            prop_assert!(arm.workspace.contains(&pose));
+            prop_assert!(scene.table.height(&tip) >= scene.clearance - 1e-6);
+            let wrist = pose * Point3::new(0.0, 0.0, -0.05);
+            prop_assert!(
+                scene.table.height(&wrist) > scene.table.height(&tip),
+                "a tool leans under its tip"
+            );
+        }
+    }
+    for (i, a) in motion.arms.iter().enumerate() {
+        for b in &motion.arms[i + 1..] {
+            for k in 0..100 {
+                let time = motion.duration * f64::from(k) / 99.0;
+                let gap =
+                    a.at(time).unwrap().translation.vector - b.at(time).unwrap().translation.vector;
+                prop_assert!(gap.norm() >= 2.0 * scene.jaw_radius);
+            }
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 20, ..ProptestConfig::with_cases(cases(32)) })]
+
+    #[test]
+    fn plans_keep_their_promises(body in body(), count in 2usize..4, speed in 0.005..0.2) {
+        let arms = fixture::arms(count);
+        let scene = fixture::scene(&arms);
+        let mut options = PlanOptions::default();
+        options.turn.speed = speed;
+        let plan = plan(&body.model(), &scene, &options).unwrap();
+        let set = &plan.grips;
+        prop_assert!((0.0..=1.0).contains(&set.coverage) && (0.0..=1.0).contains(&set.suitability) && (0.0..=1.0).contains(&set.score));
+        prop_assert!(set.coverage >= set.lifting_coverage);
+        let lifting: Vec<_> = set.grips.iter().filter(|g| g.role == Role::Lift).collect();
+        prop_assert_eq!(lifting.len(), 2);
+        let at: Vec<_> = lifting.iter().map(|g| set.turn.local(&body.points[g.vertex as usize])).collect();
+        // Both on the lifted side, well apart along the axis.
+        prop_assert!(at.iter().all(|p| p.y > 0.5 * set.turn.span));
+        prop_assert!((at[0].x - at[1].x).abs() > 0.2 * set.turn.length);
+        for (grip, path) in set.grips.iter().zip(&plan.motion.arms) {
+            prop_assert_eq!(grip.arm, path.arm);
+            // The motion begins where the grasp is.
+            let start = path.keyframes[0].camera_from_tip;
+            prop_assert!((start.translation.vector - grip.camera_from_tip.translation.vector).norm() < 1e-9);
+            prop_assert!(start.rotation.angle_to(&grip.camera_from_tip.rotation) < 1e-6);
+        }
+        keeps_its_promises(&plan.motion, &scene, speed)?;
+    }
+
+    #[test]
+    fn a_block_tumbles_over_its_edges(body in body(), angle in 1.6..PI) {
+        let arms = fixture::arms(2);
+        let scene = fixture::scene(&arms);
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        // Without slack, floor and shift the tips go like points of a rigid block.
+        let options = TurnOptions { angle: Some(angle), slack: 0.0, retract: 0.0, release_height: 0.0, recentre: Recentre::Tumble, ..Default::default() };
+        let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
+        let t = set.turn;
+        let edge = t.point(&Vector3::new(0.0, -t.thickness, 0.0));
+        for (grip, path) in set.grips.iter().zip(&motion.arms) {
+            let quarter = UnitQuaternion::from_axis_angle(&t.axis, PI / 2.0);
+            let rest = UnitQuaternion::from_axis_angle(&t.axis, angle - PI / 2.0);
+            let standing = t.pivot + quarter * (grip.tip() - t.pivot);
+            let mut lying = edge + rest * (standing - edge);
+            lying += t.up.as_ref() * (scene.clearance - scene.table.height(&lying)).max(0.0);
+            let end = path.at(motion.duration).unwrap().translation.vector;
+            prop_assert!((end - lying.coords).norm() < 1e-9);
+        }
+        prop_assert!((motion.arms[0].at(motion.duration).unwrap().translation.vector - motion.arms[1].at(motion.duration).unwrap().translation.vector).norm()
+            > 0.9 * (set.grips[0].tip() - set.grips[1].tip()).norm());
+    }
+
+    #[test]
+    fn staying_brings_the_tips_to_the_other_side_of_the_same_place(body in body()) {
+        let arms = fixture::arms(2);
+        let scene = fixture::scene(&arms);
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        let options = TurnOptions { angle: Some(PI), retract: 0.0, ..Default::default() };
+        let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
+        for (grip, path) in set.grips.iter().zip(&motion.arms) {
+            let start = set.turn.local(&grip.tip());
+            let end = set.turn.local(&Point3::from(path.at(motion.duration).unwrap().translation.vector));
+            prop_assert!((end.y - (set.turn.span - start.y)).abs() < 1e-9 && (end.x - start.x).abs() < 1e-9);
+            prop_assert!(end.z <= set.turn.thickness.max(0.012) + 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_stretch_in_the_turn_widens_the_grips(body in body(), stretch in 0.0..0.04) {
+        let arms = fixture::arms(2);
+        let scene = fixture::scene(&arms);
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        let Ok(motion) = turn_over(&body.model(), &scene, &set, &TurnOptions { stretch, ..Default::default() }) else { return Ok(()) };
+        let apart = |time: f64| set.turn.axis.dot(&(motion.arms[0].at(time).unwrap().translation.vector - motion.arms[1].at(time).unwrap().translation.vector)).abs();
+        prop_assert!((apart(motion.duration) - apart(0.0) - stretch).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_same_input_gives_the_same_plan() {
+    let (body, arms) = (fixture::usual(1200), fixture::arms(3));
+    let run = || {
+        plan(
+            &body.model(),
+            &fixture::scene(&arms),
+            &PlanOptions::default(),
+        )
+        .unwrap()
+    };
+    let (a, b) = (run(), run());
+    assert_eq!(a.grips, b.grips);
+    assert_eq!(a.motion, b.motion);
+}
+
+#[test]
+fn grips_on_the_boundary_are_preferred_and_arms_do_not_cross() {
+    let (body, arms) = (fixture::usual(1200), fixture::arms(2));
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &Options::default()).unwrap();
+    let best = &sets[0];
+    for grip in &best.grips {
+        assert!(body.boundary[grip.vertex as usize]);
+        // The right arm takes the right grip.
+        assert!(grip.tip().x * arms[grip.arm].base.x > 0.0);
+        assert!((best.turn.local(&grip.tip()).y / best.turn.span) > 0.8);
+    }
+    assert!(sets.windows(2).all(|w| w[0].score >= w[1].score));
+    // Both long sides are there to fall back on.
+    assert!(
+        sets.iter()
+            .any(|s| s.turn.lifted.dot(&best.turn.lifted) < -0.9)
+    );
+}
+
+#[test]
+fn a_wanted_side_is_lifted() {
+    let (body, arms) = (fixture::usual(1200), fixture::arms(2));
+    for side in [
+        Vector3::x_axis(),
+        -Vector3::x_axis(),
+        Vector3::y_axis(),
+        -Vector3::y_axis(),
+    ] {
+        let options = Options {
+            lift: Some(side),
+            ..Default::default()
+        };
+        for set in plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap() {
+            assert!(set.turn.lifted.dot(&side) > 0.99);
+        }
+    }
+}
+
+#[test]
+fn weight_zero_is_the_order_of_coverage() {
+    let (body, arms) = (fixture::usual(800), fixture::arms(2));
+    let options = Options {
+        turning_weight: 0.0,
+        outline_weight: 1.0,
+        ..Default::default()
+    };
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap();
+    assert!(
+        sets.windows(2)
+            .all(|w| w[0].lifting_coverage >= w[1].lifting_coverage)
+    );
+}
+
+#[test]
+fn a_third_arm_holds_at_the_pivot_and_lets_go_early() {
+    let (body, arms) = (fixture::usual(1200), fixture::arms(3));
+    let options = PlanOptions {
+        grips: Options {
+            lift: Some(Vector3::y_axis()),
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    let plan = plan(&body.model(), &fixture::scene(&arms), &options).unwrap();
+    let support = plan
+        .grips
+        .grips
+        .iter()
+        .position(|g| g.role == Role::Support)
+        .unwrap();
+    assert_eq!(plan.grips.grips[support].arm, 2);
+    assert!(plan.grips.turn.local(&plan.grips.grips[support].tip()).y < 0.3 * plan.grips.turn.span);
+    assert!(plan.motion.arms[support].release < 0.7 * plan.motion.duration);
+    let end = plan.motion.arms[support].at(plan.motion.duration).unwrap();
+    assert!((end.translation.vector - arms[2].home.translation.vector).norm() < 1e-9);
+    assert!(plan.grips.coverage > plan.grips.lifting_coverage);
+}
+
+#[test]
+fn every_reason_for_a_rejection_occurs() {
+    let arms = fixture::arms(2);
+    let mut scene = fixture::scene(&arms);
+    let mut body = fixture::usual(1200);
+    let rim: Vec<usize> = (0..body.points.len())
+        .filter(|&v| body.boundary[v])
+        .collect();
+    body.visible[rim[0]] = false;
+    body.normals[rim[1]] = Vector3::z_axis();
+    body.points[rim[2]].z = DEPTH + 0.02;
+    body.points[rim[3]].x = 3.0;
+    // A lone point above the middle of the way of a tool.
+    let options = Options {
+        source: CandidateSource::Boundary,
+        max_candidates: 60,
+        ..Default::default()
+    };
+    let tool = candidates(&body.model(), &scene, &options)
+        .unwrap()
+        .accepted[5]
+        .clone();
+    body.points[0] = tool.tip - tool.approach.as_ref() * 0.03;
+    let found = candidates(&body.model(), &scene, &options).unwrap();
+    let reason = |v: usize| found.rejected.iter().find(|r| r.0 == v as u32).map(|r| r.1);
+    assert_eq!(reason(rim[0]), Some(Reason::Hidden));
+    assert!(matches!(reason(rim[1]), Some(Reason::FacesTable { .. })));
+    assert!(matches!(reason(rim[2]), Some(Reason::TooLow { .. })));
+    assert_eq!(reason(rim[3]), Some(Reason::OutOfReach));
+    assert!(
+        found
+            .rejected
+            .iter()
+            .any(|r| r.1 == Reason::Blocked { by: 0 })
+    );
+    scene.jaw_separation = 0.01;
+    let few = candidates(
+        &body.model(),
+        &scene,
+        &Options {
+            max_candidates: 4,
+            ..options
+        },
+    )
+    .unwrap();
+    assert_eq!(few.accepted.len(), 4);
+    assert!(few.rejected.iter().any(|r| r.1 == Reason::Thinned));
+    let boundary = body.boundary.iter().filter(|b| **b).count();
+    assert_eq!(found.accepted.len() + found.rejected.len(), boundary);
+}
+
+#[test]
+fn candidates_come_against_the_normal_and_never_from_below() {
+    let (body, arms) = (fixture::usual(1200), fixture::arms(2));
+    let scene = fixture::scene(&arms);
+    let options = Options::default();
+    for c in candidates(&body.model(), &scene, &options)
+        .unwrap()
+        .accepted
+    {
+        let pose = c.camera_from_tip();
+        let (y, z) = (pose.rotation * Vector3::y(), pose.rotation * Vector3::z());
+        assert!(
+            (z - c.approach.into_inner()).norm() < 1e-9 && (y - c.roll.into_inner()).norm() < 1e-9
+        );
+        assert!(z.dot(&body.normals[c.vertex as usize]) < 0.0);
+        assert!(-z.dot(&scene.table.normal) >= options.min_elevation.sin() - 1e-9);
+        for jaw in [-1.0, 1.0] {
+            assert!(
+                scene
+                    .table
+                    .height(&(pose * Point3::new(0.0, jaw * scene.jaw_radius, 0.0)))
+                    >= 0.0
+            );
+        }
+    }
+}
+
+#[test]
+fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
+    let arms = fixture::arms(2);
+    let mut body = fixture::usual(1200);
+    for v in 0..body.points.len() {
+        if body.boundary[v] {
+            body.visible[v] = false;
+        }
+    }
+    let scene = fixture::scene(&arms);
+    assert!(plan(&body.model(), &scene, &PlanOptions::default()).is_ok());
+    let strict = PlanOptions {
+        grips: Options {
+            source: CandidateSource::Boundary,
+            ..Default::default()
+        },
+        ..Default::default()
+    };
+    assert!(matches!(
+        plan(&body.model(), &scene, &strict),
+        Err(Error::NoGrips { accepted: 0 })
+    ));
+}
+
+#[test]
+fn motions_that_cannot_be_done_are_refused_with_the_reason() {
+    let body = fixture::usual(1200);
+    // A workspace that ends just above the body.
+    let low: Vec<Arm> = fixture::arms(2)
+        .into_iter()
+        .map(|a| Arm {
+            workspace: Workspace::Box {
+                camera_from_box: Isometry3::translation(0.0, 0.0, DEPTH),
+                half_extents: Vector3::new(0.5, 0.5, 0.08),
+            },
+            ..a
+        })
+        .collect();
+    let Err(Error::AllRefused { refused }) = plan(
+        &body.model(),
+        &fixture::scene(&low),
+        &PlanOptions::default(),
+    ) else {
+        panic!("a motion out of the workspace was planned")
+    };
+    assert!(
+        refused
+            .iter()
+            .all(|r| matches!(r.reason, Refusal::OutOfWorkspace { .. }))
+    );
+    // Arms that come from the same place.
+    let mut near = fixture::arms(2);
+    near[1].base = near[0].base + Vector3::new(0.0, 0.004, 0.0);
+    let Err(Error::AllRefused { refused }) = plan(
+        &body.model(),
+        &fixture::scene(&near),
+        &PlanOptions::default(),
+    ) else {
+        panic!("two arms in one place were planned")
+    };
+    assert!(
+        refused
+            .iter()
+            .all(|r| matches!(r.reason, Refusal::ArmsCollide { .. }))
+    );
+}
+
+#[test]
+fn workspaces_hold_what_they_say() {
+    let at = |x: f64, y: f64, z: f64| {
+        Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::identity())
+    };
+    let sector = Workspace::SphereSector {
+        apex: Point3::origin(),
+        axis: Vector3::z_axis(),
+        half_angle: 0.5,
+        radii: [0.1, 0.2],
+    };
+    assert!(sector.contains(&at(0.0, 0.0, 0.15)) && sector.contains(&at(0.07, 0.0, 0.15)));
+    assert!(
+        !sector.contains(&at(0.0, 0.0, 0.05))
+            && !sector.contains(&at(0.1, 0.0, 0.1))
+            && !sector.contains(&at(0.0, 0.0, -0.15))
+    );
+    let upright = Workspace::Custom(Arc::new(|pose: &Isometry3<f64>| {
+        (pose.rotation * Vector3::z()).z > 0.9
+    }));
+    assert!(
+        upright.contains(&at(9.0, 0.0, 0.0))
+            && !upright.contains(&Isometry3::rotation(Vector3::x() * 2.0))
+    );
+}
+
+#[test]
+fn bad_input_is_named() {
+    let arms = fixture::arms(2);
+    let good = fixture::usual(400);
+    let scene = fixture::scene(&arms);
+    let run = |body: &Body| plan(&body.model(), &scene, &PlanOptions::default()).map(|_| ());
+    let mut b = good.clone();
+    b.points[7].x = f64::NAN;
+    assert!(matches!(
+        run(&b),
+        Err(Error::NonFinitePoint { index: 7, .. })
+    ));
+    let mut b = good.clone();
+    b.areas[3] = -1.0;
+    assert!(matches!(run(&b), Err(Error::BadArea { index: 3, .. })));
+    let mut b = good.clone();
+    b.edges[2] = [0, 4000];
+    assert!(matches!(run(&b), Err(Error::BadEdge { index: 2, .. })));
+    let mut b = good.clone();
+    b.visible.pop();
+    assert!(matches!(run(&b), Err(Error::LengthMismatch { .. })));
+    let mut b = good.clone();
+    b.normals[5] = UnitVector3::new_unchecked(Vector3::new(f64::NAN, 0.0, 0.0));
+    assert!(matches!(run(&b), Err(Error::NonFiniteNormal { index: 5 })));
+    let mut b = good.clone();
+    b.areas.fill(0.0);
+    assert!(matches!(run(&b), Err(Error::NoTarget { .. })));
+    let one = fixture::arms(1);
+    let alone = plan(
+        &good.model(),
+        &fixture::scene(&one),
+        &PlanOptions::default(),
+    );
+    assert!(matches!(alone, Err(Error::TooFewArms { count: 1 })));
+    let turn = TurnOptions {
+        speed: -1.0,
+        ..Default::default()
+    };
+    let slow = plan(
+        &good.model(),
+        &scene,
+        &PlanOptions {
+            turn,
+            ..Default::default()
+        },
+    );
+    assert!(matches!(slow, Err(Error::BadSetting { name: "speed", .. })));
+}
+
+#[test]
+fn degenerate_bodies_are_errors_and_not_panics() {
+    let arms = fixture::arms(3);
+    let scene = fixture::scene(&arms);
+    let of = |points: Vec<Point3<f64>>| {
+        let n = points.len();
+        let edges = (1..n as u32).map(|v| [v - 1, v]).collect();
+        Body {
+            points,
+            normals: vec![-Vector3::z_axis(); n],
+            areas: vec![1e-4; n],
+            edges,
+            boundary: vec![true; n],
+            visible: vec![true; n],
+        }
+    };
+    let shapes = [
+        vec![Point3::new(0.0, 0.0, 0.48)],
+        vec![Point3::new(0.0, 0.0, 0.48); 30],
+        (0..30)
+            .map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.48))
+            .collect(),
+        (0..900)
+            .map(|k| Point3::new(0.005 * f64::from(k % 30), 0.005 * f64::from(k / 30), DEPTH))
+            .collect(),
+    ];
+    for points in shapes {
+        let body = of(points);
+        // Whatever comes out, it comes out as a value.
+        let _ = plan(&body.model(), &scene, &PlanOptions::default());
+    }
+}
+
+/// Plans take a few milliseconds: fewer cases than usual, unless more are asked for.
+fn cases(usual: u32) -> u32 {
+    std::env::var("PROPTEST_CASES")
+        .ok()
+        .and_then(|c| c.parse().ok())
+        .unwrap_or(usual)
+}
