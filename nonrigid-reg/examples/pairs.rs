@@ -29,6 +29,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     folders.sort();
     let mut registrar = Registrar::new(options);
     let mut core = Vec::new();
+    let mut groups = vec![("M20", Vec::new()), ("occluded", Vec::new()), ("static", Vec::new())];
     println!("{:24} {:>6} {:>6} {:>6} {:>7} {:>5} {:>6} {:>5} status", "pair", "mean", "p95", "static", "overlap", "rms", "ms", "nodes");
     for path in folders {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -71,13 +72,21 @@ fn main() -> Result<(), Box<dyn Error>> {
         if name.ends_with("_M5") {
             core.push((mean, p95, fastest));
         }
+        for (group, means) in &mut groups {
+            if name.contains(*group) {
+                means.push(mean);
+            }
+        }
         println!(
-            "{name:24} {mean:6.3} {p95:6.3} {still:6.3} {:7.3} {:5.2} {fastest:6.1} {:5} {:?}",
-            result.overlap, result.residual_rms * 1e3, result.node_positions.len(), result.status
+            "{name:24} {mean:6.3} {p95:6.3} {still:6.3} {:7.3} {:5.2} {fastest:6.1} {:5} {:2} {:?}",
+            result.overlap, result.residual_rms * 1e3, result.node_positions.len(), result.iterations, result.status
         );
     }
     let count = core.len() as f64;
     let mean = |f: fn(&(f64, f64, f64)) -> f64| core.iter().map(f).sum::<f64>() / count;
+    for (group, means) in &groups {
+        print!("{group} {:.3} ", means.iter().sum::<f64>() / means.len() as f64);
+    }
     println!("core {} mean {:.3} p95 {:.3} ms {:.1}", core.len(), mean(|c| c.0), mean(|c| c.1), mean(|c| c.2));
     Ok(())
 }
@@ -99,6 +108,7 @@ fn set(options: &mut Options, setting: &str) -> Result<(), Box<dyn Error>> {
         "cosine" => options.normal_cosine = value,
         "rim" => options.boundary_weight = value,
         "angle" => options.boundary_angle = value.to_radians(),
+        "tolerance" => options.tolerance = value,
         "iterations" => options.iterations = value as usize,
         "feature_sigma" => options.feature_sigma = value,
         _ => return Err(format!("no setting {name}").into()),

@@ -6,17 +6,19 @@ use crate::error::{Error, check_range};
 /// ```
 /// use nonrigid_reg::Options;
 /// let coarse = Options { node_spacing: 0.02, ..Options::default() };
-/// assert_eq!(coarse.gates.len(), coarse.iterations);
+/// assert!(coarse.gates.len() <= coarse.iterations);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Spacing `r` of the deformation nodes, in m. Cost grows with its inverse to the sixth.
     pub node_spacing: f64,
-    /// Most Gauss–Newton iterations.
+    /// Most Gauss–Newton iterations. Every gate is used once; small motions need no more than that, large ones do.
     pub iterations: usize,
-    /// Distance beyond which a match counts nothing, in m, per iteration; the last stays.
+    /// Distance beyond which a match counts nothing, in m, per iteration; the last stays. The first bounds the motion that
+    /// can be found without landmarks, the last the residual of a match.
     pub gates: Vec<f64>,
-    /// Stop once no node moves more than this in an iteration with the last gate, in m.
+    /// Stop once no node moves more than this in an iteration with the last gate, in m. Below the noise, because matches
+    /// keep changing at that level without getting better.
     pub tolerance: f64,
     /// `λ_b`: how strongly neighbours must agree with each other's gradient; no unit.
     pub bending: f64,
@@ -46,14 +48,14 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             node_spacing: 0.014,
-            iterations: 5,
-            gates: vec![0.020, 0.015, 0.010, 0.007, 0.005],
-            tolerance: 1e-5,
-            bending: 2.5,
+            iterations: 8,
+            gates: vec![0.020, 0.014, 0.009, 0.006],
+            tolerance: 2e-4,
+            bending: 1.2,
             strain: 0.025,
-            tangential: 0.005,
+            tangential: 0.01,
             normal_cosine: 0.5,
-            boundary_weight: 0.05,
+            boundary_weight: 0.1,
             boundary_angle: 130_f64.to_radians(),
             point_sigma: 0.001,
             landmark_weight: 1e4,
