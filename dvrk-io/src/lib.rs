@@ -1,4 +1,4 @@
-//! dVRK input and output: sessions of ROS 2 messages in MCAP, RGB-D depth images to segmented clouds
+#![doc = include_str!("../README.md")]
 
 pub mod cdr;
 pub mod depth;
@@ -7,4 +7,5 @@ mod psm;
 pub mod session;
 
 pub use error::Error;
+pub use nalgebra;
 pub use psm::Psm;

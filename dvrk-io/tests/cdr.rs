@@ -1,5 +1,10 @@
 //! CDR against bytes that another implementation wrote, against itself, and against nonsense.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "tests; copied values must be the same bits"
+)]
 
 use dvrk_io::Error;
 use dvrk_io::cdr::{

@@ -1,5 +1,10 @@
 //! Depth images of scenes whose every surface is a formula.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "tests; copied values must be the same bits"
+)]
 
 use dvrk_io::Error;
 use dvrk_io::depth::{

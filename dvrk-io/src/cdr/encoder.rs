@@ -61,7 +61,9 @@ impl Encoder {
 
     /// A fixed array of doubles: no length goes before it.
     pub fn f64_array(&mut self, values: &[f64]) {
-        values.iter().for_each(|&value| self.f64(value));
+        for &value in values {
+            self.f64(value);
+        }
     }
 
     fn length(&mut self, field: &'static str, length: usize) -> Result<(), Error> {

@@ -245,7 +245,7 @@ fn candidates(
         }
         let is_table = settings
             .table
-            .is_some_and(|table| height(table, &point) <= settings.table_clearance);
+            .is_some_and(|table| height_above(table, &point) <= settings.table_clearance);
         removed.table += usize::from(is_table);
         !is_table
     };
@@ -255,6 +255,6 @@ fn candidates(
         .collect()
 }
 
-fn height((normal, offset): (UnitVector3<f64>, f64), point: &Point3<f64>) -> f64 {
+fn height_above((normal, offset): (UnitVector3<f64>, f64), point: &Point3<f64>) -> f64 {
     normal.dot(&point.coords) + offset
 }

@@ -1,6 +1,6 @@
 //! From a file to frames: decode each topic, sort by stamp, give every cloud the arm samples next to it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
@@ -80,7 +80,7 @@ impl SessionReader {
         let records = record::read(file)?;
         let mut contents = Contents::default();
         for (topic, messages) in messages_by_topic(&records)? {
-            contents.add(topic, &messages)?;
+            contents.add(&topic, &messages)?;
         }
         contents.check_frames()?;
         Ok(self.assemble(contents, &records))
@@ -170,64 +170,85 @@ struct Contents {
     table: Option<(UnitVector3<f64>, f64)>,
     arms: BTreeMap<String, Arm>,
     camera_frame: String,
-    /// Frame of each topic with poses.
-    pose_frames: Vec<(String, String)>,
+    /// Topics and the frames their messages are in.
+    frames: BTreeSet<(String, String)>,
 }
 
 impl Contents {
-    fn add(&mut self, topic: Topic, messages: &[RawMessage<'_>]) -> Result<(), Error> {
-        match &topic {
-            Topic::Truth => {}
-            Topic::Table => {
-                let planes = decode_all(&topic, messages, |time, plane: Plane| {
-                    Ok(Some((time, plane.normalized()?)))
-                })?;
-                self.table = planes.into_iter().next().map(|(_, plane)| plane);
-            }
-            Topic::Points => {
-                self.clouds = decode_all(&topic, messages, |_, cloud: PointCloud2| {
-                    let mut points = cloud.points()?;
-                    points.retain(|point| is_finite(point) && *point != Point3::origin());
-                    self.camera_frame = cloud.header.frame_id;
-                    Ok(Some((cloud.header.stamp.nanoseconds(), points)))
-                })?;
-            }
-            Topic::Pose(arm) => {
-                let mut frame = String::new();
-                let poses = decode_all(&topic, messages, |time, pose: PoseStamped| {
-                    let Some(stamp) = valid_stamp(&pose.header, time) else {
-                        return Ok(None);
-                    };
-                    let isometry = pose.pose.isometry()?;
-                    frame = pose.header.frame_id;
-                    Ok(Some((stamp, isometry)))
-                })?;
-                self.pose_frames.push((topic.name(), frame));
-                self.arms.entry(arm.clone()).or_default().poses = poses;
-            }
-            Topic::Jaw(arm) => {
-                let jaws = decode_all(&topic, messages, |time, jaw: JointState| {
-                    let stamp = valid_stamp(&jaw.header, time);
-                    let angle = jaw
-                        .position
-                        .first()
-                        .copied()
-                        .filter(|angle| angle.is_finite());
-                    Ok(stamp.zip(angle))
-                })?;
-                self.arms.entry(arm.clone()).or_default().jaws = jaws;
-            }
+    fn add(&mut self, topic: &Topic, messages: &[RawMessage<'_>]) -> Result<(), Error> {
+        match topic {
+            Topic::Truth => Ok(()),
+            Topic::Points => self.add_clouds(topic, messages),
+            Topic::Table => self.add_table(topic, messages),
+            Topic::Pose(arm) => self.add_poses(topic, arm, messages),
+            Topic::Jaw(arm) => self.add_jaws(topic, arm, messages),
         }
+    }
+
+    fn add_clouds(&mut self, topic: &Topic, messages: &[RawMessage<'_>]) -> Result<(), Error> {
+        self.clouds = decode_all(topic, messages, |_, cloud: PointCloud2| {
+            let mut points = cloud.points()?;
+            points.retain(|point| is_finite(point) && *point != Point3::origin());
+            let Header { stamp, frame_id } = cloud.header;
+            if self.camera_frame.is_empty() {
+                self.camera_frame.clone_from(&frame_id);
+            }
+            self.frames.insert((topic.name(), frame_id));
+            Ok(Some((stamp.nanoseconds(), points)))
+        })?;
+        Ok(())
+    }
+
+    fn add_table(&mut self, topic: &Topic, messages: &[RawMessage<'_>]) -> Result<(), Error> {
+        let planes = decode_all(topic, messages, |time, plane: Plane| {
+            Ok(Some((time, plane.normalized()?)))
+        })?;
+        self.table = planes.into_iter().next().map(|(_, plane)| plane);
+        Ok(())
+    }
+
+    fn add_poses(
+        &mut self,
+        topic: &Topic,
+        arm: &str,
+        messages: &[RawMessage<'_>],
+    ) -> Result<(), Error> {
+        let poses = decode_all(topic, messages, |time, pose: PoseStamped| {
+            let Some(stamp) = valid_stamp(&pose.header, time) else {
+                return Ok(None);
+            };
+            let isometry = pose.pose.isometry()?;
+            self.frames.insert((topic.name(), pose.header.frame_id));
+            Ok(Some((stamp, isometry)))
+        })?;
+        self.arms.entry(arm.to_owned()).or_default().poses = poses;
+        Ok(())
+    }
+
+    /// A jaw state without a position says nothing and is left out.
+    fn add_jaws(
+        &mut self,
+        topic: &Topic,
+        arm: &str,
+        messages: &[RawMessage<'_>],
+    ) -> Result<(), Error> {
+        let jaws = decode_all(topic, messages, |time, jaw: JointState| {
+            let angle = jaw
+                .position
+                .first()
+                .copied()
+                .filter(|angle| angle.is_finite());
+            Ok(valid_stamp(&jaw.header, time).zip(angle))
+        })?;
+        self.arms.entry(arm.to_owned()).or_default().jaws = jaws;
         Ok(())
     }
 
     /// Poses in another frame than the clouds would be grips in the wrong place. An empty name says nothing.
     fn check_frames(&self) -> Result<(), Error> {
         let expected = &self.camera_frame;
-        let wrong = |(_, found): &&(String, String)| {
-            !found.is_empty() && !expected.is_empty() && found != expected
-        };
-        match self.pose_frames.iter().find(wrong) {
+        let is_wrong = |found: &str| !found.is_empty() && !expected.is_empty() && found != expected;
+        match self.frames.iter().find(|(_, found)| is_wrong(found)) {
             Some((topic, found)) => Err(Error::FrameMismatch {
                 topic: topic.clone(),
                 found: found.clone(),

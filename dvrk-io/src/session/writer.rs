@@ -102,7 +102,7 @@ impl SessionWriter {
             coef: [normal.x, normal.y, normal.z, offset],
         };
         plane.normalized()?;
-        self.write(Topic::Table, Time::from_seconds(stamp)?, &plane)
+        self.write(&Topic::Table, Time::from_seconds(stamp)?, &plane)
     }
 
     /// The segmented cloud of the object. Everything recorded before goes to the file now.
@@ -112,7 +112,7 @@ impl SessionWriter {
     pub fn points(&mut self, stamp: f64, points: &[Point3<f64>]) -> Result<(), Error> {
         let cloud = PointCloud2::from_points(header(stamp)?, points)?;
         self.flush()?;
-        self.write(Topic::Points, cloud.header.stamp, &cloud)
+        self.write(&Topic::Points, cloud.header.stamp, &cloud)
     }
 
     /// Tip pose of an arm.
@@ -131,7 +131,7 @@ impl SessionWriter {
             pose: camera_from_tip.into(),
         };
         pose.pose.isometry()?;
-        self.write(Topic::Pose(arm.to_owned()), pose.header.stamp, &pose)
+        self.write(&Topic::Pose(arm.to_owned()), pose.header.stamp, &pose)
     }
 
     /// Opening of the jaw of an arm in radians, 0 = closed.
@@ -154,7 +154,7 @@ impl SessionWriter {
             position,
             ..JointState::default()
         };
-        self.write(Topic::Jaw(arm.to_owned()), joints.header.stamp, &joints)
+        self.write(&Topic::Jaw(arm.to_owned()), joints.header.stamp, &joints)
     }
 
     /// Where the material points truly are: always all of them, always in the same order.
@@ -163,7 +163,7 @@ impl SessionWriter {
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
     pub fn truth(&mut self, stamp: f64, points: &[Point3<f64>]) -> Result<(), Error> {
         let cloud = PointCloud2::from_points(header(stamp)?, points)?;
-        self.write(Topic::Truth, cloud.header.stamp, &cloud)
+        self.write(&Topic::Truth, cloud.header.stamp, &cloud)
     }
 
     /// Hands everything recorded so far to the operating system: it survives the process from here on.
@@ -206,7 +206,7 @@ impl SessionWriter {
         file.sync_all().map_err(io_error)
     }
 
-    fn write<M: Message>(&mut self, topic: Topic, stamp: Time, message: &M) -> Result<(), Error> {
+    fn write<M: Message>(&mut self, topic: &Topic, stamp: Time, message: &M) -> Result<(), Error> {
         let data = cdr::encode(message, Endian::Little)?;
         let time = stamp.nanoseconds();
         self.append(&topic.name(), M::TYPE, time, &data)

@@ -1,0 +1,108 @@
+//! Throughput of what runs for every frame: decoding a cloud, reading a session, segmenting an image.
+#![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
+
+use std::hint::black_box;
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
+use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Segmentation, segment};
+use dvrk_io::session::{SessionReader, SessionWriter};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+fn points(count: usize) -> Vec<Point3<f64>> {
+    let at = |index: usize| index as f64 / count as f64;
+    (0..count)
+        .map(|index| Point3::new(at(index), -at(index), 0.5))
+        .collect()
+}
+
+fn clouds(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("decode cloud");
+    for count in [1_000, 30_000, 300_000] {
+        let cloud = PointCloud2::from_points(Header::default(), &points(count)).unwrap();
+        let bytes = cdr::encode(&cloud, Endian::Little).unwrap();
+        group.throughput(Throughput::Elements(count as u64));
+        group.bench_with_input(
+            BenchmarkId::from_parameter(count),
+            &bytes,
+            |bencher, bytes| {
+                bencher.iter(|| {
+                    cdr::decode::<PointCloud2>(black_box(bytes))
+                        .unwrap()
+                        .points()
+                        .unwrap()
+                });
+            },
+        );
+    }
+    group.finish();
+}
+
+fn sessions(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("read session of 1000-point frames");
+    for frames in [10_u32, 100, 1_000] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let mut writer = SessionWriter::create(&path).unwrap();
+        for frame in 0..frames {
+            let stamp = f64::from(frame) * 0.1;
+            writer.points(stamp, &points(1_000)).unwrap();
+            writer.pose(stamp, "PSM1", &Isometry3::identity()).unwrap();
+        }
+        writer.finish().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        group.throughput(Throughput::Elements(u64::from(frames)));
+        group.bench_with_input(
+            BenchmarkId::from_parameter(frames),
+            &bytes,
+            |bencher, bytes| {
+                bencher.iter(|| {
+                    SessionReader::default()
+                        .read_bytes(black_box(bytes))
+                        .unwrap()
+                });
+            },
+        );
+    }
+    group.finish();
+}
+
+fn images(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("segment image, 3 arms of 4 capsules");
+    for (width, height) in [(160, 120), (640, 480), (1280, 720)] {
+        let camera = Intrinsics::new(
+            width,
+            height,
+            [width as f64; 2],
+            [width as f64 / 2.0, height as f64 / 2.0],
+        );
+        // A third of the image is a box on the table.
+        let is_box = |pixel: usize| (width / 3..2 * width / 3).contains(&(pixel % width));
+        let depths: Vec<f32> = (0..width * height)
+            .map(|pixel| if is_box(pixel) { 0.45 } else { 0.5 })
+            .collect();
+        let image = DepthImage::from_metres(width, height, &depths).unwrap();
+        let link = |index: i32| {
+            let x = f64::from(index) * 0.02;
+            Capsule {
+                start: Point3::new(x, 0.0, 0.1),
+                end: Point3::new(x, 0.1, 0.45),
+                radius: 0.005,
+            }
+        };
+        let arms: Vec<_> = (-6..6).map(link).collect();
+        let settings = Segmentation::default().with_table(-Vector3::z_axis(), 0.5);
+        group.throughput(Throughput::Elements((width * height) as u64));
+        group.bench_function(
+            BenchmarkId::from_parameter(format!("{width}x{height}")),
+            |bencher| {
+                let camera = camera.as_ref().unwrap();
+                bencher.iter(|| segment(black_box(&image), camera, &arms, &settings).unwrap());
+            },
+        );
+    }
+    group.finish();
+}
+
+criterion_group!(benches, clouds, sessions, images);
+criterion_main!(benches);
