@@ -21,12 +21,12 @@ fn bench(c: &mut Criterion) {
         let options = PlanOptions::default();
         group.throughput(Throughput::Elements(model.points.len() as u64));
         group.bench_function(BenchmarkId::new("whole", count), |b| {
-            b.iter(|| plan(&model, &scene, &options).unwrap())
+            b.iter(|| plan(&model, &scene, &options).unwrap());
         });
         let found = candidates(&model, &scene, &Options::default()).unwrap();
         let vertices: Vec<u32> = found.accepted.iter().map(|c| c.vertex).collect();
         group.bench_function(BenchmarkId::new("candidates", count), |b| {
-            b.iter(|| candidates(&model, &scene, &Options::default()))
+            b.iter(|| candidates(&model, &scene, &Options::default()));
         });
         group.bench_function(BenchmarkId::new("coverage", count), |b| {
             b.iter(|| Coverage::new(&model, &scene.table, &vertices, &CoverageOptions::default()));
@@ -34,13 +34,13 @@ fn bench(c: &mut Criterion) {
         let coverage =
             Coverage::new(&model, &scene.table, &vertices, &CoverageOptions::default()).unwrap();
         group.bench_function(BenchmarkId::new("all pairs", count), |b| {
-            b.iter(|| coverage.pairs().map(|p| p.1).sum::<f64>())
+            b.iter(|| coverage.pairs().map(|p| p.1).sum::<f64>());
         });
         group.bench_function(BenchmarkId::new("best triple", count), |b| {
-            b.iter(|| coverage.best_triple())
+            b.iter(|| coverage.best_triple());
         });
         group.bench_function(BenchmarkId::new("agent box", count), |b| {
-            b.iter(|| agent_box(model.points, &scene.table))
+            b.iter(|| agent_box(model.points, &scene.table));
         });
         let sets = plan_grips(&model, &scene, &Options::default()).unwrap();
         group.bench_function(BenchmarkId::new("turn over", count), |b| {

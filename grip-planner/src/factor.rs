@@ -8,6 +8,7 @@
 //! costs about as much as the factorisation (Erisman and Tinney 1975). That is what makes `tr(S K⁻¹)` exact and cheap.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::simplicial::SymbolicSimplicialCholesky;
 use faer::sparse::linalg::cholesky::{
@@ -15,7 +16,7 @@ use faer::sparse::linalg::cholesky::{
     factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMat, Triplet};
-use faer::{Conj, MatMut, Par, Side};
+use faer::{Conj, MatMut, Par, Side, Spec};
 
 use crate::Error;
 
@@ -44,17 +45,17 @@ impl Factor {
         .map_err(|_| Error::NotPositiveDefinite)?;
         let mut values = vec![0.0; symbolic.len_val()];
         let mut memory = MemBuffer::new(
-            symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Default::default()),
+            symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, Spec::default()),
         );
         symbolic
             .factorize_numeric_llt(
                 &mut values,
                 matrix.as_ref(),
                 Side::Lower,
-                Default::default(),
+                LltRegularization::default(),
                 Par::Seq,
                 MemStack::new(&mut memory),
-                Default::default(),
+                Spec::default(),
             )
             .map_err(|_| Error::NotPositiveDefinite)?;
         Ok(Self { symbolic, values })

@@ -77,6 +77,7 @@ pub struct GripSet {
 
 impl GripSet {
     /// The same set without its supporting grip.
+    #[must_use]
     pub fn without_support(&self) -> Self {
         let mut set = self.clone();
         set.grips.retain(|g| g.role == Role::Lift);

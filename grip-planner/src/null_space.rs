@@ -237,7 +237,9 @@ impl Coverage {
                 continue;
             }
             let scale = 1.0 / left.sqrt();
-            w.iter_mut().for_each(|x| *x *= scale);
+            for x in w.iter_mut() {
+                *x *= scale;
+            }
             sum += self.commanded_by(columns, w, j).max(0.0);
         }
         (sum / self.total).clamp(0.0, 1.0)

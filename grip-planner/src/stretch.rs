@@ -143,7 +143,8 @@ impl Mouth {
             .sum();
         let eigen = SymmetricEigen::new(scatter);
         let longest = eigen.eigenvalues.imax();
-        if eigen.eigenvalues[longest] <= 0.0 {
+        // Shorter than a nanometre is rounding, not a loop.
+        if eigen.eigenvalues[longest] <= 1e-18 {
             return Err(flat);
         }
         let long = eigen.eigenvectors.column(longest).into_owned();

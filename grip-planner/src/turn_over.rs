@@ -240,6 +240,7 @@ impl<'a> Arc<'a> {
         }
     }
 
+    #[allow(clippy::cast_sign_loss, reason = "at least 2")]
     fn angles(&self) -> Vec<f64> {
         let count = (self.end / self.options.step).ceil().max(2.0) as usize;
         (0..=count)
