@@ -89,6 +89,7 @@ impl Turn {
         let pivot = grip_mid - up * height - side * (half_short * std::env::var("RADIUS").map_or(Ok(1.0), |s| s.parse::<f64>())?);
         let starts: Vec<Isometry3<f64>> = cell.observe()?.arms.iter().map(|a| a.camera_from_tip).collect();
         let axis = nalgebra::Unit::new_normalize(side.cross(&up));
+        let cap: f64 = std::env::var("CAP").map_or(Ok(140.0), |s| s.parse::<f64>())?.to_radians();
         let radius = (grip_mid - pivot).norm();
         let steps = 60;
         for k in 1..=steps {
@@ -101,7 +102,7 @@ impl Turn {
                 let mut to = pivot + turn * offset - side * (pull * s);
                 let h = table.height(&to);
                 if h < 0.006 { to += up * (0.006 - h); }
-                let pose = Isometry3::from_parts(Translation3::from(to.coords), UnitQuaternion::from(turn) * start.rotation);
+                let pose = Isometry3::from_parts(Translation3::from(to.coords), UnitQuaternion::from_axis_angle(&axis, angle.min(cap)) * start.rotation);
                 cell.move_arm(arm, pose, speed)?;
             }
             self.wait(cell, truth)?;

@@ -155,7 +155,10 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embeddi
 fn builder(mesh: &TetMesh, material: &Material, fidelity: &Fidelity) -> SoftBodyBuilder {
     let mut masses = vec![0.0; mesh.nodes.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
-        tet.iter().for_each(|&v| masses[v] += 0.25 * material.density * mesh.volume(t));
+        let share = 0.25 * material.density * mesh.volume(t);
+        for &v in tet {
+            masses[v] += share;
+        }
     }
     let engine_material = SoftBodyMaterial {
         young_modulus: (material.young / DM) as f32,

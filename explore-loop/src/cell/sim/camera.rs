@@ -117,12 +117,6 @@ impl DepthCamera {
         let c = &self.options;
         Vector3::new((u as f64 + 0.5 - 0.5 * c.width as f64) / c.focal, (v as f64 + 0.5 - 0.5 * c.height as f64) / c.focal, 1.0)
     }
-
-    /// Depth and thing of every pixel, row by row; depth is infinite where nothing is.
-    #[cfg(test)]
-    pub fn image(&self) -> (Vec<f64>, Vec<Thing>) {
-        (self.inverse_depth.iter().map(|d| 1.0 / d).collect(), self.thing.clone())
-    }
 }
 
 /// A standard normal number (Box and Muller).
@@ -172,6 +166,5 @@ pub(super) fn gripper(camera_from_tip: &Isometry3<f64>, opening: f64) -> (Vec<Po
         }
         triangles.extend([[first + 4, first + 5, first + 6], [first + 4, first + 6, first + 7]]);
     }
-    vertices.iter_mut().for_each(|p| *p = camera_from_tip * *p);
-    (vertices, triangles)
+    (vertices.iter().map(|p| camera_from_tip * p).collect(), triangles)
 }

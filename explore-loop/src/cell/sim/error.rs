@@ -1,5 +1,7 @@
 //! What can be wrong with a simulated cell before it starts.
 
+use std::path::PathBuf;
+
 use nalgebra::Point3;
 
 /// Why a simulated cell could not be made.
@@ -76,6 +78,24 @@ pub enum SimError {
         cell: f64,
         /// Largest distance of a surface vertex from the tetrahedra, metres.
         gap: f64,
+    },
+    /// A file cannot be read, or is of no known format.
+    #[error("cannot read {}: {reason}", path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// A file is not what its format asks for.
+    #[error("{format} file, {place}: {reason}")]
+    BadFile {
+        /// Name of the format.
+        format: &'static str,
+        /// Line, value or byte.
+        place: String,
+        /// What is wrong there.
+        reason: String,
     },
     /// There is no built-in scene of that name.
     #[error("there is no scene {name:?}: choose one of {known}")]

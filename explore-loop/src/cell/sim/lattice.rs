@@ -23,6 +23,9 @@ use super::mesh::root;
 const WARP_LONG: f64 = 0.249_99;
 const WARP_SHORT: f64 = 0.411_89;
 
+/// Two lattice points, the lower index first.
+type Edge = (usize, usize);
+
 /// Nodes and tetrahedra.
 #[derive(Debug, Clone, Default)]
 pub(super) struct TetMesh {
@@ -38,7 +41,7 @@ impl TetMesh {
     }
 }
 
-/// Six times the signed volume would do for a sign; this is the volume.
+/// Volume of a tetrahedron, positive when `a`, `b`, `c` are counter-clockwise seen from `d`.
 pub(super) fn signed_volume([a, b, c, d]: [Point3<f64>; 4]) -> f64 {
     (b - a).dot(&(c - a).cross(&(d - a))) / 6.0
 }
@@ -119,7 +122,7 @@ impl Lattice {
     }
 
     /// Every edge once, lower index first, with whether it runs along an axis.
-    fn edges(&self) -> BTreeMap<(usize, usize), bool> {
+    fn edges(&self) -> BTreeMap<Edge, bool> {
         let half = self.size.iter().product::<usize>();
         let mut edges = BTreeMap::new();
         for tet in self.tets() {
@@ -139,7 +142,7 @@ struct Stuffing {
     points: Vec<Point3<f64>>,
     phi: Vec<f64>,
     /// Cut point of each cut edge (lower index first), as an index into `points`.
-    cuts: BTreeMap<(usize, usize), usize>,
+    cuts: BTreeMap<Edge, usize>,
 }
 
 impl Stuffing {
@@ -156,7 +159,7 @@ impl Stuffing {
 
     /// Moves lattice points onto cut points that are too near; cut points of edges that are no longer cut go.
     fn warp(&mut self, lattice: &Lattice) {
-        let mut around: HashMap<usize, Vec<((usize, usize), f64)>> = HashMap::new();
+        let mut around: HashMap<usize, Vec<(Edge, f64)>> = HashMap::new();
         for (key, long) in lattice.edges().into_iter().filter(|(key, _)| self.cuts.contains_key(key)) {
             let limit = if long { WARP_LONG } else { WARP_SHORT };
             let length = (self.points[key.0] - self.points[key.1]).norm();
@@ -167,7 +170,7 @@ impl Stuffing {
         let lattice_points = 2 * lattice.size.iter().product::<usize>();
         for v in 0..lattice_points {
             let Some(edges) = around.get(&v) else { continue };
-            let distance = |key: &(usize, usize)| self.cuts.get(key).map(|&c| (self.points[c] - self.points[v]).norm());
+            let distance = |key: &Edge| self.cuts.get(key).map(|&c| (self.points[c] - self.points[v]).norm());
             let nearest = edges
                 .iter()
                 .filter_map(|(key, limit)| distance(key).filter(|d| d < limit).map(|d| (key, d)))

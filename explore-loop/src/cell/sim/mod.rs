@@ -29,6 +29,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+// Grid coordinates are clamped to be non-negative before they become indices.
+#![allow(clippy::cast_sign_loss)]
+
 mod body;
 mod camera;
 mod embedding;

@@ -1,11 +1,14 @@
 //! What lies on the table.
 
+use std::path::Path;
+
 use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::SimError;
 use super::implicit::{Ellipsoid, Implicit, Liver};
 use super::mesh::TriangleMesh;
 use super::surface_nets::triangulate;
+use crate::cell::mesh_io;
 
 /// Names of the built-in scenes.
 pub const SCENES: [&str; 2] = ["liver", "ellipsoid"];
@@ -60,6 +63,15 @@ impl Scene {
     /// The mesh is empty, too large, open, not oriented, in pieces, or not in metres.
     pub fn from_mesh(name: &str, mesh: TriangleMesh) -> Result<Self, SimError> {
         Ok(Self { name: name.to_owned(), mesh: mesh.into_solid()? })
+    }
+
+    /// The solid bounded by the mesh in a file (OBJ, PLY, STL), named after it.
+    ///
+    /// # Errors
+    /// The file cannot be read, or what [`Scene::from_mesh`] refuses.
+    pub fn from_file(path: &Path) -> Result<Self, SimError> {
+        let name = path.file_stem().map_or_else(|| "mesh".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        Self::from_mesh(&name, mesh_io::read(path)?)
     }
 
     /// The scene's name.

@@ -50,7 +50,7 @@ impl Truth {
         snapshot.live.clear();
         snapshot.live.extend_from_slice(live);
         if snapshot.frames == 0 {
-            snapshot.rest = snapshot.live.clone();
+            snapshot.rest = live.to_vec();
         }
         snapshot.frames += 1;
     }

@@ -188,13 +188,16 @@ impl Cell for SimCell {
             return Err(CellError::NothingGrasped { arm });
         }
         let nodes: Vec<usize> = gripper.targets().map(|(node, _)| node).collect();
-        nodes.into_iter().for_each(|node| self.body.pin(node, true));
+        for node in nodes {
+            self.body.pin(node, true);
+        }
         Ok(())
     }
 
     fn open_jaw(&mut self, arm: usize) -> Result<(), CellError> {
-        let released = self.gripper(arm)?.open();
-        released.into_iter().for_each(|node| self.body.pin(node, false));
+        for node in self.gripper(arm)?.open() {
+            self.body.pin(node, false);
+        }
         Ok(())
     }
 
