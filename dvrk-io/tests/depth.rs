@@ -170,6 +170,21 @@ fn averaged_depths_at_the_rim_are_removed() {
 }
 
 #[test]
+fn a_straight_edge_loses_its_mixed_column_only() {
+    // The mixed pixels support each other along the edge; that they hang is what betrays them.
+    let image = render(|u, _| match u {
+        80.0 => 0.5,
+        u if u < 80.0 => 0.4,
+        _ => 0.6,
+    });
+    let lonely_allowed = Segmentation::default().with_edges(80_f64.to_radians(), 0.002, 0);
+    let cloud = segment(&image, &camera(), &[], &lonely_allowed).unwrap();
+    every_pixel_is_accounted_for(&cloud);
+    assert_eq!(cloud.removed.flying, HEIGHT);
+    assert!(cloud.pixels.iter().all(|pixel| pixel % WIDTH != 80));
+}
+
+#[test]
 fn pixels_next_to_holes_need_company() {
     // A wall with a lone pixel in front of it, surrounded by pixels without depth.
     let hole = |u: f64, v: f64| (u - 50.0).abs() <= 2.0 && (v - 50.0).abs() <= 2.0;
