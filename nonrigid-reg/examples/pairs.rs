@@ -104,7 +104,7 @@ fn set(options: &mut Options, setting: &str) -> Result<(), Box<dyn Error>> {
         "spacing" => options.node_spacing = value,
         "bending" => options.bending = value,
         "strain" => options.strain = value,
-        "tangential" => options.tangential = value,
+        "drag" => options.drag = value,
         "cosine" => options.normal_cosine = value,
         "rim" => options.boundary_weight = value,
         "angle" => options.boundary_angle = value.to_radians(),

@@ -3,7 +3,7 @@
 //! ```text
 //! normal        eigenvector of the smallest eigenvalue of Σ (p_j − p̄)(p_j − p̄)ᵀ over the k nearest,
 //!               with n · (viewpoint − p) > 0
-//! down-sample   one point per cube of the grid: the one nearest to the mean of its cube
+//! down-sample   one point per cube of the grid: the one nearest to its centre
 //! boundary      neighbours seen along n, sorted by angle: a gap wider than the bound means that the surface ends there
 //! ```
 
@@ -107,7 +107,7 @@ pub struct Downsampled {
     pub indices: Vec<usize>,
 }
 
-/// Keeps of every cube of side `spacing` the point nearest to the mean of the cube. Sorted by cube, so that the order of the input
+/// Keeps of every cube of side `spacing` the point nearest to its centre. Sorted by cube, so that the order of the input
 /// does not matter.
 ///
 /// # Errors
@@ -158,21 +158,22 @@ pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Ve
     let kept = keyed.chunk_by(|a, b| a.0 == b.0).map(|group| {
         let cell: Vec<usize> = group.iter().map(|&(_, i)| i).collect();
         Kept {
-            index: nearest_to_mean(points, &cell),
+            index: nearest_to_centre(points, &cell, group[0].0, spacing),
             cell,
         }
     });
     Ok(kept.collect())
 }
 
-fn nearest_to_mean(points: &[Point3<f64>], cell: &[usize]) -> usize {
-    let origin = points[cell[0]];
-    let mean = cell
-        .iter()
-        .map(|&i| points[i] - origin)
-        .sum::<Vector3<f64>>()
-        / cell.len() as f64;
-    let distance = |i: usize| (points[i] - origin - mean).norm_squared();
+/// Distances to the centre do not depend on the order of summation, as those to a mean would.
+fn nearest_to_centre(
+    points: &[Point3<f64>],
+    cell: &[usize],
+    key: [i64; 3],
+    spacing: f64,
+) -> usize {
+    let centre = Vector3::from(key).map(|k| (k as f64 + 0.5) * spacing);
+    let distance = |i: usize| (points[i].coords - centre).norm_squared();
     cell.iter()
         .copied()
         .min_by(|&a, &b| distance(a).total_cmp(&distance(b)))

@@ -24,8 +24,9 @@ pub struct Options {
     pub bending: f64,
     /// `λ_s`: how strongly strain is held down, in units of `r²`.
     pub strain: f64,
-    /// `α`: point-to-point share of a match, beside the point-to-plane part of weight one.
-    pub tangential: f64,
+    /// `α`: resistance of a match to sliding along the surface, per iteration, beside the point-to-plane part of weight one.
+    /// More of it settles what geometry does not see, less of it follows larger motions.
+    pub drag: f64,
     /// Smallest cosine between the normals of a match.
     pub normal_cosine: f64,
     /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
@@ -53,7 +54,7 @@ impl Default for Options {
             tolerance: 2e-4,
             bending: 1.2,
             strain: 0.025,
-            tangential: 0.01,
+            drag: 0.015,
             normal_cosine: 0.5,
             boundary_weight: 0.1,
             boundary_angle: 130_f64.to_radians(),
@@ -90,7 +91,7 @@ impl Options {
         }
         let not_negative = [
             ("tolerance", self.tolerance),
-            ("tangential", self.tangential),
+            ("drag", self.drag),
             ("boundary_weight", self.boundary_weight),
         ];
         for (option, value) in not_negative {

@@ -1,11 +1,15 @@
 //! The loop: match, weigh, solve, until nothing moves (Algorithm 1).
 //!
 //! ```text
-//! E(u) = (1/n) Σ_p w_p ( (n_q·(p + Φu − q))² + α |p + Φu − q|² )        matches
+//! E(u) = (1/n) Σ_p w_p ( (n_q·(p + Φu − q))² + α |Π_q Φ(u − u₀)|² )        matches
 //!      + (1/n) Σ_l w_l |u_l − (y_l − x_l)|²                             landmarks, which are nodes
 //!      + (1/n) Σ_f w_f |Φ_f u − (y_f − x_f)|²                           features, Tukey weights
 //!      + prior(u)                                                       see `prior`
 //! ```
+//!
+//! `u₀` is the previous iterate and `Π_q` projects on the tangent plane of the match: `α` drags on sliding, in every iteration
+//! anew. The usual term pulls to the matched point itself, `α |p + Φu − q|²`; it drags as well, but also pulls the surface by the offset
+//! between the two samplings, which on regular clouds does not average out (0.5 mm at rest on clouds 4 mm apart).
 
 use gpwrm::{ShapeFunctions, nearest_rotation};
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -184,7 +188,7 @@ impl Registrar {
             let matches = frame.find_matches(&u, &rotations, gate, &mut matcher);
             system.copy_from(fixed);
             frame.prior.add_forms(&rotations, system);
-            frame.add_matches(&matches, &matcher, system);
+            frame.add_matches(&u, &matches, &matcher, system);
             frame.add_features(&u, system);
             let next = system.solve().ok_or(Error::Singular {
                 iteration: iterations,
@@ -303,13 +307,18 @@ impl<'a> Frame<'a> {
             .collect()
     }
 
-    fn add_matches(&self, matches: &[Option<Match>], matcher: &Matcher, system: &mut System) {
+    fn add_matches(&self, u: &[Vector3<f64>], matches: &[Option<Match>], matcher: &Matcher, system: &mut System) {
         let points = self.source.points.len() as f64;
         for (i, m) in matches.iter().enumerate() {
             let Some(m) = m else { continue };
             let n = matcher.normal(m).as_ref();
-            let metric = n * n.transpose() + Matrix3::from_diagonal_element(self.options.tangential);
-            let wanted = matcher.point(m) - self.source.points[i];
+            let across = n * n.transpose();
+            let along = Matrix3::identity() - across;
+            let here = blend(&self.shapes[i], u);
+            let gap = matcher.point(m) - self.source.points[i] - here;
+            // Onto the plane of the match, and not along it.
+            let wanted = here + across * gap;
+            let metric = across + self.options.drag * along;
             add_observation(&self.shapes[i], &(metric * (m.weight / points)), &wanted, system);
         }
     }

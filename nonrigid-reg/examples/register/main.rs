@@ -8,6 +8,7 @@
 mod ply;
 
 use std::error::Error;
+use std::fmt::Write as _;
 use std::time::Instant;
 
 use nalgebra::{Point3, UnitVector3};
@@ -73,7 +74,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         .zip(&result.displacements)
         .map(|(p, u)| p + u)
         .collect();
-    Ply::write(&out, &moved)?;
+    write(&out, &moved)?;
     println!("{}", summary(&result, ms));
     Ok(())
 }
@@ -97,4 +98,16 @@ fn summary(result: &Registration, ms: f64) -> String {
         "{{\"status\":\"{status}\",\"iterations\":{},\"overlap\":{:.4},\"residual_m\":{:.6},\"ms\":{ms:.2}}}",
         result.iterations, result.overlap, result.residual_rms
     )
+}
+
+/// Points as an ascii PLY file.
+fn write(path: &str, points: &[Point3<f64>]) -> Result<(), Box<dyn Error>> {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nend_header\n",
+        points.len()
+    );
+    for p in points {
+        writeln!(text, "{:e} {:e} {:e}", p.x, p.y, p.z)?;
+    }
+    Ok(std::fs::write(path, text)?)
 }

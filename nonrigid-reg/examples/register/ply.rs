@@ -1,7 +1,6 @@
 //! PLY point clouds, ascii or binary little-endian, vertices only: enough for the examples.
 
 use std::error::Error;
-use std::fmt::Write as _;
 
 use nalgebra::{Point3, UnitVector3, Vector3};
 
@@ -69,17 +68,6 @@ impl Ply {
             points: points.into_iter().map(Point3::from).collect(),
             normals: normals.into_iter().map(UnitVector3::new_normalize).collect(),
         })
-    }
-
-    pub fn write(path: &str, points: &[Point3<f64>]) -> Result<(), Box<dyn Error>> {
-        let mut text = format!(
-            "ply\nformat ascii 1.0\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nend_header\n",
-            points.len()
-        );
-        for p in points {
-            writeln!(text, "{:e} {:e} {:e}", p.x, p.y, p.z)?;
-        }
-        Ok(std::fs::write(path, text)?)
     }
 }
 

@@ -1,0 +1,226 @@
+//! Symmetries, determinism, and answers to absurd input.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+mod shapes;
+
+use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
+use nonrigid_reg::{
+    Cloud, Error, Landmark, Options, Registrar, boundary_points, estimate_normals, register,
+    voxel_downsample,
+};
+use proptest::prelude::*;
+use shapes::{Oriented, bend, bent, mean_error, potato, seen};
+
+fn coarse() -> Options {
+    Options {
+        node_spacing: 0.02,
+        ..Options::default()
+    }
+}
+
+fn pair(size: f64) -> (Oriented, Oriented) {
+    (seen(&potato(1200, 0.0)), seen(&bent(&potato(1200, 1.7), size)))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// The frame in which the clouds are written hardly matters: nodes fall elsewhere (the grid does not turn along), and
+    /// that moves the answer by less than the accuracy.
+    #[test]
+    fn registration_turns_with_the_frame(a in -3.0..3.0, b in -1.5..1.5, c in -3.0..3.0, x in -0.5..0.5) {
+        let (source, target) = pair(0.004);
+        let r = Rotation3::from_euler_angles(a, b, c);
+        let t = Vector3::new(x, 0.2, -x);
+        let here = register(&source.cloud(), &target.cloud(), &[], &[], &coarse()).unwrap();
+        let (moved, aim) = (source.moved(&r, &t), target.moved(&r, &t));
+        let there = register(&moved.cloud(), &aim.cloud(), &[], &[], &coarse()).unwrap();
+        let difference = mean_error(&there.displacements, |i| r * here.displacements[i]);
+        prop_assert!(difference < 0.0004, "{difference}");
+    }
+
+    /// The order of points does not matter, beyond the order of summation.
+    #[test]
+    fn registration_forgets_the_order(shift in 1_usize..200, other in 1_usize..200) {
+        let (source, target) = pair(0.004);
+        let turned = |o: &Oriented, by: usize| {
+            let mut o = o.clone();
+            let n = o.points.len();
+            o.points.rotate_left(by % n);
+            o.normals.rotate_left(by % n);
+            o
+        };
+        let here = register(&source.cloud(), &target.cloud(), &[], &[], &coarse()).unwrap();
+        let (s, t) = (turned(&source, shift), turned(&target, other));
+        let there = register(&s.cloud(), &t.cloud(), &[], &[], &coarse()).unwrap();
+        let n = source.points.len();
+        for i in 0..n {
+            let difference = there.displacements[i] - here.displacements[(i + shift) % n];
+            prop_assert!(difference.norm() < 1e-8);
+        }
+    }
+
+    /// There and back again.
+    #[test]
+    fn swapping_source_and_target_inverts_the_motion(size in -0.006..0.006) {
+        let (source, target) = pair(size);
+        let there = register(&source.cloud(), &target.cloud(), &[], &[], &coarse()).unwrap();
+        let moved: Vec<Point3<f64>> = source.points.iter().zip(&there.displacements).map(|(p, u)| p + u).collect();
+        let back = register(&target.cloud(), &source.cloud(), &[], &[], &coarse()).unwrap();
+        let field = gpwrm::Field::new(&back.node_positions, &back.node_displacements, &gpwrm::FieldOptions::default()).unwrap();
+        let home = field.warp(&moved);
+        let gap = home.iter().zip(&source.points).map(|(a, b)| (a - b).norm()).sum::<f64>() / home.len() as f64;
+        // Two registrations, each good to about half a millimetre.
+        prop_assert!(gap < 0.001, "{gap}");
+    }
+
+    /// A small rigid motion, held at three points, is found everywhere.
+    #[test]
+    fn rigid_motions_are_found(x in -0.004..0.004, y in -0.004..0.004, z in -0.004..0.004, turn in -0.05..0.05_f64) {
+        let source = seen(&potato(1200, 0.0));
+        let r = Rotation3::new(Vector3::new(turn, turn / 2.0, -turn));
+        let t = Vector3::new(x, y, z);
+        let target = seen(&potato(1200, 1.7)).moved(&r, &t);
+        let grip = |k: usize| {
+            let p = source.points[k];
+            Landmark { source: p, target: r * p + t, sigma: 0.0 }
+        };
+        let n = source.points.len();
+        let grips = [grip(n / 9), grip(n / 2), grip(n - 1)];
+        let result = register(&source.cloud(), &target.cloud(), &grips, &[], &coarse()).unwrap();
+        let error = mean_error(&result.displacements, |i| r * source.points[i] + t - source.points[i]);
+        // Ten to twenty times less than the motion, at a point spacing of 5 mm.
+        prop_assert!(error < 0.0006, "{error}");
+    }
+
+    /// Small and degenerate clouds give finite answers: coincident points, lines, planes, one point.
+    #[test]
+    fn degenerate_clouds_are_answered(
+        points in proptest::collection::vec((-1.0..1.0, -1.0..1.0, -1.0..1.0), 1..30),
+        flat in 0..5_usize, size in -4..1_i32, landmark in proptest::bool::ANY,
+    ) {
+        let size = 10_f64.powi(size);
+        let point = |&(x, y, z): &(f64, f64, f64)| {
+            let v = [x, if flat > 2 { 0.0 } else { y }, if flat > 1 { 0.0 } else { z }];
+            Point3::from(Vector3::from(if flat > 3 { [0.0; 3] } else { v }) * size)
+        };
+        let points: Vec<_> = points.iter().map(point).collect();
+        let normals = vec![Vector3::z_axis(); points.len()];
+        let cloud = Cloud { points: &points, normals: &normals };
+        let landmarks: Vec<_> = landmark.then_some(Landmark { source: points[0], target: points[0] + Vector3::x() * size, sigma: 0.0 }).into_iter().collect();
+        let options = Options { node_spacing: 0.3 * size, ..Options::default() };
+        let result = register(&cloud, &cloud, &landmarks, &[], &options).unwrap();
+        prop_assert!(result.displacements.iter().all(|u| u.iter().all(|c| c.is_finite())));
+        prop_assert!(result.confidence.iter().all(|c| (0.0..=1.0).contains(c)));
+        prop_assert!(result.residual_rms.is_finite() && (0.0..=1.0).contains(&result.overlap));
+    }
+}
+
+#[test]
+fn the_same_input_gives_the_same_bits_and_buffers_leave_no_trace() {
+    let (source, target) = pair(0.005);
+    let mut registrar = Registrar::new(coarse());
+    let first = registrar.register(&source.cloud(), &target.cloud(), &[], &[], None).unwrap();
+    registrar.register(&target.cloud(), &source.cloud(), &[], &[], None).unwrap();
+    let again = registrar.register(&source.cloud(), &target.cloud(), &[], &[], None).unwrap();
+    assert_eq!(first, again);
+}
+
+#[test]
+fn confidence_ranks_errors() {
+    let source = seen(&potato(2500, 0.0));
+    let target = seen(&bent(&potato(2500, 1.7), 0.006)).filter(|p, _| p.y < 0.02);
+    // Held on the seen side, so that sliding, of which confidence knows nothing, stays out of it.
+    let grip = |k: usize| {
+        let p = source.points[k];
+        Landmark { source: p, target: p + bend(&p, 0.006), sigma: 0.0 }
+    };
+    let open: Vec<usize> = (0..source.points.len()).filter(|&k| source.points[k].y < 0.0).collect();
+    let grips = [grip(open[10]), grip(open[open.len() / 2]), grip(open[open.len() - 10])];
+    let result = register(&source.cloud(), &target.cloud(), &grips, &[], &Options::default()).unwrap();
+    let mut order: Vec<usize> = (0..source.points.len()).collect();
+    order.sort_by(|&a, &b| result.confidence[a].total_cmp(&result.confidence[b]));
+    let error = |i: &usize| (result.displacements[*i] - bend(&source.points[*i], 0.006)).norm();
+    let quarter = order.len() / 4;
+    let low: f64 = order[..quarter].iter().map(error).sum();
+    let high: f64 = order[order.len() - quarter..].iter().map(error).sum();
+    assert!(low > 1.5 * high, "{low} {high}");
+}
+
+#[test]
+fn wrong_input_is_named() {
+    let (source, target) = pair(0.0);
+    let run = |s: &Cloud, options: &Options| register(s, &target.cloud(), &[], &[], options);
+    let empty = Cloud { points: &[], normals: &[] };
+    assert_eq!(run(&empty, &coarse()).unwrap_err(), Error::EmptyCloud { cloud: "source" });
+    let short = Cloud { normals: &source.normals[1..], ..source.cloud() };
+    assert!(matches!(run(&short, &coarse()), Err(Error::LengthMismatch { what: "normals", .. })));
+    let mut broken = source.clone();
+    broken.points[7].y = f64::NAN;
+    assert!(matches!(run(&broken.cloud(), &coarse()), Err(Error::BadCoordinate { index: 7, .. })));
+    for options in [
+        Options { node_spacing: f64::NAN, ..coarse() },
+        Options { gates: vec![], ..coarse() },
+        Options { gates: vec![0.01, -1.0], ..coarse() },
+        Options { iterations: 0, ..coarse() },
+        Options { strain: f64::INFINITY, ..coarse() },
+    ] {
+        assert!(matches!(run(&source.cloud(), &options), Err(Error::BadOption { .. })), "{options:?}");
+    }
+    // Every source point a cell of its own, 1.2 mm apart at most.
+    let dense = seen(&potato(20_000, 0.0));
+    let fine = Options { node_spacing: 1e-4, ..coarse() };
+    assert!(matches!(run(&dense.cloud(), &fine), Err(Error::TooManyNodes { .. })));
+    let landmark = Landmark { source: Point3::origin(), target: Point3::origin(), sigma: -1.0 };
+    let result = register(&source.cloud(), &target.cloud(), &[landmark], &[], &coarse());
+    assert!(matches!(result, Err(Error::BadSigma { index: 0, .. })));
+}
+
+#[test]
+fn normals_match_the_analytic_ones() {
+    let whole = potato(6000, 0.0);
+    let cap = whole.filter(|_, n| n.z > 0.3);
+    let normals = estimate_normals(&cap.points, 12, &Point3::new(0.0, 0.0, 1.0)).unwrap();
+    let inner = (0..cap.points.len()).filter(|&i| cap.normals[i].z > 0.5);
+    let worst = inner.map(|i| normals[i].angle(&cap.normals[i])).fold(0.0, f64::max);
+    // Twelve points within 5 mm of a surface with curvature radii from 15 mm on.
+    assert!(worst < 0.12, "{worst}");
+}
+
+#[test]
+fn the_rim_of_a_sheet_is_its_boundary() {
+    let points: Vec<Point3<f64>> = (0..400)
+        .map(|k| Point3::new(f64::from(k % 20), f64::from(k / 20), 0.0))
+        .collect();
+    let normals: Vec<UnitVector3<f64>> = vec![Vector3::z_axis(); 400];
+    let cloud = Cloud { points: &points, normals: &normals };
+    let rim = boundary_points(&cloud, 12, 130_f64.to_radians()).unwrap();
+    for (p, &found) in points.iter().zip(&rim) {
+        let edge = p.x < 0.5 || p.y < 0.5 || p.x > 18.5 || p.y > 18.5;
+        let near = p.x < 1.5 || p.y < 1.5 || p.x > 17.5 || p.y > 17.5;
+        assert!(found || !edge, "{p}");
+        assert!(!found || near, "{p}");
+    }
+}
+
+#[test]
+fn downsampling_keeps_one_point_per_cell() {
+    let whole = potato(5000, 0.0);
+    let kept = voxel_downsample(&whole.points, &whole.normals, 0.01).unwrap();
+    let mut cells: Vec<[i64; 3]> = kept
+        .points
+        .iter()
+        .map(|p| p.coords.map(|c| (c / 0.01).floor() as i64).into())
+        .collect();
+    cells.sort_unstable();
+    cells.dedup();
+    assert_eq!(cells.len(), kept.points.len());
+    for (p, &i) in kept.points.iter().zip(&kept.indices) {
+        assert_eq!(*p, whole.points[i]);
+    }
+    // No point is farther from its representative than the diagonal of a cell.
+    for p in &whole.points {
+        let near = kept.points.iter().map(|q| (p - q).norm()).fold(f64::MAX, f64::min);
+        assert!(near < 0.01 * 3_f64.sqrt());
+    }
+}
