@@ -96,14 +96,14 @@ proptest! {
                 }
             }
         }
-        prop_assert_eq!(coverage.best_triple().unwrap().1, best);
+        prop_assert!((coverage.best_triple().unwrap().1 - best).abs() < CLOSE);
     }
 
     #[test]
     fn between_nothing_and_all_growing_with_every_grip(body in small()) {
         let everything: Vec<u32> = (0..body.points.len() as u32).collect();
         let coverage = Coverage::new(&body.model(), &table(), &everything, &OPTIONS).unwrap();
-        prop_assert_eq!(coverage.score(&[]).unwrap(), 0.0);
+        prop_assert!(coverage.score(&[]).unwrap().abs() < f64::MIN_POSITIVE);
         let mut last = 0.0;
         for count in [1, 2, 3, 5, 9, everything.len() - 1, everything.len()] {
             let score = coverage.score(&everything[..count]).unwrap();
@@ -126,7 +126,7 @@ proptest! {
     fn blind_to_the_order_of_vertices(body in small(), seed in 1usize..1000) {
         let n = body.points.len();
         // A step without a common divisor with n visits every vertex once.
-        let step = (seed..).find(|s| gcd(*s, n) == 1).unwrap();
+        let step = (seed..seed + 2 * n).find(|s| gcd(*s, n) == 1).unwrap();
         let new_of: Vec<usize> = (0..n).map(|i| (i * step + seed) % n).collect();
         let shuffled = permuted(&body, &new_of);
         let g = some(&body);
@@ -194,7 +194,7 @@ fn a_spring_across_the_body_carries_the_pull_through() {
         .unwrap()
         .score(&[0])
         .unwrap();
-    assert_eq!(apart, 0.0);
+    assert!(apart.abs() < f64::MIN_POSITIVE);
     assert!(joined > 0.4);
 }
 

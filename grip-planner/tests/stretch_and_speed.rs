@@ -34,7 +34,9 @@ fn slit(angle: f64) -> (Body, Vec<u32>) {
         e.iter()
             .all(|&v| gauge(v as usize) >= 1.0 || body.points[v as usize].z > fixture::DEPTH - 0.03)
     });
-    rim.iter().for_each(|&v| open.boundary[v as usize] = true);
+    for &v in &rim {
+        open.boundary[v as usize] = true;
+    }
     (open, rim)
 }
 
@@ -59,12 +61,11 @@ proptest! {
         prop_assert!(side(0) < side(1));
         let gap = |time: f64| done.across.dot(&(done.motion.arms[1].at(time).unwrap().translation.vector - done.motion.arms[0].at(time).unwrap().translation.vector));
         let height = |time: f64| fixture::DEPTH - done.motion.arms[0].at(time).unwrap().translation.vector.z;
-        let open = 0.5 * (done.motion.duration + options.hold) - options.hold;
         let widest = (0..200).map(|k| gap(done.motion.duration * f64::from(k) / 199.0)).fold(0.0, f64::max);
-        prop_assert!((widest - gap(0.0) - distance).abs() < 1e-9, "{} {}", widest - gap(0.0), open);
+        prop_assert!((widest - gap(0.0) - distance).abs() < 1e-9);
         prop_assert!((gap(done.motion.duration) - gap(0.0) - 0.5 * distance).abs() < 1e-9);
         prop_assert!((height(done.motion.duration) - height(0.0)).abs() < 1e-9);
-        prop_assert!(done.motion.peak_speed() <= options.speed.hypot(0.0) * (1.0 + 1e-9));
+        prop_assert!(done.motion.peak_speed() <= options.speed * (1.0 + 1e-9));
     }
 
     #[test]
