@@ -27,7 +27,7 @@ use crate::system::{Factor, System};
 use crate::Error;
 
 /// Alternations between the two active sets before everything goes into the dual, where rows are only added.
-const ROUNDS: usize = 15;
+const ROUNDS: usize = 40;
 /// A vertex lower than this enters the active set; it is then put exactly on the plane.
 const DEPTH: f64 = 1e-9;
 /// A row violated by more than this enters the dual. It leaves a hundredfold reserve to the 1e-6 m that is promised.
@@ -96,6 +96,8 @@ struct Sets {
     rows: Vec<usize>,
     /// `S⁻¹ c_k` of those rows, one column each, kept over the rounds.
     full: Vec<f64>,
+    /// Whether each of those rows pushed when it was last solved for.
+    pushing: Vec<bool>,
 }
 
 impl Projection<'_> {
@@ -113,7 +115,7 @@ impl Projection<'_> {
             struck[i as usize] |= heights[i as usize] < 1e-3;
         }
         rows.extend((0..self.rows.len()).filter(|k| self.rows[*k].gap(self.estimate) <= ROW_DEPTH && warm.pushes(&self.rows[*k])));
-        let mut sets = Sets { struck, rows: vec![], full: vec![] };
+        let mut sets = Sets { struck, rows: vec![], full: vec![], pushing: vec![] };
         self.admit(&mut sets, &rows, system);
         let mut projected = self.alternate(system, &mut sets, &heights)?;
         if projected.status == Status::Unsettled && let Some(plane) = self.plane {
@@ -149,6 +151,7 @@ impl Projection<'_> {
             let mut lift = self.lift(system, free, &sets.struck, heights);
             let forces;
             (shift, forces) = self.push(system, free, sets, &mut lift, &normal)?;
+            sets.pushing = forces.iter().map(|f| *f > 0.0).collect();
             pushing = sets.rows.iter().zip(&forces).filter(|(_, f)| **f > 0.0).map(|(&k, _)| k).collect();
             settled = !self.update(sets, &shift, &lift, heights, &normal, &forces, system);
         }
@@ -193,6 +196,7 @@ impl Projection<'_> {
         system.solve(self.factor, &mut block);
         sets.full.extend_from_slice(&block);
         sets.rows.extend_from_slice(rows);
+        sets.pushing.resize(sets.rows.len(), true);
     }
 
     /// Height changes with the struck vertices on the plane and nothing else pushing.
@@ -249,7 +253,7 @@ impl Projection<'_> {
             }
         }
         let gaps = rows.iter().zip(&along).map(|(r, a)| r.gap(self.estimate) - a * r.dot(lift)).collect::<Vec<_>>();
-        let forces = solve_dual(&gram, &gaps)?;
+        let forces = solve_dual(&gram, &gaps, &sets.pushing)?;
         let mut shift = vec![Vector3::zeros(); size];
         for (l, row) in rows.iter().enumerate() {
             if forces[l] > 0.0 {
