@@ -11,10 +11,12 @@
 //!         span
 //! ```
 //!
-//! The **gain** says how much of the missing area comes to face the camera: `|m⊥|/|m|` times the mean of `(1 + cos(α − θ))/2`
-//! at the end and at the best moment on the way (so the side toward which `m` leans is the one that is lifted), times
-//! `(length/longest side)²`: when `m` points straight down all four turns show it equally well and the one about the longer side, which
-//! lifts least, is meant to win.
+//! The **gain** says how much of what is missing comes to face the camera: for a direction `d` in which hidden surface faces, `|d⊥|` times the mean of
+//! `(1 + cos(α − θ))/2` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted). The
+//! directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
+//! next to a boundary faces about the same way. While the underside is missing `m` decides; what is left at last, a
+//! band round the body whose vector area is nearly zero, is found by its boundary. The gain is multiplied by `(length/longest side)²`: when `m` points straight down
+//! all four turns show it equally well and the one about the longer side, which lifts least, is meant to win.
 //!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
 //! 40 to 80 % of the length apart, level with the axis, and balanced about the middle. Grips that are close together let a soft body hang like
@@ -131,11 +133,7 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
         .iter()
         .map(|p| scene.table.height(p))
         .fold(0.0, f64::max);
-    let known: f64 = model.areas.iter().sum();
-    let mut missing = missing_vector_area(model);
-    if missing.norm() < NOISE * known {
-        missing = -up.into_inner();
-    }
+    let hidden = Hidden::new(model, &up);
     let view = scene.camera - outline.center;
     let about = |along: usize, sign: f64| {
         let across = 1 - along;
@@ -145,7 +143,12 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
         let pivot = scene
             .table
             .foot(&(outline.center - lifted.as_ref() * (0.5 * span)));
-        let aim = aim(&axis, &missing, &view, thickness < STANDS * span);
+        let angle = if thickness < STANDS * span {
+            PI
+        } else {
+            toward(&axis, &hidden.missing, &view).clamp(FRAC_PI_2, PI)
+        };
+        let gain = hidden.gain(&axis, &view, angle);
         let long = length / (2.0 * outline.half_extents.x).max(f64::MIN_POSITIVE);
         Turn {
             axis,
@@ -155,8 +158,8 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
             span,
             length,
             thickness,
-            angle: aim.angle,
-            gain: aim.gain * long * long,
+            angle,
+            gain: gain * long * long,
         }
     };
     let mut all = [about(0, 1.0), about(0, -1.0), about(1, 1.0), about(1, -1.0)];
@@ -164,29 +167,47 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
     Ok(all)
 }
 
-struct Aim {
-    angle: f64,
-    gain: f64,
+/// Where hidden surface faces: vectors whose lengths are areas.
+struct Hidden {
+    missing: Vector3<f64>,
+    boundary: Vec<Vector3<f64>>,
 }
 
-/// How far to turn about `axis` to bring `missing` toward `view`, and how much of it gets there.
-fn aim(axis: &UnitVector3<f64>, missing: &Vector3<f64>, view: &Vector3<f64>, flat: bool) -> Aim {
-    let across = |v: &Vector3<f64>| v - axis.as_ref() * axis.dot(v);
-    let (m, c) = (across(missing), across(view));
-    let wanted = axis.dot(&m.cross(&c)).atan2(m.dot(&c)).rem_euclid(2.0 * PI);
-    let angle = if flat {
-        PI
-    } else {
-        wanted.clamp(FRAC_PI_2, PI)
-    };
-    let share = if missing.norm() > 0.0 {
-        m.norm() / missing.norm()
-    } else {
-        0.0
-    };
-    let faces = |turned: f64| 0.5 * (1.0 + (wanted - turned).cos());
-    Aim {
-        angle,
-        gain: share * 0.5 * (faces(angle) + faces(wanted.min(PI))),
+impl Hidden {
+    fn new(model: &Model, up: &UnitVector3<f64>) -> Self {
+        let known: f64 = model.areas.iter().sum();
+        let mut missing = missing_vector_area(model);
+        if missing.norm() < NOISE * known {
+            // Underneath is where nobody has looked.
+            missing = up.as_ref() * (-NOISE * known);
+        }
+        let rim = (0..model.points.len()).filter(|&v| model.boundary[v]);
+        Self {
+            missing,
+            boundary: rim
+                .map(|v| model.normals[v].as_ref() * model.areas[v])
+                .collect(),
+        }
     }
+
+    /// Mean over the vectors of the share that a turn by `angle` shows.
+    fn gain(&self, axis: &UnitVector3<f64>, view: &Vector3<f64>, angle: f64) -> f64 {
+        let (mut shown, mut all) = (0.0, 0.0);
+        for d in std::iter::once(&self.missing).chain(&self.boundary) {
+            let wanted = toward(axis, d, view);
+            let faces = |turned: f64| 0.5 * (1.0 + (wanted - turned).cos());
+            shown += axis.cross(d).norm() * 0.5 * (faces(angle) + faces(wanted.min(PI)));
+            all += d.norm();
+        }
+        if all > 0.0 { shown / all } else { 0.0 }
+    }
+}
+
+/// Angle of the turn about `axis` that takes `d` toward `view`, between 0 and a whole turn.
+fn toward(axis: &UnitVector3<f64>, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
+    let across = |v: &Vector3<f64>| v - axis.as_ref() * axis.dot(v);
+    let (d, view) = (across(d), across(view));
+    axis.dot(&d.cross(&view))
+        .atan2(d.dot(&view))
+        .rem_euclid(2.0 * PI)
 }
