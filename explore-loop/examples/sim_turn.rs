@@ -1,13 +1,31 @@
 //! Two arms take the liver by one long side and turn it over.
 //!
-//! `cargo run --release --example sim_turn -- [SEED] [SPEED_M_S] [PICTURE_DIR]`
-#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout, reason = "an example: it prints and it may stop")]
+//! ```text
+//! cargo run --release --example sim_turn -- [SEED] [SPEED in m/s] [DIRECTORY for a picture (PPM) every second]
+//! ```
+#![allow(
+    clippy::print_stdout,
+    clippy::cast_sign_loss,
+    reason = "an example prints; its pixels are clamped from 0"
+)]
 
+use std::f64::consts::PI;
 use std::path::Path;
 
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
 use explore_loop::cell::{Cell, Observation};
-use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+
+/// Distance from the grips to the pivot line, half widths of the object: 1.2 to 2.0 all turn it over.
+const RADIUS: f64 = 1.8;
+/// Distance of each grip from the middle, half lengths of the object.
+const SPREAD: f64 = 0.45;
+/// The tips stop turning here, so that the shafts stay above the table.
+const LAST_TURN_DEG: f64 = 140.0;
+/// The tips go no lower than this, metres.
+const LOWEST: f64 = 0.006;
+/// Straight pieces of the half circle.
+const STEPS: u32 = 60;
 
 type Error = Box<dyn std::error::Error>;
 
@@ -18,102 +36,117 @@ fn main() -> Result<(), Error> {
     let pictures = arguments.next();
     let mut options = SimOptions::new(Scene::liver()?);
     options.seed = seed;
-    if let Ok(n) = std::env::var("TETS") { options.fidelity.tetrahedra = n.parse()?; }
-    if let Ok(n) = std::env::var("SUB") { options.fidelity.substeps = n.parse()?; }
-    if let Ok(n) = std::env::var("STEP") { options.fidelity.step = n.parse()?; }
-    if let Ok(n) = std::env::var("SELF") { options.fidelity.self_contact = n.parse::<u8>()? > 0; }
-    if let Ok(n) = std::env::var("YOUNG") { options.material.young = n.parse()?; }
 
     let start = cpu_seconds();
     let (mut cell, truth) = SimCell::new(&options)?;
     let settled = cpu_seconds();
-    let mut turn = Turn { seen: vec![false; truth.live().len()], picture: 0, pictures, frames: 0, slowest: 0.0, cpu: 0.0 };
-    println!("{} tetrahedra, {} vertices, built and settled in {:.2} s CPU", cell.tetrahedra(), truth.live().len(), settled - start);
+    let mut turn = Turn {
+        seen: vec![false; truth.live().len()],
+        pictures,
+        frames: 0,
+        slowest: 0.0,
+        cpu: 0.0,
+    };
+    println!(
+        "{} tetrahedra, {} vertices, built and settled in {:.2} s CPU",
+        cell.tetrahedra(),
+        truth.live().len(),
+        settled - start
+    );
     let volume = cell.volume();
     turn.look(&mut cell, &truth)?;
     println!("seen before: {:.1} %", 100.0 * turn.share(&truth));
     turn.turn_over(&mut cell, &truth, speed)?;
-    cell.home()?;
     for _ in 0..10 {
         turn.look(&mut cell, &truth)?;
     }
     println!("seen after:  {:.1} %", 100.0 * turn.share(&truth));
     println!("turned by:   {:.0} deg", turned_deg(&truth));
     println!("volume kept: {:.2} %", 100.0 * cell.volume() / volume);
-    println!("CPU:         {:.1} ms a frame of 100 ms, slowest {:.1}", 1000.0 * turn.cpu / turn.frames as f64, 1000.0 * turn.slowest);
+    println!(
+        "CPU:         {:.1} ms a frame of 100 ms, slowest {:.1}",
+        1000.0 * turn.cpu / turn.frames as f64,
+        1000.0 * turn.slowest
+    );
     Ok(())
 }
 
 struct Turn {
     seen: Vec<bool>,
     pictures: Option<String>,
-    picture: usize,
     frames: usize,
     slowest: f64,
     cpu: f64,
 }
 
 impl Turn {
-    /// Grips the long side that faces the arms best, lifts it along a circle about the far foot, and lays it down beyond.
+    /// Grips the long side that faces the third arm, swings it over the far foot, and lays it down beyond.
+    ///
+    /// The tips run on a half circle about a line on the table, `RADIUS` half widths beyond the grips, and turn with it
+    /// until the shafts are about to point up from below; the rest of the way they only go down.
     fn turn_over(&mut self, cell: &mut SimCell, truth: &Truth, speed: f64) -> Result<(), Error> {
-        let live = truth.live();
         let table = cell.info().table;
         let up = table.normal.into_inner();
-        let (centre, long, half_long, half_short) = footprint(&live);
-        // Grips on the side toward the third arm (−y), so that both arms reach it from left and right.
-        let mut side = up.cross(&long).normalize();
-        if side.y > 0.0 {
-            side = -side;
-        }
-        let long = if long.x < 0.0 { -long } else { long };
-        let spread = 0.45 * half_long;
-        let grips: Vec<Point3<f64>> = [spread, -spread].iter().map(|along| rim(&live, &table, centre, long * *along, long, side)).collect();
-        for (arm, grip) in grips.iter().enumerate() {
-            // Approach horizontally, tilted down: z toward the object, jaws opening along the table normal.
-            let approach = -side * 0.9 - up * 0.45;
-            let tip = Isometry3::from_parts(Translation3::from(grip.coords), UnitQuaternion::face_towards(&approach, &up));
-            let mut ready = tip;
-            ready.translation.vector += side * 0.05 + up * 0.03;
-            cell.move_arm(arm, ready, 0.2)?;
-            self.wait(cell, truth)?;
-            cell.move_arm(arm, tip, 0.05)?;
-        }
-        self.wait(cell, truth)?;
+        let object = Footprint::of(&truth.live(), up);
+        let starts = self.reach(cell, truth, &object)?;
         for arm in 0..2 {
             cell.close_jaw(arm)?;
         }
-        // Pivot line: on the table, at the far foot.
-        let pull: f64 = std::env::var("PULL").map_or(Ok(0.0), |s| s.parse())?;
-        let grip_mid = nalgebra::center(&grips[0], &grips[1]);
-        let height = table.height(&grip_mid);
-        let pivot = grip_mid - up * height - side * (half_short * std::env::var("RADIUS").map_or(Ok(1.0), |s| s.parse::<f64>())?);
-        let starts: Vec<Isometry3<f64>> = cell.observe()?.arms.iter().map(|a| a.camera_from_tip).collect();
-        let axis = nalgebra::Unit::new_normalize(side.cross(&up));
-        let cap: f64 = std::env::var("CAP").map_or(Ok(140.0), |s| s.parse::<f64>())?.to_radians();
-        let radius = (grip_mid - pivot).norm();
-        let steps = 60;
-        for k in 1..=steps {
-            let s = f64::from(k) / f64::from(steps);
-            let angle = std::f64::consts::PI * s;
-            let turn = Rotation3::from_axis_angle(&axis, angle);
-            for arm in 0..2 {
-                let start = starts[arm];
-                let offset = Point3::from(start.translation.vector) - pivot;
-                let mut to = pivot + turn * offset - side * (pull * s);
-                let h = table.height(&to);
-                if h < 0.006 { to += up * (0.006 - h); }
-                let pose = Isometry3::from_parts(Translation3::from(to.coords), UnitQuaternion::from_axis_angle(&axis, angle.min(cap)) * start.rotation);
-                cell.move_arm(arm, pose, speed)?;
+        let grip = nalgebra::center(
+            &starts[0].translation.vector.into(),
+            &starts[1].translation.vector.into(),
+        );
+        let pivot = grip - up * table.height(&grip) - object.side * (RADIUS * object.half_width);
+        let axis = Unit::new_normalize(object.side.cross(&up));
+        for step in 1..=STEPS {
+            let angle = PI * f64::from(step) / f64::from(STEPS);
+            let turn = UnitQuaternion::from_axis_angle(&axis, angle);
+            let held =
+                UnitQuaternion::from_axis_angle(&axis, angle.min(LAST_TURN_DEG.to_radians()));
+            for (arm, start) in starts.iter().enumerate() {
+                let mut to = pivot + turn * (Point3::from(start.translation.vector) - pivot);
+                to += up * (LOWEST - table.height(&to)).max(0.0);
+                cell.move_arm(
+                    arm,
+                    Isometry3::from_parts(to.into(), held * start.rotation),
+                    speed,
+                )?;
             }
             self.wait(cell, truth)?;
         }
-        println!("radius {:.3} m", radius);
-        for _ in 0..5 { self.look(cell, truth)?; }
-        for arm in 0..2 {
-            cell.open_jaw(arm)?;
+        for _ in 0..5 {
+            self.look(cell, truth)?;
         }
-        for _ in 0..5 { self.look(cell, truth)?; }
+        cell.home()?;
         Ok(())
+    }
+
+    /// Brings two open jaws over the rim, from the side and a little from above; returns the poses of the tips.
+    fn reach(
+        &mut self,
+        cell: &mut SimCell,
+        truth: &Truth,
+        object: &Footprint,
+    ) -> Result<Vec<Isometry3<f64>>, Error> {
+        let table = cell.info().table;
+        let up = table.normal.into_inner();
+        let approach = -(object.side * 2.0 + up);
+        let rotation = UnitQuaternion::face_towards(&approach, &up);
+        let spread = object.long * (SPREAD * object.half_length);
+        let mut tips = Vec::new();
+        for (arm, along) in [spread, -spread].into_iter().enumerate() {
+            let edge = object.rim(&truth.live(), along);
+            let grip = edge - object.side * 0.004 + up * (0.008 - table.height(&edge)).max(0.0);
+            let tip = Isometry3::from_parts(grip.into(), rotation);
+            let ready =
+                Isometry3::from_parts((grip + object.side * 0.05 + up * 0.03).into(), rotation);
+            cell.move_arm(arm, ready, 0.2)?;
+            self.wait(cell, truth)?;
+            cell.move_arm(arm, tip, 0.05)?;
+            tips.push(tip);
+        }
+        self.wait(cell, truth)?;
+        Ok(tips)
     }
 
     fn wait(&mut self, cell: &mut SimCell, truth: &Truth) -> Result<(), Error> {
@@ -129,11 +162,12 @@ impl Turn {
         self.cpu += cpu;
         self.slowest = self.slowest.max(cpu);
         mark_seen(&mut self.seen, &truth.live(), &observation.points);
-        if self.frames % 10 == 1 {
-            if let Some(directory) = &self.pictures {
-                picture(&Path::new(directory).join(format!("turn_{:03}.ppm", self.picture)), truth, &observation)?;
-                self.picture += 1;
-            }
+        if let (1, Some(directory)) = (self.frames % 10, &self.pictures) {
+            picture(
+                &Path::new(directory).join(format!("turn_{:03}.ppm", self.frames / 10)),
+                truth,
+                &observation,
+            )?;
         }
         Ok(observation)
     }
@@ -144,40 +178,82 @@ impl Turn {
     }
 }
 
-/// Centre, direction of the long side, half lengths along it and across, of the object seen from above.
-fn footprint(live: &[Point3<f64>]) -> (Point3<f64>, Vector3<f64>, f64, f64) {
-    let n = live.len() as f64;
-    let centre = Point3::from(live.iter().map(|p| p.coords).sum::<Vector3<f64>>() / n);
-    let mut spread = Matrix3::zeros();
-    for p in live {
-        let d = Vector3::new(p.x - centre.x, p.y - centre.y, 0.0);
-        spread += d * d.transpose();
-    }
-    let angle = 0.5 * (2.0 * spread[(0, 1)]).atan2(spread[(0, 0)] - spread[(1, 1)]);
-    let long = Vector3::new(angle.cos(), angle.sin(), 0.0);
-    let short = Vector3::new(-angle.sin(), angle.cos(), 0.0);
-    let half = |d: Vector3<f64>| live.iter().map(|p| (p - centre).dot(&d).abs()).fold(0.0, f64::max);
-    (centre, long, half(long), half(short))
+/// The object seen from above.
+struct Footprint {
+    centre: Point3<f64>,
+    /// Direction of the longer side, toward the first arm (+x).
+    long: Vector3<f64>,
+    /// Direction across it, toward the third arm (−y).
+    side: Vector3<f64>,
+    half_length: f64,
+    half_width: f64,
 }
 
-/// A point just inside the rim on side `side`, near `centre + along`.
-fn rim(live: &[Point3<f64>], table: &explore_loop::cell::Plane, centre: Point3<f64>, along: Vector3<f64>, long: Vector3<f64>, side: Vector3<f64>) -> Point3<f64> {
-    let near = live.iter().filter(|p| (**p - centre - along).dot(&long).abs() < 0.008);
-    let edge = near.max_by(|a, b| (*a - centre).dot(&side).total_cmp(&(*b - centre).dot(&side))).copied().unwrap_or(centre);
-    let lift = (0.008 - table.height(&edge)).max(0.0);
-    edge - side * 0.004 + table.normal.into_inner() * lift
+impl Footprint {
+    fn of(live: &[Point3<f64>], up: Vector3<f64>) -> Self {
+        let centre = Point3::from(mean(live));
+        let mut spread = Matrix3::zeros();
+        for p in live {
+            let d = (p - centre) - up * (p - centre).dot(&up);
+            spread += d * d.transpose();
+        }
+        let angle = 0.5 * (2.0 * spread[(0, 1)]).atan2(spread[(0, 0)] - spread[(1, 1)]);
+        let mut long = Vector3::new(angle.cos(), angle.sin(), 0.0);
+        long *= long.x.signum();
+        let mut side = up.cross(&long);
+        side *= -side.y.signum();
+        let half = |d: Vector3<f64>| {
+            live.iter()
+                .map(|p| (p - centre).dot(&d).abs())
+                .fold(0.0, f64::max)
+        };
+        Self {
+            centre,
+            long,
+            side,
+            half_length: half(long),
+            half_width: half(side),
+        }
+    }
+
+    /// The vertex farthest out on the side, near `centre + along`.
+    fn rim(&self, live: &[Point3<f64>], along: Vector3<f64>) -> Point3<f64> {
+        let near = live
+            .iter()
+            .filter(|p| (**p - self.centre - along).dot(&self.long).abs() < 0.008);
+        let outward = |p: &Point3<f64>| (p - self.centre).dot(&self.side);
+        near.max_by(|a, b| outward(a).total_cmp(&outward(b)))
+            .copied()
+            .unwrap_or(self.centre)
+    }
+}
+
+fn mean(points: &[Point3<f64>]) -> Vector3<f64> {
+    points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len() as f64
 }
 
 /// A vertex counts as seen when a camera point lies within 3 mm.
 fn mark_seen(seen: &mut [bool], live: &[Point3<f64>], points: &[Point3<f64>]) {
-    let key = |p: &Point3<f64>| [(p.x / 0.003).floor() as i64, (p.y / 0.003).floor() as i64, (p.z / 0.003).floor() as i64];
+    let key = |p: &Point3<f64>| {
+        [
+            (p.x / 0.003).floor() as i64,
+            (p.y / 0.003).floor() as i64,
+            (p.z / 0.003).floor() as i64,
+        ]
+    };
     let mut cells = std::collections::HashMap::<[i64; 3], Vec<Point3<f64>>>::new();
-    points.iter().for_each(|p| cells.entry(key(p)).or_default().push(*p));
+    for p in points {
+        cells.entry(key(p)).or_default().push(*p);
+    }
     for (flag, p) in seen.iter_mut().zip(live).filter(|(flag, _)| !**flag) {
         let [x, y, z] = key(p);
         *flag = (-1..=1).any(|i| {
             (-1..=1).any(|j| {
-                (-1..=1).any(|k| cells.get(&[x + i, y + j, z + k]).is_some_and(|c| c.iter().any(|q| (q - p).norm() < 0.003)))
+                (-1..=1).any(|k| {
+                    cells
+                        .get(&[x + i, y + j, z + k])
+                        .is_some_and(|c| c.iter().any(|q| (q - p).norm() < 0.003))
+                })
             })
         });
     }
@@ -186,63 +262,115 @@ fn mark_seen(seen: &mut [bool], live: &[Point3<f64>], points: &[Point3<f64>]) {
 /// Angle of the best rigid motion from rest to live.
 fn turned_deg(truth: &Truth) -> f64 {
     let (rest, live) = (truth.rest().vertices, truth.live());
-    let mean = |v: &[Point3<f64>]| v.iter().map(|p| p.coords).sum::<Vector3<f64>>() / v.len() as f64;
     let (a, b) = (mean(&rest), mean(&live));
-    let covariance = rest.iter().zip(&live).fold(Matrix3::zeros(), |m, (r, l)| m + (l.coords - b) * (r.coords - a).transpose());
+    let covariance = rest.iter().zip(&live).fold(Matrix3::zeros(), |m, (r, l)| {
+        m + (l.coords - b) * (r.coords - a).transpose()
+    });
     Rotation3::from_matrix(&covariance).angle().to_degrees()
 }
 
-/// The object from the camera and from the side, shaded; where the camera's points lie is green.
+/// The object from the camera (above) and from the side (below), with the arms: green where they hold.
 fn picture(path: &Path, truth: &Truth, observation: &Observation) -> Result<(), Error> {
-    const W: usize = 560;
-    const H: usize = 700;
-    let mut pixels = vec![[245_u8; 3]; W * H];
-    let mut depth = vec![f64::INFINITY; W * H];
-    let (live, triangles) = (truth.live(), truth.triangles());
-    let view = |p: &Point3<f64>, side: bool| -> (f64, f64, f64) {
-        if side { (280.0 + p.x * 1000.0, 660.0 - (0.55 - p.z) * 1000.0, p.y * -1.0) } else { (280.0 + p.x * 1000.0, 210.0 + p.y * 1000.0, p.z) }
+    let mut image = Image {
+        pixels: vec![[245; 3]; Image::WIDTH * Image::HEIGHT],
+        depth: vec![f64::INFINITY; Image::WIDTH * Image::HEIGHT],
     };
-    for side in [false, true] {
-        for t in &triangles {
-            let n = (live[t[1]] - live[t[0]]).cross(&(live[t[2]] - live[t[0]])).normalize();
-            let light = n.dot(&Vector3::new(-0.4, -0.5, -0.77)).max(0.0) * 0.75 + 0.25;
-            let c = t.map(|v| view(&live[v], side));
-            let area = (c[1].0 - c[0].0) * (c[2].1 - c[0].1) - (c[2].0 - c[0].0) * (c[1].1 - c[0].1);
-            let low = |f: fn(&(f64, f64, f64)) -> f64| c.iter().map(f).fold(f64::MAX, f64::min).max(0.0) as usize;
-            let high = |f: fn(&(f64, f64, f64)) -> f64| c.iter().map(f).fold(0.0, f64::max) as usize;
-            for y in low(|p| p.1)..=high(|p| p.1).min(H - 1) {
-                for x in low(|p| p.0)..=high(|p| p.0).min(W - 1) {
-                    let (px, py) = (x as f64 + 0.5, y as f64 + 0.5);
-                    let w = |a: usize, b: usize| ((c[b].0 - c[a].0) * (py - c[a].1) - (px - c[a].0) * (c[b].1 - c[a].1)) / area;
-                    let (w2, w0, w1) = (w(0, 1), w(1, 2), w(2, 0));
-                    let z = w0 * c[0].2 + w1 * c[1].2 + w2 * c[2].2;
-                    if w0 >= 0.0 && w1 >= 0.0 && w2 >= 0.0 && z < depth[y * W + x] {
-                        depth[y * W + x] = z;
-                        pixels[y * W + x] = [(190.0 * light) as u8, (70.0 * light) as u8, (60.0 * light) as u8];
-                    }
-                }
-            }
+    // A millimetre is a pixel.
+    let above = |p: &Point3<f64>| Point3::new(280.0 + 1000.0 * p.x, 210.0 + 1000.0 * p.y, p.z);
+    let aside =
+        |p: &Point3<f64>| Point3::new(280.0 + 1000.0 * p.x, 660.0 - 1000.0 * (0.55 - p.z), -p.y);
+    let (live, views) = (
+        truth.live(),
+        [&above as &dyn Fn(&Point3<f64>) -> Point3<f64>, &aside],
+    );
+    for view in views {
+        for t in truth.triangles() {
+            let [a, b, c] = t.map(|v| live[v]);
+            let light = 0.25
+                + 0.75
+                    * (b - a)
+                        .cross(&(c - a))
+                        .normalize()
+                        .dot(&Vector3::new(-0.4, -0.5, -0.77))
+                        .max(0.0);
+            image.triangle(
+                [a, b, c].map(|p| view(&p)),
+                [190.0, 70.0, 60.0].map(|c| (c * light) as u8),
+            );
         }
         for arm in &observation.arms {
+            let color = if arm.holding {
+                [20, 140, 30]
+            } else {
+                [30, 30, 160]
+            };
             for k in 0..60 {
-                let p = arm.camera_from_tip * Point3::new(0.0, 0.0, -0.001 * f64::from(k));
-                let (x, y, _) = view(&p, side);
-                for (dx, dy) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)] {
-                    let (x, y) = ((x + dx) as usize, (y + dy) as usize);
-                    if x < W && y < H { pixels[y * W + x] = if arm.holding { [20, 140, 30] } else { [30, 30, 160] }; }
+                let at =
+                    view(&(arm.camera_from_tip * Point3::new(0.0, 0.0, -0.001 * f64::from(k))));
+                image.triangle(
+                    [
+                        at,
+                        at + Vector3::new(3.0, 0.0, 0.0),
+                        at + Vector3::new(0.0, 3.0, 0.0),
+                    ]
+                    .map(|p| Point3::new(p.x, p.y, -1.0)),
+                    color,
+                );
+            }
+        }
+    }
+    let table = [
+        Point3::new(0.0, 660.0, 9.0),
+        Point3::new(2.0 * 560.0, 660.0, 9.0),
+        Point3::new(0.0, 662.0, 9.0),
+    ];
+    image.triangle(table, [90; 3]);
+    let mut file = format!("P6 {} {} 255\n", Image::WIDTH, Image::HEIGHT).into_bytes();
+    file.extend(image.pixels.iter().flatten());
+    std::fs::write(path, file)?;
+    Ok(())
+}
+
+struct Image {
+    pixels: Vec<[u8; 3]>,
+    depth: Vec<f64>,
+}
+
+impl Image {
+    const WIDTH: usize = 560;
+    const HEIGHT: usize = 700;
+
+    fn triangle(&mut self, c: [Point3<f64>; 3], color: [u8; 3]) {
+        let side = |a: usize, b: usize, p: Point3<f64>| (c[b] - c[a]).xy().perp(&(p - c[a]).xy());
+        let area = side(0, 1, c[2]);
+        let low = c[0].inf(&c[1]).inf(&c[2]);
+        let high = c[0].sup(&c[1]).sup(&c[2]);
+        for y in low.y.max(0.0) as usize..=(high.y.max(0.0) as usize).min(Self::HEIGHT - 1) {
+            for x in low.x.max(0.0) as usize..=(high.x.max(0.0) as usize).min(Self::WIDTH - 1) {
+                let p = Point3::new(x as f64 + 0.5, y as f64 + 0.5, 0.0);
+                let w = [
+                    side(1, 2, p) / area,
+                    side(2, 0, p) / area,
+                    side(0, 1, p) / area,
+                ];
+                let z = w[0] * c[0].z + w[1] * c[1].z + w[2] * c[2].z;
+                let at = y * Self::WIDTH + x;
+                if w.iter().all(|&w| w >= 0.0) && z < self.depth[at] {
+                    self.depth[at] = z;
+                    self.pixels[at] = color;
                 }
             }
         }
-        for x in 0..W { pixels[660 * W + x] = [90, 90, 90]; }
     }
-    let mut file = format!("P6 {W} {H} 255\n").into_bytes();
-    file.extend(pixels.iter().flatten());
-    std::fs::write(path, file)?;
-    Ok(())
 }
 
 /// Processor time of this thread.
 fn cpu_seconds() -> f64 {
     let schedule = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    schedule.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+    schedule
+        .split(' ')
+        .next()
+        .and_then(|ns| ns.parse::<f64>().ok())
+        .unwrap_or(0.0)
+        * 1e-9
 }

@@ -33,13 +33,24 @@ struct Soup {
 /// [`SimError::Unreadable`] when the file cannot be read or its ending is unknown, [`SimError::BadFile`] with the place and the
 /// reason when it is not what its ending says.
 pub fn read(path: &Path) -> Result<TriangleMesh, SimError> {
-    let unreadable = |reason: String| SimError::Unreadable { path: path.to_path_buf(), reason };
-    let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    let unreadable = |reason: String| SimError::Unreadable {
+        path: path.to_path_buf(),
+        reason,
+    };
+    let ending = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or("")
+        .to_ascii_lowercase();
     let format = match ending.as_str() {
         "obj" => Format::Obj,
         "ply" => Format::Ply,
         "stl" => Format::Stl,
-        _ => return Err(unreadable(format!("the ending {ending:?} is none of obj, ply, stl"))),
+        _ => {
+            return Err(unreadable(format!(
+                "the ending {ending:?} is none of obj, ply, stl"
+            )));
+        }
     };
     let bytes = std::fs::read(path).map_err(|error| unreadable(error.to_string()))?;
     parse(&bytes, format)
@@ -90,12 +101,21 @@ impl Soup {
             low = low.inf(p);
             high = high.sup(p);
         }
-        let mut weld = Weld { same: ((high - low).norm() * SAME).max(f64::MIN_POSITIVE), low, cells: HashMap::new(), mesh: TriangleMesh::default() };
+        let mut weld = Weld {
+            same: ((high - low).norm() * SAME).max(f64::MIN_POSITIVE),
+            low,
+            cells: HashMap::new(),
+            mesh: TriangleMesh::default(),
+        };
         for (index, polygon) in self.polygons.iter().enumerate() {
             let mut corners = Vec::with_capacity(polygon.len());
             for &v in polygon {
                 let count = self.positions.len();
-                let p = self.positions.get(v).ok_or(SimError::NoSuchVertex { triangle: index, vertex: v, count })?;
+                let p = self.positions.get(v).ok_or(SimError::NoSuchVertex {
+                    triangle: index,
+                    vertex: v,
+                    count,
+                })?;
                 corners.push(weld.vertex(*p));
             }
             for k in 2..corners.len() {
@@ -121,29 +141,69 @@ impl Weld {
     fn vertex(&mut self, p: Point3<f64>) -> usize {
         let cell = [0, 1, 2].map(|k| ((p[k] - self.low[k]) / self.same).floor() as i64);
         for shift in 0..27 {
-            let near = [cell[0] + shift % 3 - 1, cell[1] + shift / 3 % 3 - 1, cell[2] + shift / 9 - 1];
-            let found = self.cells.get(&near).and_then(|c| c.iter().find(|&&v| (self.mesh.vertices[v] - p).norm() <= self.same));
+            let near = [
+                cell[0] + shift % 3 - 1,
+                cell[1] + shift / 3 % 3 - 1,
+                cell[2] + shift / 9 - 1,
+            ];
+            let found = self.cells.get(&near).and_then(|c| {
+                c.iter()
+                    .find(|&&v| (self.mesh.vertices[v] - p).norm() <= self.same)
+            });
             if let Some(&v) = found {
                 return v;
             }
         }
-        self.cells.entry(cell).or_default().push(self.mesh.vertices.len());
+        self.cells
+            .entry(cell)
+            .or_default()
+            .push(self.mesh.vertices.len());
         self.mesh.vertices.push(p);
         self.mesh.vertices.len() - 1
     }
 }
 
 fn bad(format: &'static str, place: String, reason: impl Into<String>) -> SimError {
-    SimError::BadFile { format, place, reason: reason.into() }
+    SimError::BadFile {
+        format,
+        place,
+        reason: reason.into(),
+    }
 }
 
 /// The bytes as text; mesh files in other encodings keep to ASCII where it matters.
 fn text<'a>(bytes: &'a [u8], format: &'static str) -> Result<&'a str, SimError> {
-    std::str::from_utf8(bytes).map_err(|error| bad(format, format!("byte {}", error.valid_up_to()), "this is not text"))
+    std::str::from_utf8(bytes).map_err(|error| {
+        bad(
+            format,
+            format!("byte {}", error.valid_up_to()),
+            "this is not text",
+        )
+    })
 }
 
-fn point<'a>(words: impl Iterator<Item = &'a str>, format: &'static str, line: usize) -> Result<Point3<f64>, SimError> {
-    let mut coordinates = words.map(|w| w.parse::<f64>().map_err(|_| bad(format, format!("line {line}"), format!("{w:?} is not a number"))));
-    let mut next = || coordinates.next().unwrap_or_else(|| Err(bad(format, format!("line {line}"), "a vertex needs three coordinates")));
+fn point<'a>(
+    words: impl Iterator<Item = &'a str>,
+    format: &'static str,
+    line: usize,
+) -> Result<Point3<f64>, SimError> {
+    let mut coordinates = words.map(|w| {
+        w.parse::<f64>().map_err(|_| {
+            bad(
+                format,
+                format!("line {line}"),
+                format!("{w:?} is not a number"),
+            )
+        })
+    });
+    let mut next = || {
+        coordinates.next().unwrap_or_else(|| {
+            Err(bad(
+                format,
+                format!("line {line}"),
+                "a vertex needs three coordinates",
+            ))
+        })
+    };
     Ok(Point3::new(next()?, next()?, next()?))
 }

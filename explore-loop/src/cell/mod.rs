@@ -134,7 +134,12 @@ pub trait Cell {
     ///
     /// # Errors
     /// Unknown arm, non-finite pose, speed not positive.
-    fn move_arm(&mut self, arm: usize, camera_from_tip: Isometry3<f64>, speed: f64) -> Result<(), CellError>;
+    fn move_arm(
+        &mut self,
+        arm: usize,
+        camera_from_tip: Isometry3<f64>,
+        speed: f64,
+    ) -> Result<(), CellError>;
 
     /// Closes a jaw on what is between its fingers.
     ///

@@ -12,9 +12,15 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, SimError> {
             Some("v") => soup.positions.push(point(words.take(3), "OBJ", number)?),
             Some("f") => {
                 let count = soup.positions.len();
-                let polygon: Vec<usize> = words.map(|w| index(w, count, number)).collect::<Result<_, _>>()?;
+                let polygon: Vec<usize> = words
+                    .map(|w| index(w, count, number))
+                    .collect::<Result<_, _>>()?;
                 if polygon.len() < 3 {
-                    return Err(bad("OBJ", format!("line {number}"), format!("a face of {} corners", polygon.len())));
+                    return Err(bad(
+                        "OBJ",
+                        format!("line {number}"),
+                        format!("a face of {} corners", polygon.len()),
+                    ));
                 }
                 soup.polygons.push(polygon);
             }
@@ -26,9 +32,23 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, SimError> {
 }
 
 fn index(word: &str, count: usize, line: usize) -> Result<usize, SimError> {
-    let wrong = || bad("OBJ", format!("line {line}"), format!("{word:?} is not the index of a vertex (there are {count} so far)"));
-    let index: i64 = word.split('/').next().and_then(|i| i.parse().ok()).ok_or_else(wrong)?;
+    let wrong = || {
+        bad(
+            "OBJ",
+            format!("line {line}"),
+            format!("{word:?} is not the index of a vertex (there are {count} so far)"),
+        )
+    };
+    let index: i64 = word
+        .split('/')
+        .next()
+        .and_then(|i| i.parse().ok())
+        .ok_or_else(wrong)?;
     let back = usize::try_from(index.unsigned_abs()).map_err(|_| wrong())?;
-    let from_zero = if index < 0 { count.checked_sub(back) } else { back.checked_sub(1) };
+    let from_zero = if index < 0 {
+        count.checked_sub(back)
+    } else {
+        back.checked_sub(1)
+    };
     from_zero.ok_or_else(wrong)
 }

@@ -16,7 +16,10 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Soup, SimError> {
     if header.binary {
         header.values(&mut Binary { bytes: body, at: 0 })
     } else {
-        header.values(&mut Ascii { words: text(body, "PLY")?.split_whitespace(), read: 0 })
+        header.values(&mut Ascii {
+            words: text(body, "PLY")?.split_whitespace(),
+            read: 0,
+        })
     }
 }
 
@@ -89,13 +92,21 @@ struct Ascii<'a> {
 
 impl Values for Ascii<'_> {
     fn next(&mut self, _: Kind) -> Result<f64, SimError> {
-        let word = self.words.next().ok_or_else(|| self.wrong("the file ends too early".into()))?;
+        let word = self
+            .words
+            .next()
+            .ok_or_else(|| self.wrong("the file ends too early".into()))?;
         self.read += 1;
-        word.parse().map_err(|_| self.wrong(format!("{word:?} is not a number")))
+        word.parse()
+            .map_err(|_| self.wrong(format!("{word:?} is not a number")))
     }
 
     fn wrong(&self, reason: String) -> SimError {
-        bad("PLY", format!("value {} after the header", self.read), reason)
+        bad(
+            "PLY",
+            format!("value {} after the header", self.read),
+            reason,
+        )
     }
 }
 
@@ -106,7 +117,10 @@ struct Binary<'a> {
 
 impl Binary<'_> {
     fn take<const N: usize>(&mut self) -> Result<[u8; N], SimError> {
-        let taken = self.bytes.get(self.at..self.at + N).and_then(|b| b.try_into().ok());
+        let taken = self
+            .bytes
+            .get(self.at..self.at + N)
+            .and_then(|b| b.try_into().ok());
         self.at += N;
         taken.ok_or_else(|| self.wrong("the file ends too early".into()))
     }
@@ -133,7 +147,10 @@ impl Values for Binary<'_> {
 
 impl Header {
     fn read(bytes: &[u8]) -> Result<(Self, &[u8]), SimError> {
-        let mut header = Self { binary: false, elements: Vec::new() };
+        let mut header = Self {
+            binary: false,
+            elements: Vec::new(),
+        };
         let mut rest = bytes;
         for number in 1.. {
             let place = format!("line {number}");
@@ -148,14 +165,32 @@ impl Header {
                 _ if number == 1 => return Err(bad("PLY", place, "the first line is not \"ply\"")),
                 ["format", "ascii", _] => header.binary = false,
                 ["format", "binary_little_endian", _] => header.binary = true,
-                ["format", other, ..] => return Err(bad("PLY", place, format!("format {other} is not supported, ascii and binary_little_endian are"))),
+                ["format", other, ..] => {
+                    return Err(bad(
+                        "PLY",
+                        place,
+                        format!(
+                            "format {other} is not supported, ascii and binary_little_endian are"
+                        ),
+                    ));
+                }
                 ["element", name, count] => {
-                    let count = count.parse().map_err(|_| bad("PLY", place, format!("{count:?} is not a count")))?;
-                    header.elements.push(Element { name: (*name).to_owned(), count, properties: Vec::new() });
+                    let count = count
+                        .parse()
+                        .map_err(|_| bad("PLY", place, format!("{count:?} is not a count")))?;
+                    header.elements.push(Element {
+                        name: (*name).to_owned(),
+                        count,
+                        properties: Vec::new(),
+                    });
                 }
                 ["property", description @ ..] => {
-                    let property = property(description).ok_or_else(|| bad("PLY", place.clone(), format!("what is {line:?}?")))?;
-                    let element = header.elements.last_mut().ok_or_else(|| bad("PLY", place, "a property before the first element"))?;
+                    let property = property(description)
+                        .ok_or_else(|| bad("PLY", place.clone(), format!("what is {line:?}?")))?;
+                    let element = header
+                        .elements
+                        .last_mut()
+                        .ok_or_else(|| bad("PLY", place, "a property before the first element"))?;
                     element.properties.push(property);
                 }
                 ["end_header"] => break,
@@ -169,7 +204,11 @@ impl Header {
         let mut soup = Soup::default();
         for element in &self.elements {
             // Without properties nothing would be read, and a count from the header alone would decide how long that takes.
-            let rows = if element.properties.is_empty() { 0 } else { element.count };
+            let rows = if element.properties.is_empty() {
+                0
+            } else {
+                element.count
+            };
             for _ in 0..rows {
                 element.row(values, &mut soup)?;
             }
@@ -184,10 +223,15 @@ impl Element {
         for property in &self.properties {
             if let Some(length) = property.list {
                 let corners = values.count(length)?;
-                let is_face = self.name == "face" && matches!(property.name.as_str(), "vertex_indices" | "vertex_index");
+                let is_face = self.name == "face"
+                    && matches!(property.name.as_str(), "vertex_indices" | "vertex_index");
                 let mut polygon = Vec::new();
                 for _ in 0..corners {
-                    if is_face { polygon.push(values.count(property.kind)?) } else { values.next(property.kind).map(|_| ())? }
+                    if is_face {
+                        polygon.push(values.count(property.kind)?)
+                    } else {
+                        values.next(property.kind).map(|_| ())?
+                    }
                 }
                 if is_face {
                     soup.polygons.push(polygon);
@@ -211,8 +255,16 @@ impl Element {
 
 fn property(words: &[&str]) -> Option<Property> {
     match words {
-        ["list", length, kind, name] => Some(Property { name: (*name).to_owned(), list: Some(Kind::named(length)?), kind: Kind::named(kind)? }),
-        [kind, name] => Some(Property { name: (*name).to_owned(), list: None, kind: Kind::named(kind)? }),
+        ["list", length, kind, name] => Some(Property {
+            name: (*name).to_owned(),
+            list: Some(Kind::named(length)?),
+            kind: Kind::named(kind)?,
+        }),
+        [kind, name] => Some(Property {
+            name: (*name).to_owned(),
+            list: None,
+            kind: Kind::named(kind)?,
+        }),
         _ => None,
     }
 }

@@ -13,14 +13,15 @@
 
 use nalgebra::{Point3, Vector3};
 use rapier3d::prelude::{
-    ColliderBuilder, PhysicsWorld, RigidBodyBuilder, SoftBodyBuilder, SoftBodyCellModel, SoftBodyHandle, SoftBodyMaterial, Vector,
+    ColliderBuilder, PhysicsWorld, RigidBodyBuilder, SoftBodyBuilder, SoftBodyCellModel,
+    SoftBodyHandle, SoftBodyMaterial, Vector,
 };
 
+use super::SimError;
 use super::embedding::Embedding;
 use super::lattice::{self, TetMesh};
 use super::mesh::TriangleMesh;
 use super::options::{Fidelity, Material};
-use super::SimError;
 
 /// Decimetres in a metre.
 const DM: f64 = 10.0;
@@ -48,7 +49,12 @@ pub(super) struct Body {
 
 impl Body {
     /// The solid bounded by `surface` (world frame), above the table.
-    pub fn new(surface: &TriangleMesh, material: &Material, fidelity: &Fidelity, step: f64) -> Result<Self, SimError> {
+    pub fn new(
+        surface: &TriangleMesh,
+        material: &Material,
+        fidelity: &Fidelity,
+        step: f64,
+    ) -> Result<Self, SimError> {
         let (mesh, embedding) = fill(surface, fidelity)?;
         let mut world = PhysicsWorld::new();
         world.gravity = Vector::new(0.0, 0.0, (-9.81 * DM) as f32);
@@ -62,7 +68,15 @@ impl Body {
         );
         let handle = world.insert_soft_body(builder(&mesh, material, fidelity));
         let edges = edges(&mesh);
-        Ok(Self { world, handle, embedding, edges, nodes: mesh.nodes, tetrahedra: mesh.tets.len(), tets: mesh.tets })
+        Ok(Self {
+            world,
+            handle,
+            embedding,
+            edges,
+            nodes: mesh.nodes,
+            tetrahedra: mesh.tets.len(),
+            tets: mesh.tets,
+        })
     }
 
     /// Lets one step pass; `targets` are the world positions pinned nodes have at its end.
@@ -99,21 +113,38 @@ impl Body {
     /// Fastest node, m/s.
     pub fn fastest(&self) -> f64 {
         let body = &self.world.soft_bodies[self.handle];
-        body.particle_velocities().map(|v| f64::from(v.length())).fold(0.0, f64::max) / DM
+        body.particle_velocities()
+            .map(|v| f64::from(v.length()))
+            .fold(0.0, f64::max)
+            / DM
     }
 
     /// Volume of the tetrahedra, m³.
     pub fn volume(&self) -> f64 {
-        self.tets.iter().map(|t| lattice::signed_volume(t.map(|v| self.nodes[v]))).sum()
+        self.tets
+            .iter()
+            .map(|t| lattice::signed_volume(t.map(|v| self.nodes[v])))
+            .sum()
     }
 
     /// What is wrong with the state, if anything.
     pub fn broken(&self) -> Option<String> {
-        if let Some(index) = self.nodes.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
-            return Some(format!("node {index} of the soft body is not finite any more"));
+        if let Some(index) = self
+            .nodes
+            .iter()
+            .position(|p| !p.iter().all(|c| c.is_finite()))
+        {
+            return Some(format!(
+                "node {index} of the soft body is not finite any more"
+            ));
         }
-        let stretch = |&([a, b], rest): &([usize; 2], f64)| (self.nodes[a] - self.nodes[b]).norm() / rest;
-        let worst = self.edges.iter().map(|e| (e.0, stretch(e))).max_by(|x, y| x.1.total_cmp(&y.1))?;
+        let stretch =
+            |&([a, b], rest): &([usize; 2], f64)| (self.nodes[a] - self.nodes[b]).norm() / rest;
+        let worst = self
+            .edges
+            .iter()
+            .map(|e| (e.0, stretch(e)))
+            .max_by(|x, y| x.1.total_cmp(&y.1))?;
         let at = self.nodes[worst.0[0]];
         (worst.1 > MAX_STRETCH).then(|| {
             format!(
@@ -140,12 +171,17 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embeddi
     loop {
         let mesh = lattice::fill(&depth, surface.bounds(), cell);
         let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;
-        let embedding = (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
+        let embedding =
+            (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
         match embedding {
             Some(embedding) if embedding.gap <= MAX_GAP * cell => return Ok((mesh, embedding)),
             found if enough => {
                 let gap = found.map_or(f64::INFINITY, |e| e.gap);
-                return Err(SimError::TooCoarse { tetrahedra: mesh.tets.len(), cell, gap });
+                return Err(SimError::TooCoarse {
+                    tetrahedra: mesh.tets.len(),
+                    cell,
+                    gap,
+                });
             }
             _ => cell *= 0.88,
         }
@@ -173,7 +209,11 @@ fn builder(mesh: &TetMesh, material: &Material, fidelity: &Fidelity) -> SoftBody
         .self_contacts(fidelity.self_contact)
         .particle_radius((SKIN * DM) as f32)
         .linear_damping(material.damping as f32)
-        .surface_collider(ColliderBuilder::ball(0.05).friction(material.friction as f32).density(0.0))
+        .surface_collider(
+            ColliderBuilder::ball(0.05)
+                .friction(material.friction as f32)
+                .density(0.0),
+        )
 }
 
 fn edges(mesh: &TetMesh) -> Vec<([usize; 2], f64)> {
@@ -187,6 +227,7 @@ fn edges(mesh: &TetMesh) -> Vec<([usize; 2], f64)> {
     }
     pairs.sort_unstable();
     pairs.dedup();
-    let length = |[a, b]: [usize; 2]| -> f64 { Vector3::from(mesh.nodes[a] - mesh.nodes[b]).norm() };
+    let length =
+        |[a, b]: [usize; 2]| -> f64 { Vector3::from(mesh.nodes[a] - mesh.nodes[b]).norm() };
     pairs.into_iter().map(|pair| (pair, length(pair))).collect()
 }

@@ -34,7 +34,11 @@ pub(super) struct DepthCamera {
 impl DepthCamera {
     pub fn new(options: CameraOptions) -> Self {
         let pixels = options.width * options.height;
-        Self { options, inverse_depth: vec![0.0; pixels], thing: vec![Thing::Nothing; pixels] }
+        Self {
+            options,
+            inverse_depth: vec![0.0; pixels],
+            thing: vec![Thing::Nothing; pixels],
+        }
     }
 
     pub fn clear(&mut self) {
@@ -59,7 +63,10 @@ impl DepthCamera {
 
     fn project(&self, p: &Point3<f64>) -> Point2<f64> {
         let c = &self.options;
-        Point2::new(c.focal * p.x / p.z + 0.5 * c.width as f64, c.focal * p.y / p.z + 0.5 * c.height as f64)
+        Point2::new(
+            c.focal * p.x / p.z + 0.5 * c.width as f64,
+            c.focal * p.y / p.z + 0.5 * c.height as f64,
+        )
     }
 
     fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing) {
@@ -74,13 +81,27 @@ impl DepthCamera {
             let end = ((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
             first..end
         };
-        for v in range(a.y.min(b.y).min(c.y), a.y.max(b.y).max(c.y), self.options.height) {
-            for u in range(a.x.min(b.x).min(c.x), a.x.max(b.x).max(c.x), self.options.width) {
+        for v in range(
+            a.y.min(b.y).min(c.y),
+            a.y.max(b.y).max(c.y),
+            self.options.height,
+        ) {
+            for u in range(
+                a.x.min(b.x).min(c.x),
+                a.x.max(b.x).max(c.x),
+                self.options.width,
+            ) {
                 let p = Point2::new(u as f64 + 0.5, v as f64 + 0.5);
-                let weights = [(c - b).perp(&(p - b)), (a - c).perp(&(p - c)), (b - a).perp(&(p - a))].map(|w| w / double_area);
+                let weights = [
+                    (c - b).perp(&(p - b)),
+                    (a - c).perp(&(p - c)),
+                    (b - a).perp(&(p - a)),
+                ]
+                .map(|w| w / double_area);
                 // Both neighbours of an edge draw a pixel that lies on it: the z-buffer keeps one, and no crack stays.
                 if weights.iter().all(|&w| w >= 0.0) {
-                    let depth = weights[0] * inverse[0] + weights[1] * inverse[1] + weights[2] * inverse[2];
+                    let depth =
+                        weights[0] * inverse[0] + weights[1] * inverse[1] + weights[2] * inverse[2];
                     let at = v * self.options.width + u;
                     if depth > self.inverse_depth[at] {
                         self.inverse_depth[at] = depth;
@@ -105,7 +126,11 @@ impl DepthCamera {
                 }
                 let ray = self.ray(u, v);
                 let depth = 1.0 / self.inverse_depth[at];
-                let error = if c.noise > 0.0 { c.noise * normal(&mut noise) / ray.norm() } else { 0.0 };
+                let error = if c.noise > 0.0 {
+                    c.noise * normal(&mut noise) / ray.norm()
+                } else {
+                    0.0
+                };
                 points.push(Point3::from(ray * (depth + error)));
             }
         }
@@ -115,7 +140,11 @@ impl DepthCamera {
     /// Direction of pixel `(u, v)`, scaled to depth 1.
     fn ray(&self, u: usize, v: usize) -> Vector3<f64> {
         let c = &self.options;
-        Vector3::new((u as f64 + 0.5 - 0.5 * c.width as f64) / c.focal, (v as f64 + 0.5 - 0.5 * c.height as f64) / c.focal, 1.0)
+        Vector3::new(
+            (u as f64 + 0.5 - 0.5 * c.width as f64) / c.focal,
+            (v as f64 + 0.5 - 0.5 * c.height as f64) / c.focal,
+            1.0,
+        )
     }
 }
 
@@ -141,7 +170,10 @@ fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
 }
 
 /// The visible part of an arm in its tip frame: a shaft along −z and two fingers that open by `opening` along ±y.
-pub(super) fn gripper(camera_from_tip: &Isometry3<f64>, opening: f64) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
+pub(super) fn gripper(
+    camera_from_tip: &Isometry3<f64>,
+    opening: f64,
+) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
     const RADIUS: f64 = 0.004;
     const LENGTH: f64 = 0.25;
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
@@ -156,7 +188,12 @@ pub(super) fn gripper(camera_from_tip: &Isometry3<f64>, opening: f64) -> (Vec<Po
         // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, `opening` off the middle at its end.
         let first = vertices.len();
         for (z, y) in [(-0.014, 0.002), (0.006, opening + 0.001)] {
-            for (dx, dy) in [(-0.002, -0.001), (0.002, -0.001), (0.002, 0.001), (-0.002, 0.001)] {
+            for (dx, dy) in [
+                (-0.002, -0.001),
+                (0.002, -0.001),
+                (0.002, 0.001),
+                (-0.002, 0.001),
+            ] {
                 vertices.push(Point3::new(dx, side * y + dy, z));
             }
         }
@@ -164,7 +201,13 @@ pub(super) fn gripper(camera_from_tip: &Isometry3<f64>, opening: f64) -> (Vec<Po
             let (a, b) = (first + k, first + (k + 1) % 4);
             triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
         }
-        triangles.extend([[first + 4, first + 5, first + 6], [first + 4, first + 6, first + 7]]);
+        triangles.extend([
+            [first + 4, first + 5, first + 6],
+            [first + 4, first + 6, first + 7],
+        ]);
     }
-    (vertices.iter().map(|p| camera_from_tip * p).collect(), triangles)
+    (
+        vertices.iter().map(|p| camera_from_tip * p).collect(),
+        triangles,
+    )
 }

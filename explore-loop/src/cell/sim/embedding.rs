@@ -34,7 +34,10 @@ impl Embedding {
                 } else {
                     near
                 };
-                let best = candidates.iter().map(|&t| (t, frames[t].outside(p))).min_by(|a, b| a.1.total_cmp(&b.1));
+                let best = candidates
+                    .iter()
+                    .map(|&t| (t, frames[t].outside(p)))
+                    .min_by(|a, b| a.1.total_cmp(&b.1));
                 let (t, outside) = best.unwrap_or((0, 0.0));
                 gap = gap.max(outside);
                 (mesh.tets[t], frames[t].weights(p))
@@ -45,7 +48,12 @@ impl Embedding {
 
     /// Positions of the vertices for the given node positions.
     pub fn place(&self, nodes: &[Point3<f64>]) -> Vec<Point3<f64>> {
-        self.carriers.iter().map(|(t, w)| Point3::from((0..4).fold(Vector3::zeros(), |x, k| x + nodes[t[k]].coords * w[k]))).collect()
+        self.carriers
+            .iter()
+            .map(|(t, w)| {
+                Point3::from((0..4).fold(Vector3::zeros(), |x, k| x + nodes[t[k]].coords * w[k]))
+            })
+            .collect()
     }
 }
 
@@ -58,12 +66,23 @@ struct Frame {
 impl Frame {
     fn new(mesh: &TetMesh, t: usize) -> Self {
         let [a, b, c, d] = mesh.tets[t].map(|v| mesh.nodes[v]);
-        let inverse = Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse().unwrap_or_else(Matrix3::zeros);
+        let inverse = Matrix3::from_columns(&[b - a, c - a, d - a])
+            .try_inverse()
+            .unwrap_or_else(Matrix3::zeros);
         // The gradient of a weight is 1 over the height above the opposite face.
         let rows = [0, 1, 2].map(|k| inverse.row(k).transpose());
         let of = |g: Vector3<f64>| 1.0 / g.norm().max(1e-9);
-        let heights = [of(-(rows[0] + rows[1] + rows[2])), of(rows[0]), of(rows[1]), of(rows[2])];
-        Self { apex: a, inverse, heights }
+        let heights = [
+            of(-(rows[0] + rows[1] + rows[2])),
+            of(rows[0]),
+            of(rows[1]),
+            of(rows[2]),
+        ];
+        Self {
+            apex: a,
+            inverse,
+            heights,
+        }
     }
 
     fn weights(&self, p: &Point3<f64>) -> [f64; 4] {
@@ -95,12 +114,20 @@ impl Bins {
             high = high.sup(p);
         }
         let origin = low - Vector3::repeat(cell);
-        let size = [0, 1, 2].map(|k| (((high[k] - low[k]).max(0.0) / cell).ceil() as usize).saturating_add(3));
-        let mut bins = Self { origin, cell, size, tets: vec![Vec::new(); size.iter().product()] };
+        let size = [0, 1, 2]
+            .map(|k| (((high[k] - low[k]).max(0.0) / cell).ceil() as usize).saturating_add(3));
+        let mut bins = Self {
+            origin,
+            cell,
+            size,
+            tets: vec![Vec::new(); size.iter().product()],
+        };
         for (t, tet) in mesh.tets.iter().enumerate() {
             let corners = tet.map(|v| mesh.nodes[v]);
-            let low = corners.iter().fold(corners[0], |m, p| m.inf(p)) - Vector3::repeat(0.5 * cell);
-            let high = corners.iter().fold(corners[0], |m, p| m.sup(p)) + Vector3::repeat(0.5 * cell);
+            let low =
+                corners.iter().fold(corners[0], |m, p| m.inf(p)) - Vector3::repeat(0.5 * cell);
+            let high =
+                corners.iter().fold(corners[0], |m, p| m.sup(p)) + Vector3::repeat(0.5 * cell);
             let (low, high) = (bins.cube(&low), bins.cube(&high));
             for k in low[2]..=high[2] {
                 for j in low[1]..=high[1] {
@@ -115,7 +142,9 @@ impl Bins {
     }
 
     fn cube(&self, p: &Point3<f64>) -> [usize; 3] {
-        [0, 1, 2].map(|k| (((p[k] - self.origin[k]) / self.cell).max(0.0) as usize).min(self.size[k] - 1))
+        [0, 1, 2].map(|k| {
+            (((p[k] - self.origin[k]) / self.cell).max(0.0) as usize).min(self.size[k] - 1)
+        })
     }
 
     fn index(&self, [i, j, k]: [usize; 3]) -> usize {

@@ -48,7 +48,9 @@ pub enum SimError {
         triangles: usize,
     },
     /// Neighbouring triangles turn against each other.
-    #[error("the mesh is not oriented: triangle {triangle} and its neighbour across edge {a}-{b} turn against each other")]
+    #[error(
+        "the mesh is not oriented: triangle {triangle} and its neighbour across edge {a}-{b} turn against each other"
+    )]
     NotOriented {
         /// First vertex of the edge.
         a: usize,
@@ -64,13 +66,17 @@ pub enum SimError {
         pieces: usize,
     },
     /// The size is not one an object on the table can have.
-    #[error("the bounding box has a diagonal of {diagonal} m, outside 0.02 m to 1 m: are the coordinates in metres?")]
+    #[error(
+        "the bounding box has a diagonal of {diagonal} m, outside 0.02 m to 1 m: are the coordinates in metres?"
+    )]
     NotInMetres {
         /// Diagonal as read, in metres.
         diagonal: f64,
     },
     /// The surface is thinner than the tetrahedra that fit the budget.
-    #[error("{tetrahedra} tetrahedra of {cell} m are too coarse: the surface lies {gap} m away from them; allow more")]
+    #[error(
+        "{tetrahedra} tetrahedra of {cell} m are too coarse: the surface lies {gap} m away from them; allow more"
+    )]
     TooCoarse {
         /// Number of tetrahedra.
         tetrahedra: usize,

@@ -41,7 +41,13 @@ struct Motion {
 
 impl Gripper {
     pub fn new(info: ArmInfo) -> Self {
-        Self { pose: info.camera_from_home, info, motion: None, open: true, held: Vec::new() }
+        Self {
+            pose: info.camera_from_home,
+            info,
+            motion: None,
+            open: true,
+            held: Vec::new(),
+        }
     }
 
     pub fn pose(&self) -> &Isometry3<f64> {
@@ -70,7 +76,12 @@ impl Gripper {
         let distance = (to.translation.vector - self.pose.translation.vector).norm();
         let turn = self.pose.rotation.angle_to(&to.rotation);
         let duration = distance.max(FINGER * turn) / speed;
-        self.motion = Some(Motion { from: self.pose, to, elapsed: 0.0, duration });
+        self.motion = Some(Motion {
+            from: self.pose,
+            to,
+            elapsed: 0.0,
+            duration,
+        });
     }
 
     pub fn stop(&mut self) {
@@ -79,7 +90,9 @@ impl Gripper {
 
     /// Lets `dt` pass.
     pub fn advance(&mut self, dt: f64) {
-        let Some(motion) = &mut self.motion else { return };
+        let Some(motion) = &mut self.motion else {
+            return;
+        };
         motion.elapsed += dt;
         // Within a millionth of a step of the end is the end: sums of steps do not meet it exactly.
         if motion.elapsed >= motion.duration - 1e-6 * dt {
@@ -92,7 +105,9 @@ impl Gripper {
 
     /// Where the held nodes must be now, in the camera frame.
     pub fn targets(&self) -> impl Iterator<Item = (usize, Point3<f64>)> + '_ {
-        self.held.iter().map(|&(node, tip_from_node)| (node, self.pose * tip_from_node))
+        self.held
+            .iter()
+            .map(|&(node, tip_from_node)| (node, self.pose * tip_from_node))
     }
 
     pub fn holds(&self, node: usize) -> bool {
@@ -114,15 +129,29 @@ impl Gripper {
         for (v, p) in surface.iter().enumerate() {
             if inside(jaw, &self.pose.inverse_transform_point(p)) {
                 let (nodes, weights) = body.carrier(v);
-                nodes.iter().zip(weights).for_each(|(&n, w)| *load.entry(n).or_default() += w.max(0.0));
+                nodes
+                    .iter()
+                    .zip(weights)
+                    .for_each(|(&n, w)| *load.entry(n).or_default() += w.max(0.0));
             }
         }
-        let mut ranked: Vec<(usize, f64)> = load.into_iter().filter(|&(n, w)| w > 0.0 && !taken(n)).collect();
+        let mut ranked: Vec<(usize, f64)> = load
+            .into_iter()
+            .filter(|&(n, w)| w > 0.0 && !taken(n))
+            .collect();
         ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-        let Some(&(_, heaviest)) = ranked.first() else { return false };
-        let firm = ranked.iter().take_while(|&&(_, w)| w >= SHARE * heaviest).count();
+        let Some(&(_, heaviest)) = ranked.first() else {
+            return false;
+        };
+        let firm = ranked
+            .iter()
+            .take_while(|&&(_, w)| w >= SHARE * heaviest)
+            .count();
         ranked.truncate(firm.clamp(HELD.0, HELD.1));
-        self.held = ranked.iter().map(|&(n, _)| (n, self.pose.inverse_transform_point(&camera_from_node(n)))).collect();
+        self.held = ranked
+            .iter()
+            .map(|&(n, _)| (n, self.pose.inverse_transform_point(&camera_from_node(n))))
+            .collect();
         self.open = false;
         true
     }
@@ -136,9 +165,12 @@ impl Gripper {
 
 fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, s: f64) -> Isometry3<f64> {
     // Opposite orientations have no shortest way; either start or end is as good.
-    from.try_lerp_slerp(to, s, 1e-9).unwrap_or(if s < 0.5 { *from } else { *to })
+    from.try_lerp_slerp(to, s, 1e-9)
+        .unwrap_or(if s < 0.5 { *from } else { *to })
 }
 
 fn inside(jaw: &JawOptions, p: &Point3<f64>) -> bool {
-    p.x.abs() <= jaw.half_width && p.y.abs() <= jaw.half_opening && (-jaw.behind..=jaw.before).contains(&p.z)
+    p.x.abs() <= jaw.half_width
+        && p.y.abs() <= jaw.half_opening
+        && (-jaw.behind..=jaw.before).contains(&p.z)
 }

@@ -28,9 +28,15 @@ impl Implicit for Ellipsoid {
     fn value(&self, p: &Point3<f64>) -> f64 {
         let [a, b, c] = self.half_axes;
         let unit = Point3::new(p.x / a, p.y / b, p.z / c).coords.norm();
-        let slope = Point3::new(p.x / (a * a), p.y / (b * b), p.z / (c * c)).coords.norm();
+        let slope = Point3::new(p.x / (a * a), p.y / (b * b), p.z / (c * c))
+            .coords
+            .norm();
         // First-order distance: value of ‖x/a‖ − 1 over the length of its gradient.
-        if slope > 0.0 { unit * (unit - 1.0) / slope } else { -a.min(b).min(c) }
+        if slope > 0.0 {
+            unit * (unit - 1.0) / slope
+        } else {
+            -a.min(b).min(c)
+        }
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
@@ -49,7 +55,11 @@ impl Liver {
     /// Signed distance to the outline seen from above.
     fn outline(p: Vector2<f64>) -> f64 {
         let disc = |x: f64, y: f64, r: f64| (p - Vector2::new(x, y)).norm() - r;
-        let right = smooth_min(disc(-0.040, 0.004, 0.060), disc(-0.014, -0.008, 0.053), 0.03);
+        let right = smooth_min(
+            disc(-0.040, 0.004, 0.060),
+            disc(-0.014, -0.008, 0.053),
+            0.03,
+        );
         let left = smooth_min(disc(0.040, 0.006, 0.040), disc(0.066, 0.010, 0.034), 0.03);
         let notch = disc(0.024, -0.058, 0.018);
         -smooth_min(-smooth_min(right, left, 0.04), notch, 0.02)
@@ -69,7 +79,10 @@ impl Implicit for Liver {
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
-        (Point3::new(-0.115, -0.075, -0.04), Point3::new(0.115, 0.075, 0.06))
+        (
+            Point3::new(-0.115, -0.075, -0.04),
+            Point3::new(0.115, 0.075, 0.06),
+        )
     }
 }
 

@@ -47,9 +47,17 @@ pub(super) fn signed_volume([a, b, c, d]: [Point3<f64>; 4]) -> f64 {
 }
 
 /// Fills `depth > 0` inside the box `bounds` with a lattice of cubes of side `cell`; only the largest connected piece is kept.
-pub(super) fn fill(depth: &dyn Fn(&Point3<f64>) -> f64, bounds: (Point3<f64>, Point3<f64>), cell: f64) -> TetMesh {
+pub(super) fn fill(
+    depth: &dyn Fn(&Point3<f64>) -> f64,
+    bounds: (Point3<f64>, Point3<f64>),
+    cell: f64,
+) -> TetMesh {
     let lattice = Lattice::new(bounds, cell);
-    let mut stuffing = Stuffing { points: lattice.points(), phi: Vec::new(), cuts: BTreeMap::new() };
+    let mut stuffing = Stuffing {
+        points: lattice.points(),
+        phi: Vec::new(),
+        cuts: BTreeMap::new(),
+    };
     stuffing.phi = stuffing.points.iter().map(depth).collect();
     stuffing.cut_edges(&lattice, depth);
     stuffing.warp(&lattice);
@@ -92,8 +100,13 @@ impl Lattice {
     }
 
     fn points(&self) -> Vec<Point3<f64>> {
-        let place = |at: [usize; 3], shift: f64| self.origin + Vector3::from(at.map(|c| c as f64 + shift)) * self.cell;
-        self.grid().map(|at| place(at, 0.0)).chain(self.grid().map(|at| place(at, 0.5))).collect()
+        let place = |at: [usize; 3], shift: f64| {
+            self.origin + Vector3::from(at.map(|c| c as f64 + shift)) * self.cell
+        };
+        self.grid()
+            .map(|at| place(at, 0.0))
+            .chain(self.grid().map(|at| place(at, 0.5)))
+            .collect()
     }
 
     /// Four tetrahedra around each segment between neighbouring centres.
@@ -104,7 +117,10 @@ impl Lattice {
                 let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
                 let mut next = at;
                 next[axis] += 1;
-                if next[axis] + 1 >= self.size[axis] || at[u] + 1 >= self.size[u] || at[v] + 1 >= self.size[v] {
+                if next[axis] + 1 >= self.size[axis]
+                    || at[u] + 1 >= self.size[u]
+                    || at[v] + 1 >= self.size[v]
+                {
                     continue;
                 }
                 let ring = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(du, dv)| {
@@ -114,7 +130,12 @@ impl Lattice {
                     self.corner(corner)
                 });
                 for k in 0..4 {
-                    tets.push([self.centre(at), ring[k], ring[(k + 1) % 4], self.centre(next)]);
+                    tets.push([
+                        self.centre(at),
+                        ring[k],
+                        ring[(k + 1) % 4],
+                        self.centre(next),
+                    ]);
                 }
             }
         }
@@ -160,7 +181,11 @@ impl Stuffing {
     /// Moves lattice points onto cut points that are too near; cut points of edges that are no longer cut go.
     fn warp(&mut self, lattice: &Lattice) {
         let mut around: HashMap<usize, Vec<(Edge, f64)>> = HashMap::new();
-        for (key, long) in lattice.edges().into_iter().filter(|(key, _)| self.cuts.contains_key(key)) {
+        for (key, long) in lattice
+            .edges()
+            .into_iter()
+            .filter(|(key, _)| self.cuts.contains_key(key))
+        {
             let limit = if long { WARP_LONG } else { WARP_SHORT };
             let length = (self.points[key.0] - self.points[key.1]).norm();
             for end in [key.0, key.1] {
@@ -169,8 +194,14 @@ impl Stuffing {
         }
         let lattice_points = 2 * lattice.size.iter().product::<usize>();
         for v in 0..lattice_points {
-            let Some(edges) = around.get(&v) else { continue };
-            let distance = |key: &Edge| self.cuts.get(key).map(|&c| (self.points[c] - self.points[v]).norm());
+            let Some(edges) = around.get(&v) else {
+                continue;
+            };
+            let distance = |key: &Edge| {
+                self.cuts
+                    .get(key)
+                    .map(|&c| (self.points[c] - self.points[v]).norm())
+            };
             let nearest = edges
                 .iter()
                 .filter_map(|(key, limit)| distance(key).filter(|d| d < limit).map(|d| (key, d)))
@@ -192,7 +223,16 @@ impl Stuffing {
     /// Appends the tetrahedra of the part of `tet` with `φ ≥ 0`.
     fn keep_inside(&self, tet: [usize; 4], out: &mut Vec<[usize; 4]>) {
         let of_sign = |sign: f64| -> Vec<usize> {
-            tet.iter().copied().filter(|&v| if sign == 0.0 { self.phi[v] == 0.0 } else { self.phi[v] * sign > 0.0 }).collect()
+            tet.iter()
+                .copied()
+                .filter(|&v| {
+                    if sign == 0.0 {
+                        self.phi[v] == 0.0
+                    } else {
+                        self.phi[v] * sign > 0.0
+                    }
+                })
+                .collect()
         };
         let (plus, zero, minus) = (of_sign(1.0), of_sign(0.0), of_sign(-1.0));
         let mut add = |t: [usize; 4]| out.push(self.oriented(t));
@@ -205,29 +245,51 @@ impl Stuffing {
                 corners.extend(minus.iter().map(|&m| self.cut(p, m)));
                 add([corners[0], corners[1], corners[2], corners[3]]);
             }
-            (&[p, q], &[z], &[m]) => pyramid([p, q, self.cut(q, m), self.cut(p, m)], z).into_iter().for_each(add),
+            (&[p, q], &[z], &[m]) => pyramid([p, q, self.cut(q, m), self.cut(p, m)], z)
+                .into_iter()
+                .for_each(add),
             (&[p, q], _, &[m, n]) => {
-                prism([p, self.cut(p, m), self.cut(p, n)], [q, self.cut(q, m), self.cut(q, n)]).into_iter().for_each(add);
+                prism(
+                    [p, self.cut(p, m), self.cut(p, n)],
+                    [q, self.cut(q, m), self.cut(q, n)],
+                )
+                .into_iter()
+                .for_each(add);
             }
             (&[p, q, r], _, &[m]) => {
-                prism([p, q, r], [self.cut(p, m), self.cut(q, m), self.cut(r, m)]).into_iter().for_each(add);
+                prism([p, q, r], [self.cut(p, m), self.cut(q, m), self.cut(r, m)])
+                    .into_iter()
+                    .for_each(add);
             }
             _ => {}
         }
     }
 
     fn oriented(&self, t: [usize; 4]) -> [usize; 4] {
-        if signed_volume(t.map(|v| self.points[v])) < 0.0 { [t[0], t[2], t[1], t[3]] } else { t }
+        if signed_volume(t.map(|v| self.points[v])) < 0.0 {
+            [t[0], t[2], t[1], t[3]]
+        } else {
+            t
+        }
     }
 }
 
 /// Where the surface crosses the segment; bisection needs the side only, which is exact where a distance is not.
-fn crossing(a: Point3<f64>, b: Point3<f64>, a_inside: bool, depth: &dyn Fn(&Point3<f64>) -> f64) -> Point3<f64> {
+fn crossing(
+    a: Point3<f64>,
+    b: Point3<f64>,
+    a_inside: bool,
+    depth: &dyn Fn(&Point3<f64>) -> f64,
+) -> Point3<f64> {
     let (mut low, mut high) = (0.0, 1.0);
     // 2⁻¹⁰ of an edge is 15 µm.
     for _ in 0..10 {
         let middle = 0.5 * (low + high);
-        if (depth(&a.lerp(&b, middle)) > 0.0) == a_inside { low = middle } else { high = middle }
+        if (depth(&a.lerp(&b, middle)) > 0.0) == a_inside {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     a.lerp(&b, 0.5 * (low + high))
 }
@@ -245,7 +307,11 @@ fn prism(bottom: [usize; 3], top: [usize; 3]) -> [[usize; 4]; 3] {
     // tetrahedron over the far end and a pyramid over the far quadrilateral.
     let all = [bottom[0], bottom[1], bottom[2], top[0], top[1], top[2]];
     let smallest = (0..6).min_by_key(|&k| all[k]).unwrap_or(0);
-    let (near, far) = if smallest < 3 { (bottom, top) } else { (top, bottom) };
+    let (near, far) = if smallest < 3 {
+        (bottom, top)
+    } else {
+        (top, bottom)
+    };
     let k = smallest % 3;
     let (i, j) = ((k + 1) % 3, (k + 2) % 3);
     let [first, second] = pyramid([near[i], near[j], far[j], far[i]], near[k]);
@@ -265,7 +331,9 @@ fn largest_piece(mesh: &TetMesh) -> TetMesh {
     for t in &mesh.tets {
         *sizes.entry(root(&mut parent, t[0])).or_default() += 1;
     }
-    let Some(largest) = sizes.iter().max_by_key(|&(_, size)| size).map(|(&r, _)| r) else { return TetMesh::default() };
+    let Some(largest) = sizes.iter().max_by_key(|&(_, size)| size).map(|(&r, _)| r) else {
+        return TetMesh::default();
+    };
     let mut new_index = HashMap::new();
     let mut kept = TetMesh::default();
     for t in &mesh.tets {
@@ -280,4 +348,110 @@ fn largest_piece(mesh: &TetMesh) -> TetMesh {
         }));
     }
     kept
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn ball(cell: f64) -> TetMesh {
+        let radius = 0.05;
+        let corner = Point3::new(radius, radius, radius);
+        fill(
+            &|p: &Point3<f64>| radius - p.coords.norm(),
+            (-corner, corner),
+            cell,
+        )
+    }
+
+    /// Dihedral angles of a tetrahedron, degrees.
+    fn dihedrals(mesh: &TetMesh, t: usize) -> Vec<f64> {
+        let x = mesh.tets[t].map(|v| mesh.nodes[v]);
+        let inward: Vec<Vector3<f64>> = (0..4)
+            .map(|k| {
+                let (a, b, c) = (x[(k + 1) % 4], x[(k + 2) % 4], x[(k + 3) % 4]);
+                let n = (b - a).cross(&(c - a)).normalize();
+                n * (x[k] - a).dot(&n).signum()
+            })
+            .collect();
+        (0..4)
+            .flat_map(|a| (a + 1..4).map(move |b| (a, b)))
+            .map(|(a, b)| 180.0 - inward[a].angle(&inward[b]).to_degrees())
+            .collect()
+    }
+
+    #[test]
+    fn neighbours_share_whole_faces_and_the_boundary_is_closed() {
+        for cell in [0.02, 0.013, 0.009] {
+            let mesh = ball(cell);
+            let mut faces: HashMap<[usize; 3], i32> = HashMap::new();
+            for (t, tet) in mesh.tets.iter().enumerate() {
+                assert!(
+                    mesh.volume(t) > 1e-4 * cell.powi(3),
+                    "tetrahedron {t} is flat: {}",
+                    mesh.volume(t)
+                );
+                for [i, j, k] in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
+                    let mut face = [tet[i], tet[j], tet[k]];
+                    face.sort_unstable();
+                    *faces.entry(face).or_default() += 1;
+                }
+            }
+            assert!(faces.values().all(|&count| count <= 2));
+            let mut edges: HashMap<[usize; 2], i32> = HashMap::new();
+            for face in faces
+                .iter()
+                .filter(|&(_, &count)| count == 1)
+                .map(|(face, _)| face)
+            {
+                for [a, b] in [[0, 1], [1, 2], [0, 2]] {
+                    *edges.entry([face[a], face[b]]).or_default() += 1;
+                }
+                for &v in face {
+                    let off = mesh.nodes[v].coords.norm() - 0.05;
+                    // Cut points are found to 2⁻¹⁰ of an edge.
+                    assert!(
+                        off.abs() < cell * 2e-3,
+                        "a boundary node {off} m off the sphere"
+                    );
+                }
+            }
+            assert!(
+                edges.values().all(|&count| count == 2),
+                "the boundary is not closed"
+            );
+        }
+    }
+
+    #[test]
+    fn no_slivers() {
+        let mesh = ball(0.011);
+        let angles: Vec<f64> = (0..mesh.tets.len())
+            .flat_map(|t| dihedrals(&mesh, t))
+            .collect();
+        let (low, high) = (
+            angles.iter().copied().fold(180.0, f64::min),
+            angles.iter().copied().fold(0.0, f64::max),
+        );
+        assert!(
+            low > 5.0 && high < 170.0,
+            "dihedral angles {low} to {high} degrees"
+        );
+    }
+
+    #[test]
+    fn the_volume_converges_to_that_of_the_ball() {
+        let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.05_f64.powi(3);
+        let error = |cell: f64| {
+            let mesh = ball(cell);
+            1.0 - (0..mesh.tets.len()).map(|t| mesh.volume(t)).sum::<f64>() / exact
+        };
+        let (coarse, fine) = (error(0.016), error(0.008));
+        // Flat faces on a sphere: second order.
+        assert!(
+            coarse > 0.0 && fine > 0.0 && fine < coarse / 3.0,
+            "{coarse} {fine}"
+        );
+    }
 }

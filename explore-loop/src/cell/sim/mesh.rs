@@ -61,10 +61,18 @@ impl TriangleMesh {
                 let along = directed[&(a, b)];
                 let against = directed.get(&(b, a)).copied().unwrap_or(0);
                 if along + against != 2 {
-                    return Err(SimError::NotClosed { a, b, triangles: along + against });
+                    return Err(SimError::NotClosed {
+                        a,
+                        b,
+                        triangles: along + against,
+                    });
                 }
                 if along == 2 {
-                    return Err(SimError::NotOriented { a, b, triangle: index });
+                    return Err(SimError::NotOriented {
+                        a,
+                        b,
+                        triangle: index,
+                    });
                 }
             }
         }
@@ -76,17 +84,27 @@ impl TriangleMesh {
             return Err(SimError::EmptyMesh);
         }
         if self.triangles.len() > MAX_TRIANGLES {
-            return Err(SimError::TooManyTriangles { count: self.triangles.len(), max: MAX_TRIANGLES });
+            return Err(SimError::TooManyTriangles {
+                count: self.triangles.len(),
+                max: MAX_TRIANGLES,
+            });
         }
         for (index, point) in self.vertices.iter().enumerate() {
             if !point.iter().all(|c| c.is_finite()) {
-                return Err(SimError::NonFiniteVertex { index, point: *point });
+                return Err(SimError::NonFiniteVertex {
+                    index,
+                    point: *point,
+                });
             }
         }
         let count = self.vertices.len();
         for (triangle, t) in self.triangles.iter().enumerate() {
             if let Some(&vertex) = t.iter().find(|&&v| v >= count) {
-                return Err(SimError::NoSuchVertex { triangle, vertex, count });
+                return Err(SimError::NoSuchVertex {
+                    triangle,
+                    vertex,
+                    count,
+                });
             }
         }
         Ok(())
@@ -95,7 +113,11 @@ impl TriangleMesh {
     fn check_size(&self) -> Result<(), SimError> {
         let (low, high) = self.bounds();
         let diagonal = (high - low).norm();
-        if (0.02..=1.0).contains(&diagonal) { Ok(()) } else { Err(SimError::NotInMetres { diagonal }) }
+        if (0.02..=1.0).contains(&diagonal) {
+            Ok(())
+        } else {
+            Err(SimError::NotInMetres { diagonal })
+        }
     }
 
     /// The corners of the axis-parallel bounding box.
@@ -112,15 +134,26 @@ impl TriangleMesh {
     /// Signed volume, m³.
     pub fn volume(&self) -> f64 {
         // About a vertex of its own, so that a mesh far from the origin does not cancel.
-        let origin = self.vertices.first().copied().unwrap_or_else(Point3::origin);
+        let origin = self
+            .vertices
+            .first()
+            .copied()
+            .unwrap_or_else(Point3::origin);
         let corner = |v: usize| self.vertices[v] - origin;
-        self.triangles.iter().map(|t| corner(t[0]).dot(&corner(t[1]).cross(&corner(t[2])))).sum::<f64>() / 6.0
+        self.triangles
+            .iter()
+            .map(|t| corner(t[0]).dot(&corner(t[1]).cross(&corner(t[2]))))
+            .sum::<f64>()
+            / 6.0
     }
 
     /// Area, m².
     pub fn area(&self) -> f64 {
         let v = &self.vertices;
-        self.triangles.iter().map(|t| 0.5 * (v[t[1]] - v[t[0]]).cross(&(v[t[2]] - v[t[0]])).norm()).sum()
+        self.triangles
+            .iter()
+            .map(|t| 0.5 * (v[t[1]] - v[t[0]]).cross(&(v[t[2]] - v[t[0]])).norm())
+            .sum()
     }
 
     /// Number of connected pieces.
@@ -176,6 +209,10 @@ impl SignedDistance {
         let p = point.coords.into();
         let projection = self.0.project_local_point(p, false);
         let distance = (projection.point - p).length();
-        if projection.is_inside { distance } else { -distance }
+        if projection.is_inside {
+            distance
+        } else {
+            -distance
+        }
     }
 }

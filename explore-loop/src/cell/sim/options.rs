@@ -19,7 +19,13 @@ pub struct Material {
 
 impl Default for Material {
     fn default() -> Self {
-        Self { young: 10_000.0, poisson: 0.3, density: 1000.0, friction: 0.7, damping: 1.0 }
+        Self {
+            young: 10_000.0,
+            poisson: 0.3,
+            density: 1000.0,
+            friction: 0.7,
+            damping: 1.0,
+        }
     }
 }
 
@@ -45,7 +51,15 @@ pub struct CameraOptions {
 impl Default for CameraOptions {
     /// Sees 0.55 m × 0.41 m of the table, a point every 1.7 mm.
     fn default() -> Self {
-        Self { width: 320, height: 240, focal: 320.0, above_table: 0.55, rate: 10.0, noise: 0.0, pixel_stride: 1 }
+        Self {
+            width: 320,
+            height: 240,
+            focal: 320.0,
+            above_table: 0.55,
+            rate: 10.0,
+            noise: 0.0,
+            pixel_stride: 1,
+        }
     }
 }
 
@@ -64,7 +78,12 @@ pub struct JawOptions {
 
 impl Default for JawOptions {
     fn default() -> Self {
-        Self { half_width: 0.008, half_opening: 0.009, behind: 0.004, before: 0.010 }
+        Self {
+            half_width: 0.008,
+            half_opening: 0.009,
+            behind: 0.004,
+            before: 0.010,
+        }
     }
 }
 
@@ -83,7 +102,12 @@ pub struct Fidelity {
 
 impl Default for Fidelity {
     fn default() -> Self {
-        Self { tetrahedra: 2000, step: 0.01, substeps: 4, self_contact: true }
+        Self {
+            tetrahedra: 2000,
+            step: 0.01,
+            substeps: 4,
+            self_contact: true,
+        }
     }
 }
 
@@ -128,26 +152,82 @@ impl SimOptions {
         within("arms", self.arms as f64, 2.0, 3.0, "2 to 3")?;
         within("young", m.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
         within("poisson", m.poisson, 0.0, 0.49, "0 to 0.49")?;
-        within("density", m.density, 10.0, 20_000.0, "10 kg/m³ to 20000 kg/m³")?;
+        within(
+            "density",
+            m.density,
+            10.0,
+            20_000.0,
+            "10 kg/m³ to 20000 kg/m³",
+        )?;
         within("friction", m.friction, 0.0, 5.0, "0 to 5")?;
         within("damping", m.damping, 0.0, 100.0, "0 to 100 per second")?;
-        within("camera width", c.width as f64, 16.0, 4096.0, "16 to 4096 pixels")?;
-        within("camera height", c.height as f64, 16.0, 4096.0, "16 to 4096 pixels")?;
+        within(
+            "camera width",
+            c.width as f64,
+            16.0,
+            4096.0,
+            "16 to 4096 pixels",
+        )?;
+        within(
+            "camera height",
+            c.height as f64,
+            16.0,
+            4096.0,
+            "16 to 4096 pixels",
+        )?;
         within("camera focal", c.focal, 1.0, 1e5, "1 to 100000 pixels")?;
-        within("camera above_table", c.above_table, 0.1, 5.0, "0.1 m to 5 m")?;
+        within(
+            "camera above_table",
+            c.above_table,
+            0.1,
+            5.0,
+            "0.1 m to 5 m",
+        )?;
         within("camera rate", c.rate, 1.0, 200.0, "1 Hz to 200 Hz")?;
         within("camera noise", c.noise, 0.0, 0.1, "0 m to 0.1 m")?;
-        within("camera pixel_stride", c.pixel_stride as f64, 1.0, 64.0, "1 to 64")?;
+        within(
+            "camera pixel_stride",
+            c.pixel_stride as f64,
+            1.0,
+            64.0,
+            "1 to 64",
+        )?;
         for value in [j.half_width, j.half_opening, j.behind, j.before] {
             within("jaw", value, 0.0, 0.1, "0 m to 0.1 m")?;
         }
-        within("tetrahedra", f.tetrahedra as f64, 100.0, 50_000.0, "100 to 50000")?;
+        within(
+            "tetrahedra",
+            f.tetrahedra as f64,
+            100.0,
+            50_000.0,
+            "100 to 50000",
+        )?;
         within("step", f.step, 0.0005, 0.05, "0.5 ms to 50 ms")?;
         within("substeps", f.substeps as f64, 1.0, 64.0, "1 to 64")?;
-        within("max_speed", self.max_speed, 0.001, 2.0, "0.001 m/s to 2 m/s")
+        within(
+            "max_speed",
+            self.max_speed,
+            0.001,
+            2.0,
+            "0.001 m/s to 2 m/s",
+        )
     }
 }
 
-fn within(option: &'static str, value: f64, low: f64, high: f64, range: &'static str) -> Result<(), SimError> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(SimError::BadOption { option, value, range }) }
+fn within(
+    option: &'static str,
+    value: f64,
+    low: f64,
+    high: f64,
+    range: &'static str,
+) -> Result<(), SimError> {
+    if (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(SimError::BadOption {
+            option,
+            value,
+            range,
+        })
+    }
 }

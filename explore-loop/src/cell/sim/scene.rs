@@ -32,7 +32,10 @@ impl Scene {
         match name {
             "liver" => Self::implicit(name, &Liver),
             "ellipsoid" => Self::ellipsoid([0.06, 0.045, 0.03]),
-            _ => Err(SimError::NoSuchScene { name: name.to_owned(), known: SCENES.join(", ") }),
+            _ => Err(SimError::NoSuchScene {
+                name: name.to_owned(),
+                known: SCENES.join(", "),
+            }),
         }
     }
 
@@ -51,7 +54,11 @@ impl Scene {
     pub fn ellipsoid(half_axes: [f64; 3]) -> Result<Self, SimError> {
         for value in half_axes {
             if !(0.005..=0.5).contains(&value) {
-                return Err(SimError::BadOption { option: "half axis", value, range: "0.005 m to 0.5 m" });
+                return Err(SimError::BadOption {
+                    option: "half axis",
+                    value,
+                    range: "0.005 m to 0.5 m",
+                });
             }
         }
         Self::implicit("ellipsoid", &Ellipsoid { half_axes })
@@ -62,7 +69,10 @@ impl Scene {
     /// # Errors
     /// The mesh is empty, too large, open, not oriented, in pieces, or not in metres.
     pub fn from_mesh(name: &str, mesh: TriangleMesh) -> Result<Self, SimError> {
-        Ok(Self { name: name.to_owned(), mesh: mesh.into_solid()? })
+        Ok(Self {
+            name: name.to_owned(),
+            mesh: mesh.into_solid()?,
+        })
     }
 
     /// The solid bounded by the mesh in a file (OBJ, PLY, STL), named after it.
@@ -70,7 +80,10 @@ impl Scene {
     /// # Errors
     /// The file cannot be read, or what [`Scene::from_mesh`] refuses.
     pub fn from_file(path: &Path) -> Result<Self, SimError> {
-        let name = path.file_stem().map_or_else(|| "mesh".to_owned(), |stem| stem.to_string_lossy().into_owned());
+        let name = path.file_stem().map_or_else(
+            || "mesh".to_owned(),
+            |stem| stem.to_string_lossy().into_owned(),
+        );
         Self::from_mesh(&name, mesh_io::read(path)?)
     }
 

@@ -23,7 +23,10 @@ pub(super) fn triangulate(solid: &dyn Implicit, cell: f64) -> TriangleMesh {
     let quads = grid.quads(&vertex_of_cube);
     relax(solid, &mut vertices, &quads, cell);
     let triangles = quads.iter().flat_map(|q| halves(q, &vertices)).collect();
-    TriangleMesh { vertices, triangles }
+    TriangleMesh {
+        vertices,
+        triangles,
+    }
 }
 
 struct Grid {
@@ -39,7 +42,12 @@ impl Grid {
         // Two cubes of air all round: a cut edge always has four cubes.
         let origin = low - Vector3::repeat(2.0 * cell);
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / cell).ceil() as usize + 5);
-        let mut grid = Self { origin, cell, size, values: Vec::with_capacity(size[0] * size[1] * size[2]) };
+        let mut grid = Self {
+            origin,
+            cell,
+            size,
+            values: Vec::with_capacity(size[0] * size[1] * size[2]),
+        };
         for k in 0..size[2] {
             for j in 0..size[1] {
                 for i in 0..size[0] {
@@ -64,7 +72,8 @@ impl Grid {
 
     fn cubes(&self) -> impl Iterator<Item = [usize; 3]> + use<> {
         let [nx, ny, nz] = self.size;
-        (0..nz - 1).flat_map(move |k| (0..ny - 1).flat_map(move |j| (0..nx - 1).map(move |i| [i, j, k])))
+        (0..nz - 1)
+            .flat_map(move |k| (0..ny - 1).flat_map(move |j| (0..nx - 1).map(move |i| [i, j, k])))
     }
 
     /// One vertex for each cube the surface passes through.
@@ -76,7 +85,10 @@ impl Grid {
             for (a, b) in cube_edges(cube) {
                 if self.inside(a) != self.inside(b) {
                     let (fa, fb) = (self.values[self.index(a)], self.values[self.index(b)]);
-                    sum += self.point(a).coords.lerp(&self.point(b).coords, fa / (fa - fb));
+                    sum += self
+                        .point(a)
+                        .coords
+                        .lerp(&self.point(b).coords, fa / (fa - fb));
                     count += 1.0;
                 }
             }
@@ -106,7 +118,11 @@ impl Grid {
                     vertex_of_cube[&self.index(cube)]
                 });
                 let [a, b, c, d] = around;
-                quads.push(if self.inside(at) { [a, b, c, d] } else { [d, c, b, a] });
+                quads.push(if self.inside(at) {
+                    [a, b, c, d]
+                } else {
+                    [d, c, b, a]
+                });
             }
         }
         quads
@@ -147,8 +163,13 @@ fn relax(solid: &dyn Implicit, vertices: &mut [Point3<f64>], quads: &[[usize; 4]
 fn onto_surface(solid: &dyn Implicit, mut p: Point3<f64>, cell: f64) -> Point3<f64> {
     for _ in 0..3 {
         let h = 1e-3 * cell;
-        let slope = |e: Vector3<f64>| (solid.value(&(p + e * h)) - solid.value(&(p - e * h))) / (2.0 * h);
-        let gradient = Vector3::new(slope(Vector3::x()), slope(Vector3::y()), slope(Vector3::z()));
+        let slope =
+            |e: Vector3<f64>| (solid.value(&(p + e * h)) - solid.value(&(p - e * h))) / (2.0 * h);
+        let gradient = Vector3::new(
+            slope(Vector3::x()),
+            slope(Vector3::y()),
+            slope(Vector3::z()),
+        );
         let step = gradient * (solid.value(&p) / gradient.norm_squared().max(1e-12));
         p -= step.cap_magnitude(0.5 * cell);
     }

@@ -25,14 +25,24 @@ struct Snapshot {
 
 impl Truth {
     pub(super) fn new(triangles: Vec<[usize; 3]>, settled: Vec<Point3<f64>>) -> Self {
-        let snapshot = Snapshot { triangles, rest: settled.clone(), live: settled, frames: 0 };
-        Self { shared: Arc::new(Mutex::new(snapshot)) }
+        let snapshot = Snapshot {
+            triangles,
+            rest: settled.clone(),
+            live: settled,
+            frames: 0,
+        };
+        Self {
+            shared: Arc::new(Mutex::new(snapshot)),
+        }
     }
 
     /// The surface as it lay at the first observation.
     pub fn rest(&self) -> TriangleMesh {
         let snapshot = self.lock();
-        TriangleMesh { vertices: snapshot.rest.clone(), triangles: snapshot.triangles.clone() }
+        TriangleMesh {
+            vertices: snapshot.rest.clone(),
+            triangles: snapshot.triangles.clone(),
+        }
     }
 
     /// Where the same vertices are at the last observation.

@@ -48,25 +48,43 @@ impl SimCell {
     /// An option out of range, a surface too thin for the tetrahedra allowed, or an engine that fails while the object settles.
     pub fn new(options: &SimOptions) -> Result<(Self, Truth), SimError> {
         options.check()?;
-        let steps_per_frame = (1.0 / (options.camera.rate * options.fidelity.step) - 1e-9).ceil().max(1.0) as usize;
+        let steps_per_frame = (1.0 / (options.camera.rate * options.fidelity.step) - 1e-9)
+            .ceil()
+            .max(1.0) as usize;
         let step = 1.0 / (options.camera.rate * steps_per_frame as f64);
         let mut random = ChaCha8Rng::seed_from_u64(options.seed);
         let yaw = random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
-        let at = Point3::new(random.random_range(-0.015..0.015), random.random_range(-0.015..0.015), DROP);
+        let at = Point3::new(
+            random.random_range(-0.015..0.015),
+            random.random_range(-0.015..0.015),
+            DROP,
+        );
         let surface = options.scene.placed(yaw, at);
         let mut body = Body::new(&surface, &options.material, &options.fidelity, step)?;
         settle(&mut body, step)?;
 
         let height = options.camera.above_table;
         let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
-        let camera_from_world = Isometry3::from_parts(Translation3::new(0.0, 0.0, height), half_turn);
-        let settled = body.surface().iter().map(|p| camera_from_world * p).collect();
+        let camera_from_world =
+            Isometry3::from_parts(Translation3::new(0.0, 0.0, height), half_turn);
+        let settled = body
+            .surface()
+            .iter()
+            .map(|p| camera_from_world * p)
+            .collect();
         let truth = Truth::new(surface.triangles.clone(), settled);
         let arms = arms(options, &camera_from_world);
-        let table = Plane { normal: -Vector3::z_axis(), offset: height };
+        let table = Plane {
+            normal: -Vector3::z_axis(),
+            offset: height,
+        };
         let cell = Self {
             grippers: arms.iter().cloned().map(Gripper::new).collect(),
-            info: CellInfo { arms, table, camera_rate: options.camera.rate },
+            info: CellInfo {
+                arms,
+                table,
+                camera_rate: options.camera.rate,
+            },
             camera: DepthCamera::new(options.camera),
             options: options.clone(),
             body,
@@ -98,8 +116,12 @@ impl SimCell {
         let world_from_camera = self.camera_from_world.inverse();
         for _ in 0..self.steps_per_frame {
             self.grippers.iter_mut().for_each(|g| g.advance(self.step));
-            let targets: Vec<_> =
-                self.grippers.iter().flat_map(Gripper::targets).map(|(node, p)| (node, world_from_camera * p)).collect();
+            let targets: Vec<_> = self
+                .grippers
+                .iter()
+                .flat_map(Gripper::targets)
+                .map(|(node, p)| (node, world_from_camera * p))
+                .collect();
             self.body.step(&targets);
         }
         self.frame += 1;
@@ -111,12 +133,18 @@ impl SimCell {
     }
 
     fn surface(&self) -> Vec<Point3<f64>> {
-        self.body.surface().iter().map(|p| self.camera_from_world * p).collect()
+        self.body
+            .surface()
+            .iter()
+            .map(|p| self.camera_from_world * p)
+            .collect()
     }
 
     fn gripper(&mut self, arm: usize) -> Result<&mut Gripper, CellError> {
         let count = self.grippers.len();
-        self.grippers.get_mut(arm).ok_or(CellError::NoSuchArm { arm, count })
+        self.grippers
+            .get_mut(arm)
+            .ok_or(CellError::NoSuchArm { arm, count })
     }
 
     fn wait_for_arms(&mut self) -> Result<(), CellError> {
@@ -129,15 +157,28 @@ impl SimCell {
     fn check_pose(&self, arm: usize, pose: &Isometry3<f64>) -> Result<(), String> {
         let info = &self.info.arms[arm];
         let tip = Point3::from(pose.translation.vector);
-        if !pose.translation.vector.iter().chain(pose.rotation.coords.iter()).all(|c| c.is_finite()) {
+        if !pose
+            .translation
+            .vector
+            .iter()
+            .chain(pose.rotation.coords.iter())
+            .all(|c| c.is_finite())
+        {
             return Err(format!("the pose is not finite: {pose}"));
         }
         let distance = (tip - info.base).norm();
         if distance > info.reach {
-            return Err(format!("the tip would be {distance:.3} m from the base, beyond its reach of {:.3} m", info.reach));
+            return Err(format!(
+                "the tip would be {distance:.3} m from the base, beyond its reach of {:.3} m",
+                info.reach
+            ));
         }
         let height = self.info.table.height(&tip);
-        if height < 0.0 { Err(format!("the tip would be {:.4} m under the table", -height)) } else { Ok(()) }
+        if height < 0.0 {
+            Err(format!("the tip would be {:.4} m under the table", -height))
+        } else {
+            Ok(())
+        }
     }
 }
 
@@ -163,13 +204,22 @@ impl Cell for SimCell {
         })
     }
 
-    fn move_arm(&mut self, arm: usize, camera_from_tip: Isometry3<f64>, speed: f64) -> Result<(), CellError> {
+    fn move_arm(
+        &mut self,
+        arm: usize,
+        camera_from_tip: Isometry3<f64>,
+        speed: f64,
+    ) -> Result<(), CellError> {
         self.gripper(arm)?;
         if !(speed > 0.0 && speed <= self.options.max_speed) {
-            let reason = format!("the speed is {speed} m/s, outside 0 (excluded) to {} m/s", self.options.max_speed);
+            let reason = format!(
+                "the speed is {speed} m/s, outside 0 (excluded) to {} m/s",
+                self.options.max_speed
+            );
             return Err(CellError::BadCommand { arm, reason });
         }
-        self.check_pose(arm, &camera_from_tip).map_err(|reason| CellError::BadCommand { arm, reason })?;
+        self.check_pose(arm, &camera_from_tip)
+            .map_err(|reason| CellError::BadCommand { arm, reason })?;
         self.gripper(arm)?.go(camera_from_tip, speed);
         Ok(())
     }
@@ -181,10 +231,18 @@ impl Cell for SimCell {
         let surface = self.surface();
         let (camera_from_world, jaw) = (self.camera_from_world, self.options.jaw);
         let (before, rest) = self.grippers.split_at_mut(arm);
-        let Some((gripper, after)) = rest.split_first_mut() else { return Err(CellError::NothingGrasped { arm }) };
+        let Some((gripper, after)) = rest.split_first_mut() else {
+            return Err(CellError::NothingGrasped { arm });
+        };
         let taken = |node| before.iter().chain(after.iter()).any(|g| g.holds(node));
         let body = &self.body;
-        if !gripper.close(body, &surface, &jaw, |node| camera_from_world * body.node(node), taken) {
+        if !gripper.close(
+            body,
+            &surface,
+            &jaw,
+            |node| camera_from_world * body.node(node),
+            taken,
+        ) {
             return Err(CellError::NothingGrasped { arm });
         }
         let nodes: Vec<usize> = gripper.targets().map(|(node, _)| node).collect();
@@ -209,7 +267,8 @@ impl Cell for SimCell {
         for g in &mut self.grippers {
             if g.pose() != &g.info.camera_from_home {
                 let mut clear = *g.pose();
-                clear.translation.vector += up * RETREAT.1 - clear.rotation * Vector3::z() * RETREAT.0;
+                clear.translation.vector +=
+                    up * RETREAT.1 - clear.rotation * Vector3::z() * RETREAT.0;
                 g.go(clear, speed);
             }
         }
@@ -233,7 +292,8 @@ fn settle(body: &mut Body, step: f64) -> Result<(), SimError> {
         body.step(&[]);
         elapsed += step;
     }
-    body.broken().map_or(Ok(()), |reason| Err(SimError::Engine(reason)))
+    body.broken()
+        .map_or(Ok(()), |reason| Err(SimError::Engine(reason)))
 }
 
 /// Arms from the right, the left and behind: homes low outside the camera's view, pointing at the middle and down.

@@ -1,0 +1,365 @@
+//! Scenes and meshes: closed, oriented, even, of the size they claim; bad ones are refused with the value that is wrong.
+#![allow(
+    clippy::unwrap_used,
+    clippy::format_push_string,
+    clippy::cast_sign_loss,
+    clippy::float_cmp,
+    clippy::needless_for_each,
+    reason = "a test stops where it fails, and its loops read as prose"
+)]
+
+use std::collections::HashSet;
+
+use explore_loop::cell::mesh_io::{Format, parse};
+use explore_loop::cell::sim::{SCENES, Scene, SimError, TriangleMesh};
+use nalgebra::{Point3, Vector3};
+use proptest::prelude::*;
+
+/// Vertices − edges + triangles: 2 for a sphere.
+fn euler(mesh: &TriangleMesh) -> i64 {
+    let edges: HashSet<_> = mesh
+        .triangles
+        .iter()
+        .flat_map(|t| [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])])
+        .map(|(a, b)| (a.min(b), a.max(b)))
+        .collect();
+    i64::try_from(mesh.vertices.len() + mesh.triangles.len()).unwrap()
+        - i64::try_from(edges.len()).unwrap()
+}
+
+fn icosphere_like(half_axes: [f64; 3]) -> TriangleMesh {
+    Scene::ellipsoid(half_axes).unwrap().mesh().clone()
+}
+
+#[test]
+fn built_in_scenes_are_spheres_of_about_two_thousand_vertices() {
+    for name in SCENES {
+        let scene = Scene::named(name).unwrap();
+        let mesh = scene.mesh();
+        mesh.check_closed().unwrap();
+        assert_eq!(euler(mesh), 2, "{name}");
+        assert!(mesh.volume() > 0.0, "{name} is inside out");
+        assert!(
+            (1600..2600).contains(&mesh.vertices.len()),
+            "{name}: {} vertices",
+            mesh.vertices.len()
+        );
+    }
+}
+
+#[test]
+fn the_liver_has_the_size_of_a_liver() {
+    let scene = Scene::liver().unwrap();
+    let (low, high) = scene.mesh().bounds();
+    let size = high - low;
+    for (got, want) in size.iter().zip([0.20, 0.13, 0.055]) {
+        assert!((got / want - 1.0).abs() < 0.1, "{size:?}");
+    }
+    // Thick on the right, thin on the left.
+    let highest = |left: bool| {
+        scene
+            .mesh()
+            .vertices
+            .iter()
+            .filter(|p| (p.x > 0.05) == left)
+            .map(|p| p.z)
+            .fold(0.0, f64::max)
+    };
+    assert!(highest(false) > 1.5 * highest(true));
+}
+
+#[test]
+fn triangles_are_even() {
+    for name in SCENES {
+        let mesh = Scene::named(name).unwrap().mesh().clone();
+        let v = &mesh.vertices;
+        let mut smallest = f64::INFINITY;
+        for t in &mesh.triangles {
+            for k in 0..3 {
+                let (a, b, c) = (v[t[k]], v[t[(k + 1) % 3]], v[t[(k + 2) % 3]]);
+                smallest = smallest.min((b - a).angle(&(c - a)).to_degrees());
+            }
+        }
+        assert!(smallest > 15.0, "{name}: an angle of {smallest} degrees");
+    }
+}
+
+#[test]
+fn an_ellipsoid_has_the_volume_of_an_ellipsoid() {
+    let [a, b, c] = [0.06, 0.04, 0.03];
+    let mesh = icosphere_like([a, b, c]);
+    let exact = 4.0 / 3.0 * std::f64::consts::PI * a * b * c;
+    // Flat triangles with edges e cut off about e²/(8R) of depth: 4 mm on 30 mm is 0.07 mm, a quarter of a per cent of the radius.
+    assert!(
+        (mesh.volume() / exact - 1.0).abs() < 0.01,
+        "{}",
+        mesh.volume() / exact
+    );
+    for p in &mesh.vertices {
+        let on = Vector3::new(p.x / a, p.y / b, p.z / c).norm();
+        assert!((on - 1.0).abs() < 1e-3, "{p} is off the surface: {on}");
+    }
+}
+
+#[test]
+fn what_bounds_no_solid_is_refused() {
+    let good = icosphere_like([0.05, 0.05, 0.05]);
+    let mut open = good.clone();
+    open.triangles.pop();
+    assert!(matches!(
+        open.into_solid(),
+        Err(SimError::NotClosed { triangles: 1, .. })
+    ));
+
+    let mut twisted = good.clone();
+    twisted.triangles[7].swap(0, 1);
+    assert!(matches!(
+        twisted.into_solid(),
+        Err(SimError::NotOriented { .. })
+    ));
+
+    let mut millimetres = good.clone();
+    millimetres.vertices.iter_mut().for_each(|p| *p *= 1000.0);
+    let error = millimetres.into_solid().unwrap_err();
+    assert!(
+        matches!(error, SimError::NotInMetres { diagonal } if (diagonal - 173.0).abs() < 2.0),
+        "{error}"
+    );
+
+    let mut two = good.clone();
+    let count = two.vertices.len();
+    two.vertices.extend(
+        good.vertices
+            .iter()
+            .map(|p| p + Vector3::new(0.2, 0.0, 0.0)),
+    );
+    two.triangles
+        .extend(good.triangles.iter().map(|t| t.map(|v| v + count)));
+    assert_eq!(
+        two.into_solid().unwrap_err(),
+        SimError::SeveralPieces { pieces: 2 }
+    );
+
+    let mut lost = good.clone();
+    lost.vertices[3].x = f64::NAN;
+    assert!(matches!(
+        lost.into_solid(),
+        Err(SimError::NonFiniteVertex { index: 3, .. })
+    ));
+
+    assert_eq!(
+        TriangleMesh::default().into_solid().unwrap_err(),
+        SimError::EmptyMesh
+    );
+    let huge = TriangleMesh {
+        vertices: vec![Point3::origin(); 3],
+        triangles: vec![[0, 1, 2]; 200_001],
+    };
+    assert!(matches!(
+        huge.into_solid(),
+        Err(SimError::TooManyTriangles { count: 200_001, .. })
+    ));
+    assert!(matches!(
+        Scene::named("spleen"),
+        Err(SimError::NoSuchScene { .. })
+    ));
+    assert!(matches!(
+        Scene::ellipsoid([0.05, f64::NAN, 0.05]),
+        Err(SimError::BadOption { .. })
+    ));
+}
+
+#[test]
+fn an_inside_out_mesh_is_turned() {
+    let good = icosphere_like([0.05, 0.04, 0.03]);
+    let mut inside_out = good.clone();
+    inside_out.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    assert!((inside_out.into_solid().unwrap().volume() - good.volume()).abs() < 1e-12);
+}
+
+fn as_obj(mesh: &TriangleMesh) -> Vec<u8> {
+    let mut text = String::from("# a comment\nvn 0 0 1\n");
+    mesh.vertices
+        .iter()
+        .for_each(|p| text += &format!("v {} {} {}\n", p.x, p.y, p.z));
+    // Every other face counts from the end, and all carry texture and normal indices.
+    for (k, t) in mesh.triangles.iter().enumerate() {
+        let index = |v: usize| {
+            if k % 2 == 0 {
+                format!("{}//1", v + 1)
+            } else {
+                format!("-{}/1/1", mesh.vertices.len() - v)
+            }
+        };
+        text += &format!("f {} {} {}\n", index(t[0]), index(t[1]), index(t[2]));
+    }
+    text.into_bytes()
+}
+
+fn as_ply(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
+    let format = if binary {
+        "binary_little_endian"
+    } else {
+        "ascii"
+    };
+    let mut out = format!(
+        "ply\nformat {format} 1.0\ncomment made here\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nelement face {}\nproperty list uchar int vertex_indices\nproperty float quality\nend_header\n",
+        mesh.vertices.len(),
+        mesh.triangles.len()
+    )
+    .into_bytes();
+    for p in &mesh.vertices {
+        if binary {
+            p.iter().for_each(|c| out.extend(c.to_le_bytes()));
+            out.push(200);
+        } else {
+            out.extend(format!("{} {} {} 200\n", p.x, p.y, p.z).bytes());
+        }
+    }
+    for t in &mesh.triangles {
+        if binary {
+            out.push(3);
+            t.iter()
+                .for_each(|&v| out.extend(i32::try_from(v).unwrap().to_le_bytes()));
+            out.extend(0.5_f32.to_le_bytes());
+        } else {
+            out.extend(format!("3 {} {} {} 0.5\n", t[0], t[1], t[2]).bytes());
+        }
+    }
+    out
+}
+
+fn as_stl(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
+    if !binary {
+        let mut text = String::from("solid thing\n");
+        for t in &mesh.triangles {
+            text += "facet normal 0 0 0\n outer loop\n";
+            t.iter().for_each(|&v| {
+                text += &format!(
+                    "  vertex {:e} {:e} {:e}\n",
+                    mesh.vertices[v].x, mesh.vertices[v].y, mesh.vertices[v].z
+                )
+            });
+            text += " endloop\nendfacet\n";
+        }
+        return (text + "endsolid thing\n").into_bytes();
+    }
+    // Starts like text on purpose.
+    let mut out = b"solid but binary".to_vec();
+    out.resize(80, 0);
+    out.extend(u32::try_from(mesh.triangles.len()).unwrap().to_le_bytes());
+    for t in &mesh.triangles {
+        out.extend([0; 12]);
+        t.iter().for_each(|&v| {
+            mesh.vertices[v]
+                .iter()
+                .for_each(|c| out.extend((*c as f32).to_le_bytes()))
+        });
+        out.extend([0; 2]);
+    }
+    out
+}
+
+#[test]
+fn every_format_gives_the_mesh_back() {
+    let mesh = icosphere_like([0.05, 0.04, 0.03]);
+    let files = [
+        (as_obj(&mesh), Format::Obj),
+        (as_ply(&mesh, false), Format::Ply),
+        (as_ply(&mesh, true), Format::Ply),
+        (as_stl(&mesh, false), Format::Stl),
+        (as_stl(&mesh, true), Format::Stl),
+    ];
+    for (bytes, format) in files {
+        let read = parse(&bytes, format).unwrap().into_solid().unwrap();
+        assert_eq!(
+            (read.vertices.len(), read.triangles.len()),
+            (mesh.vertices.len(), mesh.triangles.len()),
+            "{format:?}"
+        );
+        // Binary STL is f32: 1e-7 of 0.1 m on each coordinate.
+        assert!(
+            (read.volume() / mesh.volume() - 1.0).abs() < 1e-5,
+            "{format:?}"
+        );
+    }
+}
+
+#[test]
+fn a_box_of_quads_is_a_solid() {
+    let obj = "v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nv 0 0 .1\nv .1 0 .1\nv .1 .1 .1\nv 0 .1 .1\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
+    let mesh = parse(obj.as_bytes(), Format::Obj)
+        .unwrap()
+        .into_solid()
+        .unwrap();
+    assert!((mesh.volume() - 1e-3).abs() < 1e-12);
+    assert_eq!(mesh.triangles.len(), 12);
+}
+
+#[test]
+fn broken_files_say_where() {
+    let place = |bytes: &[u8], format| match parse(bytes, format) {
+        Err(SimError::BadFile { place, reason, .. }) => format!("{place}: {reason}"),
+        other => panic!("{other:?}"),
+    };
+    assert!(place(b"v 0 0 0\nv 1 two 0\n", Format::Obj).starts_with("line 2: \"two\""));
+    assert!(place(b"v 0 0 0\nf 1 1 0\n", Format::Obj).starts_with("line 2: \"0\""));
+    assert!(matches!(
+        parse(b"v 0 0 0\nf 1 1 9\n", Format::Obj),
+        Err(SimError::NoSuchVertex {
+            triangle: 0,
+            vertex: 8,
+            count: 1
+        })
+    ));
+    assert!(
+        place(
+            b"ply\nformat binary_big_endian 1.0\nend_header\n",
+            Format::Ply
+        )
+        .contains("binary_big_endian")
+    );
+    assert!(
+        place(
+            b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n",
+            Format::Ply
+        )
+        .contains("ends too early")
+    );
+    assert!(place(b"plop\n", Format::Ply).starts_with("line 1"));
+    assert!(place(&[0; 100], Format::Stl).contains("84 bytes, the file has 100"));
+    assert!(
+        Scene::from_file(std::path::Path::new("nowhere.obj"))
+            .unwrap_err()
+            .to_string()
+            .contains("nowhere.obj")
+    );
+    assert!(
+        Scene::from_file(std::path::Path::new("mesh.step"))
+            .unwrap_err()
+            .to_string()
+            .contains("step")
+    );
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_break_a_reader(bytes in proptest::collection::vec(any::<u8>(), 0..300), cut in 0_usize..4000) {
+        for format in [Format::Obj, Format::Ply, Format::Stl] {
+            let _ = parse(&bytes, format);
+        }
+        let mesh = TriangleMesh {
+            vertices: vec![Point3::origin(), Point3::new(0.1, 0.0, 0.0), Point3::new(0.0, 0.1, 0.0), Point3::new(0.0, 0.0, 0.1)],
+            triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
+        };
+        // A whole file, cut and with a byte changed.
+        for (mut file, format) in [(as_obj(&mesh), Format::Obj), (as_ply(&mesh, true), Format::Ply), (as_stl(&mesh, true), Format::Stl)] {
+            file.truncate(cut);
+            if let (Some(&value), false) = (bytes.first(), file.is_empty()) {
+                let at = cut * 31 % file.len();
+                file[at] = value;
+            }
+            let _ = parse(&file, format).map(TriangleMesh::into_solid);
+        }
+    }
+}
