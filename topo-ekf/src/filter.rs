@@ -47,6 +47,9 @@ pub struct Filter {
 
 /// Times the contacts are linearised; each takes the square of what was left, so the third is rarely needed.
 const LINEARISATIONS: usize = 4;
+/// What a row asks for beyond the separation, m: the triangle turns while it is pushed, and this much of second order is
+/// then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
+const SPARE: f64 = 2e-5;
 /// Lack of separation that is left standing, m.
 const SEPARATED: f64 = 1e-6;
 
@@ -331,10 +334,10 @@ impl Filter {
         let (plane, planes) = split_planes(frame.planes, estimate);
         let surface = std::mem::take(&mut self.surface).renewed(frame.triangles, estimate.len());
         let watch = |now: &[Point3<f64>]| {
-            surface.watch(&self.live, now, self.options.separation, self.options.contact_reach)
+            surface.watch(&self.live, now, self.options.separation + SPARE, self.options.contact_reach)
         };
         let mut contacts = watch(estimate);
-        let before = deepest_gap(&contacts, estimate);
+        let before = (deepest_gap(&contacts, estimate) - SPARE).max(0.0);
         let mut warm = self.warm.clone();
         let (mut passes, mut rounds, mut factorisations) = (0, 0, 0);
         let (projected, left, watched) = loop {
@@ -347,7 +350,7 @@ impl Filter {
             passes += 1;
             // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
             let again = watch(&projected.positions);
-            let left = deepest_gap(&again, &projected.positions);
+            let left = (deepest_gap(&again, &projected.positions) - SPARE).max(0.0);
             if left <= SEPARATED || passes == LINEARISATIONS {
                 break (projected, left, contacts.len());
             }

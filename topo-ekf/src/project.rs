@@ -19,17 +19,23 @@
 
 use std::collections::HashSet;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
-use crate::dual::{Row, solve_dual};
+use crate::active::Active;
+use crate::dual::Row;
 use crate::observation::Plane;
 use crate::system::{Factor, System};
 use crate::Error;
 
 /// Alternations between the two active sets before everything goes into the dual, where rows are only added.
-const ROUNDS: usize = 40;
-/// A vertex lower than this enters the active set; it is then put exactly on the plane.
-const DEPTH: f64 = 1e-9;
+const ROUNDS: usize = 15;
+/// The same without rows: `S` is then an M-matrix and the active set monotone, so that it ends by itself; a sheet that
+/// peels off the table takes a round for every few rings of vertices.
+const ROUNDS_ALONE: usize = 60;
+/// Most resting vertices and pushing rows for which the plane may go into the dense dual.
+const DENSE: usize = 400;
+/// Height up to which a vertex that rested last time is taken to rest again, m.
+const NEAR: f64 = 1e-3;
 /// A row violated by more than this enters the dual. It leaves a hundredfold reserve to the 1e-6 m that is promised.
 const ROW_DEPTH: f64 = 1e-8;
 
@@ -89,17 +95,6 @@ impl Warm {
     }
 }
 
-/// Working state of the two nested active sets.
-struct Sets {
-    struck: Vec<bool>,
-    /// Rows that were violated at some round; the dual decides which of them push.
-    rows: Vec<usize>,
-    /// `S⁻¹ c_k` of those rows, one column each, kept over the rounds.
-    full: Vec<f64>,
-    /// Whether each of those rows pushed when it was last solved for.
-    pushing: Vec<bool>,
-}
-
 impl Projection<'_> {
     /// Solves from the active sets of `warm`.
     pub fn solve(&self, system: &mut System, warm: &Warm) -> Result<Projected, Error> {
@@ -112,48 +107,29 @@ impl Projection<'_> {
         let mut struck: Vec<bool> = heights.iter().map(|&h| h < 0.0).collect();
         for &i in &warm.resting {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
-            struck[i as usize] |= heights[i as usize] < 1e-3;
+            struck[i as usize] |= heights[i as usize] < NEAR;
         }
-        rows.extend((0..self.rows.len()).filter(|k| self.rows[*k].gap(self.estimate) <= ROW_DEPTH && warm.pushes(&self.rows[*k])));
-        let mut sets = Sets { struck, rows: vec![], full: vec![], pushing: vec![] };
-        self.admit(&mut sets, &rows, system);
-        let mut projected = self.alternate(system, &mut sets, &heights)?;
-        if projected.status == Status::Unsettled && let Some(plane) = self.plane {
-            // Vertices that are struck and freed again and again; as rows they are only ever added, which ends.
-            let rows: Vec<_> = self.rows.iter().cloned().chain(plane_rows(&plane, self.estimate.len())).collect();
-            let all = Projection { plane: None, rows: &rows, ..*self };
-            let spent = (projected.rounds, projected.factorisations);
-            projected = all.solve(system, &Warm::default())?;
-            projected.rounds += spent.0;
-            projected.factorisations += spent.1;
-            projected.resting = projected.pushing.iter().filter_map(|k| k.checked_sub(self.rows.len())).map(|i| i as u32).collect();
-            projected.pushing.retain(|k| *k < self.rows.len());
-            lift_above(&mut projected.positions, &plane);
+        let held = |k: &usize| self.rows[*k].gap(self.estimate) <= ROW_DEPTH;
+        rows.extend((0..self.rows.len()).filter(held).filter(|&k| warm.pushes(&self.rows[k])));
+        let mut active = Active::new(self, heights, struck);
+        active.admit(&rows, system);
+        let projected = self.alternate(system, active)?;
+        match self.plane {
+            Some(plane) if projected.status == Status::Unsettled => self.rows_only(system, &plane, projected),
+            _ => Ok(projected),
         }
-        Ok(projected)
     }
 
     /// The two nested active sets.
-    fn alternate(&self, system: &mut System, sets: &mut Sets, heights: &[f64]) -> Result<Projected, Error> {
-        let size = self.estimate.len();
-        let normal = self.plane.map_or(Vector3::zeros(), |p| p.normal.into_inner());
-        let mut shift = vec![Vector3::zeros(); size];
-        let (mut rounds, mut factorisations, mut settled, mut pushing) = (0, 0, false, vec![]);
-        while rounds < ROUNDS && !settled {
+    fn alternate(&self, system: &mut System, mut active: Active) -> Result<Projected, Error> {
+        let mut shift = vec![];
+        let (mut rounds, mut settled) = (0, false);
+        while !settled && rounds < if active.has_rows() { ROUNDS } else { ROUNDS_ALONE } {
             rounds += 1;
-            let free = if sets.struck.contains(&true) {
-                factorisations += 1;
-                Some(system.factorise(&system.pattern.strike(self.values, &sets.struck))?)
-            } else {
-                None
-            };
-            let free = free.as_ref().unwrap_or(self.factor);
-            let mut lift = self.lift(system, free, &sets.struck, heights);
-            let forces;
-            (shift, forces) = self.push(system, free, sets, &mut lift, &normal)?;
-            sets.pushing = forces.iter().map(|f| *f > 0.0).collect();
-            pushing = sets.rows.iter().zip(&forces).filter(|(_, f)| **f > 0.0).map(|(&k, _)| k).collect();
-            settled = !self.update(sets, &shift, &lift, heights, &normal, &forces, system);
+            active.refactor(system)?;
+            let push = active.push(system)?;
+            settled = !active.update(&push, system) && push.exact;
+            shift = push.shift;
         }
         let mut positions: Vec<_> = self.estimate.iter().zip(&shift).map(|(p, d)| p + d).collect();
         if let Some(plane) = &self.plane {
@@ -165,8 +141,26 @@ impl Projection<'_> {
             (true, false) => Status::Constrained,
             (false, _) => Status::Unsettled,
         };
-        let resting = (0..size as u32).filter(|&i| sets.struck[i as usize]).collect();
-        Ok(Projected { positions, status, resting, pushing, rounds, factorisations })
+        let (resting, pushing) = (active.resting(), active.pushing());
+        Ok(Projected { positions, status, resting, pushing, rounds, factorisations: active.factorisations })
+    }
+
+    /// The plane too as rows: vertices that were struck and freed again and again are then only ever added, which ends.
+    /// Its dense dual is dear, so a set too large for it keeps what was reached, feasible for the plane.
+    fn rows_only(&self, system: &mut System, plane: &Plane, reached: Projected) -> Result<Projected, Error> {
+        if reached.resting.len() + reached.pushing.len() > DENSE {
+            return Ok(reached);
+        }
+        let own = self.rows.len();
+        let rows: Vec<_> = self.rows.iter().cloned().chain(plane_rows(plane, self.estimate.len())).collect();
+        let all = Projection { plane: None, rows: &rows, ..*self };
+        let mut projected = all.solve(system, &Warm::default())?;
+        projected.rounds += reached.rounds;
+        projected.factorisations += reached.factorisations;
+        projected.resting = projected.pushing.iter().filter_map(|k| k.checked_sub(own)).map(|i| i as u32).collect();
+        projected.pushing.retain(|k| *k < own);
+        lift_above(&mut projected.positions, plane);
+        Ok(projected)
     }
 
     fn unchanged(&self) -> Projected {
@@ -180,131 +174,9 @@ impl Projection<'_> {
         }
     }
 
-    fn violated(&self, positions: &[Point3<f64>]) -> Vec<usize> {
+    /// Rows that do not hold at these positions.
+    pub fn violated(&self, positions: &[Point3<f64>]) -> Vec<usize> {
         (0..self.rows.len()).filter(|&k| self.rows[k].gap(positions) > ROW_DEPTH).collect()
-    }
-
-    /// Adds rows to the dual and solves for their columns.
-    fn admit(&self, sets: &mut Sets, rows: &[usize], system: &mut System) {
-        let size = self.estimate.len();
-        let mut block = vec![0.0; size * rows.len()];
-        for (column, &k) in block.chunks_exact_mut(size).zip(rows) {
-            for &(v, c) in &self.rows[k].terms {
-                column[v as usize] += c;
-            }
-        }
-        system.solve(self.factor, &mut block);
-        sets.full.extend_from_slice(&block);
-        sets.rows.extend_from_slice(rows);
-        sets.pushing.resize(sets.rows.len(), true);
-    }
-
-    /// Height changes with the struck vertices on the plane and nothing else pushing.
-    fn lift(&self, system: &mut System, free: &Factor, struck: &[bool], heights: &[f64]) -> Vec<f64> {
-        let held: Vec<f64> = struck.iter().zip(heights).map(|(&s, &h)| if s { -h } else { 0.0 }).collect();
-        if !struck.contains(&true) {
-            return held;
-        }
-        let pull = system.pattern.multiply(self.values, &held);
-        let mut lift: Vec<f64> = struck.iter().zip(&pull).map(|(&s, &p)| if s { 0.0 } else { -p }).collect();
-        system.solve(free, &mut lift);
-        for (l, h) in lift.iter_mut().zip(&held) {
-            *l += h;
-        }
-        lift
-    }
-
-    /// Adds what the rows push; returns the whole displacement and the forces of the rows.
-    fn push(
-        &self,
-        system: &mut System,
-        free: &Factor,
-        sets: &Sets,
-        lift: &mut [f64],
-        normal: &Vector3<f64>,
-    ) -> Result<(Vec<Vector3<f64>>, Vec<f64>), Error> {
-        let size = lift.len();
-        let rows: Vec<&Row> = sets.rows.iter().map(|&k| &self.rows[k]).collect();
-        let mut over = vec![0.0; size * rows.len()];
-        for (column, row) in over.chunks_exact_mut(size).zip(&rows) {
-            for &(v, c) in &row.terms {
-                if !sets.struck[v as usize] {
-                    column[v as usize] += c;
-                }
-            }
-        }
-        if self.plane.is_some() {
-            system.solve(free, &mut over);
-        }
-        let along: Vec<f64> = rows.iter().map(|r| r.direction.dot(normal)).collect();
-        let count = rows.len();
-        let mut gram = nalgebra::DMatrix::zeros(count, count);
-        for l in 0..count {
-            let (flat, high) = (&sets.full[l * size..(l + 1) * size], &over[l * size..(l + 1) * size]);
-            for k in 0..=l {
-                let tall = along[k] * along[l];
-                let wide = rows[k].direction.dot(&rows[l].direction) - tall;
-                let mut g = wide * rows[k].dot(flat);
-                if tall != 0.0 {
-                    g += tall * rows[k].dot(high);
-                }
-                gram[(k, l)] = g;
-                gram[(l, k)] = g;
-            }
-        }
-        let gaps = rows.iter().zip(&along).map(|(r, a)| r.gap(self.estimate) - a * r.dot(lift)).collect::<Vec<_>>();
-        let forces = solve_dual(&gram, &gaps, &sets.pushing)?;
-        let mut shift = vec![Vector3::zeros(); size];
-        for (l, row) in rows.iter().enumerate() {
-            if forces[l] > 0.0 {
-                let flat = (row.direction - normal * along[l]) * forces[l];
-                let tall = along[l] * forces[l];
-                for i in 0..size {
-                    shift[i] += flat * sets.full[l * size + i];
-                    lift[i] += tall * over[l * size + i];
-                }
-            }
-        }
-        for (s, l) in shift.iter_mut().zip(lift.iter()) {
-            *s += normal * *l;
-        }
-        Ok((shift, forces))
-    }
-
-    /// Next sets; `true` if something changed.
-    #[allow(clippy::too_many_arguments)] // every argument is a named part of the optimality conditions
-    fn update(
-        &self,
-        sets: &mut Sets,
-        shift: &[Vector3<f64>],
-        lift: &[f64],
-        heights: &[f64],
-        normal: &Vector3<f64>,
-        forces: &[f64],
-        system: &mut System,
-    ) -> bool {
-        let mut changed = false;
-        if self.plane.is_some() {
-            // Force of the table on a struck vertex: what S says of the lift, less what the rows give.
-            let mut table = system.pattern.multiply(self.values, lift);
-            for (&k, &force) in sets.rows.iter().zip(forces) {
-                let row = &self.rows[k];
-                for &(v, c) in &row.terms {
-                    table[v as usize] -= force * c * row.direction.dot(normal);
-                }
-            }
-            for i in 0..lift.len() {
-                let next = if sets.struck[i] { table[i] > 0.0 } else { heights[i] + lift[i] < -DEPTH };
-                changed |= next != sets.struck[i];
-                sets.struck[i] = next;
-            }
-        }
-        let positions: Vec<_> = self.estimate.iter().zip(shift).map(|(p, d)| p + d).collect();
-        let mut new = self.violated(&positions);
-        new.retain(|k| !sets.rows.contains(k));
-        changed |= !new.is_empty();
-        self.admit(sets, &new, system);
-        changed
     }
 }
 
