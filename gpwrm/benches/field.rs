@@ -30,15 +30,27 @@ fn fields(criterion: &mut Criterion) {
             .map(|p| p + Vector3::new(0.003, 0.002, 0.004))
             .collect();
         let mut group = criterion.benchmark_group("field");
-        group.sample_size(20).throughput(Throughput::Elements(count));
+        group
+            .sample_size(20)
+            .throughput(Throughput::Elements(count));
         group.bench_function(BenchmarkId::new("build", count), |b| {
             b.iter(|| Field::new(black_box(&nodes), &moved, &options).unwrap());
         });
         group.bench_function(BenchmarkId::new("displacement", count), |b| {
-            b.iter(|| between.iter().map(|p| field.displacement(p)).sum::<Vector3<f64>>());
+            b.iter(|| {
+                between
+                    .iter()
+                    .map(|p| field.displacement(p))
+                    .sum::<Vector3<f64>>()
+            });
         });
         group.bench_function(BenchmarkId::new("evaluate", count), |b| {
-            b.iter(|| between.iter().map(|p| field.evaluate(p).gradient.trace()).sum::<f64>());
+            b.iter(|| {
+                between
+                    .iter()
+                    .map(|p| field.evaluate(p).gradient.trace())
+                    .sum::<f64>()
+            });
         });
         group.finish();
     }

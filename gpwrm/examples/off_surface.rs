@@ -8,7 +8,12 @@ use nalgebra::{Point3, Rotation3, Vector3};
 
 fn main() -> Result<(), Error> {
     let nodes: Vec<Point3<f64>> = (0..144)
-        .map(|k| (f64::from(k % 12) * 0.01 - 0.055, f64::from(k / 12) * 0.01 - 0.055))
+        .map(|k| {
+            (
+                f64::from(k % 12) * 0.01 - 0.055,
+                f64::from(k / 12) * 0.01 - 0.055,
+            )
+        })
         .map(|(x, y)| Point3::new(x, y, 2.0 * (x * x - y * y)))
         .collect();
     // A turn by half a radian and a bend on top.
@@ -25,14 +30,22 @@ fn main() -> Result<(), Error> {
     for height in [0.0, 0.01, 0.02, 0.03] {
         let (mut ours, mut flat, mut count) = (0.0, 0.0, 0.0);
         for k in 0..100 {
-            let (x, y) = (f64::from(k % 10) * 0.007 - 0.03, f64::from(k / 10) * 0.007 - 0.03);
+            let (x, y) = (
+                f64::from(k % 10) * 0.007 - 0.03,
+                f64::from(k / 10) * 0.007 - 0.03,
+            );
             let p = Point3::new(x, y, 2.0 * (x * x - y * y) + height);
             let plain: Vector3<f64> = shapes.at(&p).iter().map(|&(i, phi)| phi * moved[i]).sum();
             ours += (field.displacement(&p) - motion(&p)).norm();
             flat += (plain - motion(&p)).norm();
             count += 1.0;
         }
-        println!("{:9.0}   {:8.3}   {:16.3}", height * 1e3, ours / count * 1e3, flat / count * 1e3);
+        println!(
+            "{:9.0}   {:8.3}   {:16.3}",
+            height * 1e3,
+            ours / count * 1e3,
+            flat / count * 1e3
+        );
     }
     Ok(())
 }

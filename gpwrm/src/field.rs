@@ -284,16 +284,24 @@ impl Field {
             Vector3::zeros()
         };
         let mut parts = Vec::with_capacity(32);
-        self.reach.visit(nearest.index, distance, p, &self.tree, |i| {
-            parts.extend(self.raw_part(i, p, distance, &outward));
-        });
+        self.reach
+            .visit(nearest.index, distance, p, &self.tree, |i| {
+                parts.extend(self.raw_part(i, p, distance, &outward));
+            });
         let total: f64 = parts.iter().map(|part| part.weight).sum();
         if total < 1e-200 {
             // So far away that all weights underflow: the nearest node speaks for all.
             let node = nearest.index;
             let slope = Vector3::zeros();
             let weight = 1.0;
-            return Some((vec![Part { node, weight, slope }], distance));
+            return Some((
+                vec![Part {
+                    node,
+                    weight,
+                    slope,
+                }],
+                distance,
+            ));
         }
         let drift: Vector3<f64> = parts.iter().map(|part| part.slope).sum::<Vector3<f64>>() / total;
         for part in &mut parts {

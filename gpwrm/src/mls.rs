@@ -176,8 +176,8 @@ impl<'a> Surface<'a> {
             .map(|n| weight(n.distance) * self.normals[n.index].as_ref())
             .sum();
         // Opposite normals cancel: then the nearest point decides the side.
-        let normal = Unit::try_new(blend, 1e-9)
-            .or_else(|| near.first().map(|n| self.normals[n.index]))?;
+        let normal =
+            Unit::try_new(blend, 1e-9).or_else(|| near.first().map(|n| self.normals[n.index]))?;
         let (s, t) = tangents(&normal);
         let mut normal_matrix = Matrix6::zeros();
         let mut right = Vector6::zeros();

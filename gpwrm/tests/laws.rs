@@ -50,7 +50,7 @@ proptest! {
         prop_assert!((sample.gradient + Matrix3::identity() - r.matrix()).norm() < 1e-7);
         prop_assert!((field.rotation(&p).matrix() - r.matrix()).norm() < 1e-7);
         let moved = r * p + t;
-        let back = field.inverse().unwrap().displacement(&moved.into());
+        let back = field.inverse().unwrap().displacement(&moved);
         prop_assert!((moved + back - p).norm() < 1e-9);
     }
 

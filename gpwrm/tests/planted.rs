@@ -8,7 +8,12 @@ use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 /// Nodes 10 mm apart on the saddle `z = 2(x² − y²)`.
 fn saddle() -> Vec<Point3<f64>> {
     (0..144)
-        .map(|k| (f64::from(k % 12) * 0.01 - 0.055, f64::from(k / 12) * 0.01 - 0.055))
+        .map(|k| {
+            (
+                f64::from(k % 12) * 0.01 - 0.055,
+                f64::from(k / 12) * 0.01 - 0.055,
+            )
+        })
         .map(|(x, y)| Point3::new(x, y, 2.0 * (x * x - y * y)))
         .collect()
 }
@@ -36,16 +41,25 @@ fn a_bend_is_followed_on_and_off_the_surface() {
     let jacobian = |p: &Point3<f64>| {
         turn.matrix()
             * Matrix3::new(
-                1.0 - 4.0 * p.z, 0.0, -4.0 * p.x, //
-                0.0, 1.0, 0.0, //
-                4.0 * p.x, 0.0, 1.0,
+                1.0 - 4.0 * p.z,
+                0.0,
+                -4.0 * p.x, //
+                0.0,
+                1.0,
+                0.0, //
+                4.0 * p.x,
+                0.0,
+                1.0,
             )
     };
     let moved: Vec<_> = nodes.iter().map(|p| map(p) - p).collect();
     let field = Field::new(&nodes, &moved, &FieldOptions::default()).unwrap();
     let (mut on, mut off, mut slope) = (0.0_f64, 0.0_f64, 0.0_f64);
     for k in 0..49 {
-        let (x, y) = (f64::from(k % 7) * 0.01 - 0.0312, f64::from(k / 7) * 0.01 - 0.0287);
+        let (x, y) = (
+            f64::from(k % 7) * 0.01 - 0.0312,
+            f64::from(k / 7) * 0.01 - 0.0287,
+        );
         let p = Point3::new(x, y, 2.0 * (x * x - y * y));
         let q = p + Vector3::z() * 0.01;
         let sample = field.evaluate(&p);
@@ -71,7 +85,10 @@ fn normals_stay_normal_to_what_they_were_normal_to() {
         .map(|k| Point3::new(f64::from(k % 5), f64::from(k / 5 % 5), f64::from(k / 25)) * 0.01)
         .collect();
     let moved: Vec<_> = nodes.iter().map(|p| strain * p.coords - p.coords).collect();
-    let options = FieldOptions { shrinkage: 1e-9, ..FieldOptions::default() };
+    let options = FieldOptions {
+        shrinkage: 1e-9,
+        ..FieldOptions::default()
+    };
     let field = Field::new(&nodes, &moved, &options).unwrap();
     let normal = UnitVector3::new_normalize(Vector3::new(0.3, -0.5, 0.8));
     let p = Point3::new(0.018, 0.023, 0.021);
@@ -90,9 +107,19 @@ fn determinacy_follows_the_spread_of_the_nodes() {
         let field = Field::new(nodes, &still, &FieldOptions::default()).unwrap();
         field.evaluate(&Point3::new(0.001, 0.0, 0.002))
     };
-    let line: Vec<_> = (0..9).map(|k| Point3::new(f64::from(k - 4) * 0.01, 0.0, 0.0)).collect();
-    let sheet: Vec<_> = (0..25).map(|k| Point3::new(f64::from(k % 5 - 2), f64::from(k / 5 - 2), 0.0) * 0.01).collect();
-    let block: Vec<_> = (0..3).flat_map(|z| sheet.iter().map(move |p| p + Vector3::z() * 0.01 * f64::from(z - 1))).collect();
+    let line: Vec<_> = (0..9)
+        .map(|k| Point3::new(f64::from(k - 4) * 0.01, 0.0, 0.0))
+        .collect();
+    let sheet: Vec<_> = (0..25)
+        .map(|k| Point3::new(f64::from(k % 5 - 2), f64::from(k / 5 - 2), 0.0) * 0.01)
+        .collect();
+    let block: Vec<_> = (0..3)
+        .flat_map(|z| {
+            sheet
+                .iter()
+                .map(move |p| p + Vector3::z() * 0.01 * f64::from(z - 1))
+        })
+        .collect();
     assert_eq!(at(&line[..1]).determinacy, Determinacy::Undetermined);
     assert_eq!(at(&line).determinacy, Determinacy::Undetermined);
     assert_eq!(at(&sheet).determinacy, Determinacy::Partly);
@@ -104,13 +131,20 @@ fn determinacy_follows_the_spread_of_the_nodes() {
 #[test]
 fn one_two_and_collinear_nodes_take_the_least_rotation() {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.7);
-    let nodes = [Point3::origin(), Point3::new(0.01, 0.0, 0.0), Point3::new(0.02, 0.0, 0.0)];
+    let nodes = [
+        Point3::origin(),
+        Point3::new(0.01, 0.0, 0.0),
+        Point3::new(0.02, 0.0, 0.0),
+    ];
     for count in 2..=3 {
         let moved: Vec<_> = nodes[..count].iter().map(|p| turn * p - p).collect();
         let field = Field::new(&nodes[..count], &moved, &FieldOptions::default()).unwrap();
         // The least rotation that takes the line where it went is the one about z.
         let p = Point3::new(0.005, 0.02, 0.01);
-        assert!((p + field.displacement(&p) - turn * p).norm() < 1e-6, "{count}");
+        assert!(
+            (p + field.displacement(&p) - turn * p).norm() < 1e-6,
+            "{count}"
+        );
     }
 }
 
@@ -121,13 +155,17 @@ fn shape_functions_are_a_partition_of_unity_and_nearly_linear() {
     let still = vec![Vector3::zeros(); nodes.len()];
     let field = Field::new(&nodes, &still, &FieldOptions::default()).unwrap();
     for k in 0..100 {
-        let p = Point3::new(f64::from(k % 10) * 0.009 - 0.04, f64::from(k / 10) * 0.009 - 0.04, 0.0);
+        let p = Point3::new(
+            f64::from(k % 10) * 0.009 - 0.04,
+            f64::from(k / 10) * 0.009 - 0.04,
+            0.0,
+        );
         let phi = shapes.at(&p);
         assert_eq!(phi, field.shape_functions(&p));
         assert!((phi.iter().map(|s| s.1).sum::<f64>() - 1.0).abs() < 1e-12);
         let x: f64 = phi.iter().map(|s| s.1 * nodes[s.0].x).sum();
-        // The damping takes 2 % of the distance to the mean of the nodes, half a spacing at most.
-        assert!((x - p.x).abs() < 0.02 * 0.01);
+        // The damping takes κ τ / (λ + κ τ), 2 to 4 %, of the distance to the mean of the nodes, a spacing and a bit at the rim.
+        assert!((x - p.x).abs() < 0.05 * 0.01, "{}", x - p.x);
     }
 }
 
@@ -140,7 +178,11 @@ fn smoothing_does_not_shrink_a_sphere() {
     let bias = reach.powi(4) / (40.0 * r.powi(3));
     let smoothed = smooth(&points, &normals, reach).unwrap();
     for (p, n) in smoothed.points.iter().zip(&smoothed.normals) {
-        assert!((p.coords.norm() - r).abs() < bias, "{}", p.coords.norm() - r);
+        assert!(
+            (p.coords.norm() - r).abs() < bias,
+            "{}",
+            p.coords.norm() - r
+        );
         assert!(n.dot(&p.coords.normalize()) > 0.9999);
     }
 }
@@ -155,9 +197,17 @@ fn smoothing_removes_noise_and_merges_layers() {
     }
     let smoothed = smooth(&points, &normals, 0.01).unwrap();
     let off = |points: &[Point3<f64>]| {
-        points.iter().map(|p| (p.coords.norm() - r).abs()).sum::<f64>() / points.len() as f64
+        points
+            .iter()
+            .map(|p| (p.coords.norm() - r).abs())
+            .sum::<f64>()
+            / points.len() as f64
     };
-    assert!(off(&smoothed.points) < 0.2 * off(&points), "{}", off(&smoothed.points));
+    assert!(
+        off(&smoothed.points) < 0.2 * off(&points),
+        "{}",
+        off(&smoothed.points)
+    );
 }
 
 #[test]
@@ -168,7 +218,13 @@ fn projection_is_idempotent_and_says_when_it_has_no_support() {
     let twice = project(&once.point, &points, &normals, 0.012).unwrap();
     assert!((once.point - twice.point).norm() < 1e-9);
     let far = project(&Point3::origin(), &points, &normals, 0.012);
-    assert_eq!(far, Err(Error::Unsupported { index: 0, radius: 0.012 }));
+    assert_eq!(
+        far,
+        Err(Error::Unsupported {
+            index: 0,
+            radius: 0.012
+        })
+    );
 }
 
 #[test]
@@ -176,21 +232,55 @@ fn wrong_input_is_named() {
     let nodes = saddle();
     let still = vec![Vector3::zeros(); nodes.len()];
     let options = FieldOptions::default();
-    let build = |n: &[Point3<f64>], u: &[Vector3<f64>], o: &FieldOptions| Field::new(n, u, o).map(|_| ());
+    let build =
+        |n: &[Point3<f64>], u: &[Vector3<f64>], o: &FieldOptions| Field::new(n, u, o).map(|_| ());
     assert_eq!(build(&[], &[], &options), Err(Error::NoNodes));
-    assert!(matches!(build(&nodes, &still[1..], &options), Err(Error::LengthMismatch { expected: 144, found: 143, .. })));
+    assert!(matches!(
+        build(&nodes, &still[1..], &options),
+        Err(Error::LengthMismatch {
+            expected: 144,
+            found: 143,
+            ..
+        })
+    ));
     let mut broken = nodes.clone();
     broken[5].z = f64::INFINITY;
-    assert!(matches!(build(&broken, &still, &options), Err(Error::BadCoordinate { index: 5, .. })));
-    for support in [Support::Radius(0.0), Support::Radius(f64::NAN), Support::Nearest(0)] {
-        let options = FieldOptions { support, ..FieldOptions::default() };
-        assert!(matches!(build(&nodes, &still, &options), Err(Error::BadOption { .. })));
+    assert!(matches!(
+        build(&broken, &still, &options),
+        Err(Error::BadCoordinate { index: 5, .. })
+    ));
+    for support in [
+        Support::Radius(0.0),
+        Support::Radius(f64::NAN),
+        Support::Nearest(0),
+    ] {
+        let options = FieldOptions {
+            support,
+            ..FieldOptions::default()
+        };
+        assert!(matches!(
+            build(&nodes, &still, &options),
+            Err(Error::BadOption { .. })
+        ));
     }
-    let options = FieldOptions { shrinkage: -1.0, ..FieldOptions::default() };
-    assert!(matches!(build(&nodes, &still, &options), Err(Error::BadOption { option: "shrinkage", .. })));
+    let options = FieldOptions {
+        shrinkage: -1.0,
+        ..FieldOptions::default()
+    };
+    assert!(matches!(
+        build(&nodes, &still, &options),
+        Err(Error::BadOption {
+            option: "shrinkage",
+            ..
+        })
+    ));
     let field = Field::new(&nodes, &still, &FieldOptions::default()).unwrap();
     let lost = field.evaluate(&Point3::new(f64::NAN, 0.0, 0.0));
     assert_eq!(lost.determinacy, Determinacy::Undetermined);
     assert!(lost.extrapolation.is_infinite());
-    assert!(field.shape_functions(&Point3::new(f64::NAN, 0.0, 0.0)).is_empty());
+    assert!(
+        field
+            .shape_functions(&Point3::new(f64::NAN, 0.0, 0.0))
+            .is_empty()
+    );
 }

@@ -27,11 +27,21 @@ fn frames(criterion: &mut Criterion) {
         let (before, after) = (sheet(side, 0.0, 0.0), sheet(side, 0.0007, 0.12));
         let normals = estimate_normals(&before, 16, &camera).unwrap();
         let normals_after = estimate_normals(&after, 16, &camera).unwrap();
-        let source = Cloud { points: &before, normals: &normals };
-        let target = Cloud { points: &after, normals: &normals_after };
+        let source = Cloud {
+            points: &before,
+            normals: &normals,
+        };
+        let target = Cloud {
+            points: &after,
+            normals: &normals_after,
+        };
         let mut registrar = Registrar::new(Options::default());
         group.bench_function(BenchmarkId::new("register", before.len()), |b| {
-            b.iter(|| registrar.register(&source, &target, &[], &[], None).unwrap());
+            b.iter(|| {
+                registrar
+                    .register(&source, &target, &[], &[], None)
+                    .unwrap()
+            });
         });
         group.bench_function(BenchmarkId::new("normals", before.len()), |b| {
             b.iter(|| estimate_normals(black_box(&before), 16, &camera).unwrap());

@@ -147,7 +147,12 @@ pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Ve
     let largest = points.iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
     // 2⁵²: beyond it neighbouring cells have the same number.
     let ok = spacing > 0.0 && spacing.is_finite() && largest / spacing < 4.5e15;
-    check_range("spacing", spacing, ok, "positive and not below 2⁻⁵² of the coordinates")?;
+    check_range(
+        "spacing",
+        spacing,
+        ok,
+        "positive and not below 2⁻⁵² of the coordinates",
+    )?;
     let cell = |p: &Point3<f64>| p.coords.map(|c| (c / spacing).floor() as i64);
     let mut keyed: Vec<([i64; 3], usize)> = points
         .iter()
@@ -166,12 +171,7 @@ pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Ve
 }
 
 /// Distances to the centre do not depend on the order of summation, as those to a mean would.
-fn nearest_to_centre(
-    points: &[Point3<f64>],
-    cell: &[usize],
-    key: [i64; 3],
-    spacing: f64,
-) -> usize {
+fn nearest_to_centre(points: &[Point3<f64>], cell: &[usize], key: [i64; 3], spacing: f64) -> usize {
     let centre = Vector3::from(key).map(|k| (k as f64 + 0.5) * spacing);
     let distance = |i: usize| (points[i].coords - centre).norm_squared();
     cell.iter()
@@ -191,7 +191,12 @@ pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>,
     cloud.check("cloud")?;
     check_range("k", k as f64, k >= 3, "at least 3")?;
     let full = std::f64::consts::TAU;
-    check_range("angle", angle, angle > 0.0 && angle < full, "between 0 and 2π")?;
+    check_range(
+        "angle",
+        angle,
+        angle > 0.0 && angle < full,
+        "between 0 and 2π",
+    )?;
     let Some(tree) = Tree::new(cloud.points) else {
         return Ok(Vec::new());
     };

@@ -89,18 +89,11 @@ pub(crate) fn check_vectors(what: &'static str, vectors: &[Vector3<f64>]) -> Res
     check_coordinates(what, vectors.iter())
 }
 
-pub(crate) fn check_normals(
-    what: &'static str,
-    normals: &[UnitVector3<f64>],
-) -> Result<(), Error> {
+pub(crate) fn check_normals(what: &'static str, normals: &[UnitVector3<f64>]) -> Result<(), Error> {
     check_coordinates(what, normals.iter().map(AsRef::as_ref))
 }
 
-pub(crate) fn check_length(
-    what: &'static str,
-    expected: usize,
-    found: usize,
-) -> Result<(), Error> {
+pub(crate) fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
     if expected == found {
         Ok(())
     } else {

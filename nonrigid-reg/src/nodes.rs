@@ -113,7 +113,9 @@ fn node_links(
 ) -> Vec<Link> {
     // A little beyond the eighth, so that it still counts.
     let eighth = near.get(LEAST - 1).or(near.last());
-    let radius = eighth.map_or(0.0, |n| 1.2 * n.squared.sqrt()).max(REACH * spacing);
+    let radius = eighth
+        .map_or(0.0, |n| 1.2 * n.squared.sqrt())
+        .max(REACH * spacing);
     let weight = |n: &Neighbour| gpwrm::Weight::WendlandC2.value(n.squared.sqrt() / radius);
     let reached: Vec<&Neighbour> = near.iter().filter(|n| weight(n) > 0.0).collect();
     let total: f64 = reached.iter().map(|n| weight(n)).sum();

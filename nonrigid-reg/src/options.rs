@@ -54,7 +54,7 @@ impl Default for Options {
             tolerance: 2e-4,
             bending: 1.2,
             strain: 0.025,
-            drag: 0.015,
+            drag: 0.012,
             normal_cosine: 0.5,
             boundary_weight: 0.1,
             boundary_angle: 130_f64.to_radians(),
@@ -99,13 +99,28 @@ impl Options {
             check_range(option, value, ok, "between 0 and 1e12")?;
         }
         let cosine = self.normal_cosine;
-        check_range("normal_cosine", cosine, (-1.0..1.0).contains(&cosine), "in [-1, 1)")?;
+        check_range(
+            "normal_cosine",
+            cosine,
+            (-1.0..1.0).contains(&cosine),
+            "in [-1, 1)",
+        )?;
         let share = self.min_overlap;
-        check_range("min_overlap", share, (0.0..=1.0).contains(&share), "in [0, 1]")?;
+        check_range(
+            "min_overlap",
+            share,
+            (0.0..=1.0).contains(&share),
+            "in [0, 1]",
+        )?;
         check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
         check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
         for &gate in &self.gates {
-            check_range("gates", gate, gate > 0.0 && gate <= 1e12, "positive and at most 1e12")?;
+            check_range(
+                "gates",
+                gate,
+                gate > 0.0 && gate <= 1e12,
+                "positive and at most 1e12",
+            )?;
         }
         Ok(())
     }

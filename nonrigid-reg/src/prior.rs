@@ -109,8 +109,8 @@ impl NodePrior {
         terms.push((i, own));
         let trace = scatter.trace();
         let data = kronecker(&scatter);
-        let s = data + symmetric_projection() * (SHEAR * trace)
-            + Matrix9::identity() * (LINE * trace);
+        let s =
+            data + symmetric_projection() * (SHEAR * trace) + Matrix9::identity() * (LINE * trace);
         // A lone node has no spread: no gradient, and its energy is nothing.
         let inverse = s
             .cholesky()

@@ -224,7 +224,11 @@ impl<'a> Frame<'a> {
             }
         }
         if let Some(predicted) = initial {
-            check_length("initial displacements", source.points.len(), predicted.len())?;
+            check_length(
+                "initial displacements",
+                source.points.len(),
+                predicted.len(),
+            )?;
             check_vectors("initial displacement", predicted)?;
         }
         let spacing = options.node_spacing;
@@ -307,7 +311,13 @@ impl<'a> Frame<'a> {
             .collect()
     }
 
-    fn add_matches(&self, u: &[Vector3<f64>], matches: &[Option<Match>], matcher: &Matcher, system: &mut System) {
+    fn add_matches(
+        &self,
+        u: &[Vector3<f64>],
+        matches: &[Option<Match>],
+        matcher: &Matcher,
+        system: &mut System,
+    ) {
         let points = self.source.points.len() as f64;
         for (i, m) in matches.iter().enumerate() {
             let Some(m) = m else { continue };
@@ -319,7 +329,12 @@ impl<'a> Frame<'a> {
             // Onto the plane of the match, and not along it.
             let wanted = here + across * gap;
             let metric = across + self.options.drag * along;
-            add_observation(&self.shapes[i], &(metric * (m.weight / points)), &wanted, system);
+            add_observation(
+                &self.shapes[i],
+                &(metric * (m.weight / points)),
+                &wanted,
+                system,
+            );
         }
     }
 

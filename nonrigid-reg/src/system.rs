@@ -5,7 +5,7 @@
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
-use faer::{MatMut, Par};
+use faer::{MatMut, Par, Spec};
 use nalgebra::{Matrix3, Vector3};
 
 /// Storage kept from frame to frame.
@@ -65,7 +65,7 @@ impl System {
     pub fn solve(&mut self) -> Option<Vec<Vector3<f64>>> {
         let rows = 3 * self.count;
         let mut h = MatMut::from_column_major_slice_mut(&mut self.matrix, rows, rows);
-        let params = Default::default();
+        let params = Spec::<llt::factor::LltParams, f64>::default();
         let scratch = llt::factor::cholesky_in_place_scratch::<f64>(rows, Par::Seq, params);
         let mut buffer = MemBuffer::new(scratch);
         llt::factor::cholesky_in_place(

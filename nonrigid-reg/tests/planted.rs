@@ -9,7 +9,10 @@ use shapes::{bend, bent, mean_error, potato, seen};
 
 fn grips(points: &[nalgebra::Point3<f64>], size: f64) -> Vec<Landmark> {
     let pick = |key: fn(&nalgebra::Point3<f64>) -> f64| {
-        *points.iter().max_by(|a, b| key(a).total_cmp(&key(b))).unwrap()
+        *points
+            .iter()
+            .max_by(|a, b| key(a).total_cmp(&key(b)))
+            .unwrap()
     };
     [pick(|p| p.x), pick(|p| -p.x), pick(|p| p.y)]
         .map(|source| Landmark {
@@ -23,7 +26,14 @@ fn grips(points: &[nalgebra::Point3<f64>], size: f64) -> Vec<Landmark> {
 #[test]
 fn nothing_moves_when_nothing_moved() {
     let source = seen(&potato(2000, 0.0));
-    let result = register(&source.cloud(), &source.cloud(), &[], &[], &Options::default()).unwrap();
+    let result = register(
+        &source.cloud(),
+        &source.cloud(),
+        &[],
+        &[],
+        &Options::default(),
+    )
+    .unwrap();
     // Matches are the points themselves: u = 0 solves every iteration, up to rounding.
     assert!(result.displacements.iter().all(|u| u.norm() < 1e-9));
     assert_eq!(result.status, Status::Converged);
@@ -36,7 +46,14 @@ fn bending_is_found_from_another_sampling() {
     let target = seen(&bent(&potato(3000, 1.7), 0.006));
     let truth = |i: usize| bend(&source.points[i], 0.006);
     let still = mean_error(&vec![Vector3::zeros(); source.points.len()], truth);
-    let free = register(&source.cloud(), &target.cloud(), &[], &[], &Options::default()).unwrap();
+    let free = register(
+        &source.cloud(),
+        &target.cloud(),
+        &[],
+        &[],
+        &Options::default(),
+    )
+    .unwrap();
     let held = register(
         &source.cloud(),
         &target.cloud(),
@@ -45,10 +62,13 @@ fn bending_is_found_from_another_sampling() {
         &Options::default(),
     )
     .unwrap();
-    let (free, held) = (mean_error(&free.displacements, truth), mean_error(&held.displacements, truth));
-    assert!(still > 0.0018, "{still}");
+    let (free, held) = (
+        mean_error(&free.displacements, truth),
+        mean_error(&held.displacements, truth),
+    );
+    assert!(still > 0.001, "{still}");
     // Half of this motion slides along a smooth surface, which geometry does not see: that part needs the grips.
-    assert!(free < 0.0013, "{free}");
+    assert!(free < 0.0007, "{free}");
     assert!(held < 0.0004, "{held}");
 }
 
@@ -64,12 +84,19 @@ fn exact_landmarks_are_met() {
         target: below + bend(&below, 0.006),
         sigma: 0.0,
     });
-    let result = register(&source.cloud(), &target.cloud(), &landmarks, &[], &Options::default()).unwrap();
+    let result = register(
+        &source.cloud(),
+        &target.cloud(),
+        &landmarks,
+        &[],
+        &Options::default(),
+    )
+    .unwrap();
     for (k, landmark) in landmarks.iter().enumerate() {
         let moved = result.node_positions[k] + result.node_displacements[k];
         // Weight 1e4 against some hundred points that pull by a few mm at most.
         assert!((moved - landmark.target).norm() < 1e-4, "{k}");
-        assert_eq!(result.node_confidence[k], 1.0);
+        assert!(result.node_confidence[k] > 0.999);
     }
 }
 
@@ -90,7 +117,14 @@ fn wrong_features_are_outvoted() {
         wrong.target += Vector3::new(0.015, -0.01, 0.02);
     }
     let truth = |i: usize| bend(&source.points[i], 0.006);
-    let result = register(&source.cloud(), &target.cloud(), &[], &features, &Options::default()).unwrap();
+    let result = register(
+        &source.cloud(),
+        &target.cloud(),
+        &[],
+        &features,
+        &Options::default(),
+    )
+    .unwrap();
     let error = mean_error(&result.displacements, truth);
     assert!(error < 0.0003, "{error}");
 }
@@ -101,7 +135,14 @@ fn hidden_points_are_not_dragged() {
     let source = seen(&potato(3000, 0.0));
     let target = seen(&bent(&potato(3000, 1.7), 0.004)).filter(|p, _| p.x < 0.02);
     let landmarks = grips(&source.points, 0.004);
-    let result = register(&source.cloud(), &target.cloud(), &landmarks, &[], &Options::default()).unwrap();
+    let result = register(
+        &source.cloud(),
+        &target.cloud(),
+        &landmarks,
+        &[],
+        &Options::default(),
+    )
+    .unwrap();
     let hidden: Vec<usize> = (0..source.points.len())
         .filter(|&i| source.points[i].x > 0.03)
         .collect();
@@ -109,6 +150,11 @@ fn hidden_points_are_not_dragged() {
     let worst = hidden.iter().map(|&i| error(i)).fold(0.0, f64::max);
     let mean = hidden.iter().map(|&i| error(i)).sum::<f64>() / hidden.len() as f64;
     assert!(mean < 0.0015 && worst < 0.004, "mean {mean}, worst {worst}");
+    let open_error = (0..source.points.len())
+        .filter(|&i| source.points[i].x < 0.0)
+        .map(error)
+        .fold(0.0, f64::max);
+    assert!(open_error < worst);
     let average = |pick: &dyn Fn(usize) -> bool| {
         let chosen: Vec<f64> = (0..source.points.len())
             .filter(|&i| pick(i))
@@ -127,7 +173,14 @@ fn new_surface_does_not_attract() {
     let whole = seen(&potato(3000, 0.0));
     let source = whole.filter(|p, _| p.x < 0.0);
     let target = seen(&potato(3000, 1.7));
-    let result = register(&source.cloud(), &target.cloud(), &[], &[], &Options::default()).unwrap();
+    let result = register(
+        &source.cloud(),
+        &target.cloud(),
+        &[],
+        &[],
+        &Options::default(),
+    )
+    .unwrap();
     let error = mean_error(&result.displacements, |_| Vector3::zeros());
     assert!(error < 0.0002, "{error}");
 }
@@ -148,12 +201,16 @@ fn a_half_turn_over_many_frames_is_followed() {
     for frame in 0..60 {
         total = step * total;
         let target = seen(&potato(2000, f64::from(frame)).moved(&total, &Vector3::zeros()));
-        let visible: Vec<usize> = (0..live.points.len()).filter(|&i| live.normals[i].z > 0.2).collect();
+        let visible: Vec<usize> = (0..live.points.len())
+            .filter(|&i| live.normals[i].z > 0.2)
+            .collect();
         let source = shapes::Oriented {
             points: visible.iter().map(|&i| live.points[i]).collect(),
             normals: visible.iter().map(|&i| live.normals[i]).collect(),
         };
-        let result = registrar.register(&source.cloud(), &target.cloud(), &[], &[], None).unwrap();
+        let result = registrar
+            .register(&source.cloud(), &target.cloud(), &[], &[], None)
+            .unwrap();
         let error = mean_error(&result.displacements, |k| {
             step * source.points[k] - source.points[k]
         });
@@ -177,7 +234,10 @@ fn a_prediction_is_taken_as_the_start() {
         .register(&source.cloud(), &target.cloud(), &[], &[], Some(&predicted))
         .unwrap();
     let error = mean_error(&result.displacements, |_| far);
-    assert!(error < 0.0005, "{error}");
-    let lost = registrar.register(&source.cloud(), &target.cloud(), &[], &[], None).unwrap();
+    // The prediction itself is 3 mm off.
+    assert!(error < 0.001, "{error}");
+    let lost = registrar
+        .register(&source.cloud(), &target.cloud(), &[], &[], None)
+        .unwrap();
     assert!(matches!(lost.status, Status::LowOverlap { .. }));
 }

@@ -39,8 +39,14 @@ impl Ply {
             .windows(mark.len())
             .position(|w| w == mark)
             .ok_or("no end_header")?;
-        let newline = bytes[end..].iter().position(|&b| b == b'\n').ok_or("no data")?;
-        let (header, body) = (std::str::from_utf8(&bytes[..end])?, &bytes[end + newline + 1..]);
+        let newline = bytes[end..]
+            .iter()
+            .position(|&b| b == b'\n')
+            .ok_or("no data")?;
+        let (header, body) = (
+            std::str::from_utf8(&bytes[..end])?,
+            &bytes[end + newline + 1..],
+        );
         let (mut count, mut inside, mut properties) = (0_usize, false, Vec::new());
         for line in header.lines() {
             match line.split_whitespace().collect::<Vec<_>>()[..] {
@@ -60,13 +66,20 @@ impl Ply {
         let column = |name: &str| properties.iter().position(|p| p.1 == name);
         let triple = |names: [&str; 3]| -> Option<Vec<Vector3<f64>>> {
             let [a, b, c] = [column(names[0])?, column(names[1])?, column(names[2])?];
-            Some(rows.iter().map(|r| Vector3::new(r[a], r[b], r[c])).collect())
+            Some(
+                rows.iter()
+                    .map(|r| Vector3::new(r[a], r[b], r[c]))
+                    .collect(),
+            )
         };
         let points = triple(["x", "y", "z"]).ok_or("no x, y, z")?;
         let normals = triple(["nx", "ny", "nz"]).unwrap_or_default();
         Ok(Self {
             points: points.into_iter().map(Point3::from).collect(),
-            normals: normals.into_iter().map(UnitVector3::new_normalize).collect(),
+            normals: normals
+                .into_iter()
+                .map(UnitVector3::new_normalize)
+                .collect(),
         })
     }
 }
@@ -74,7 +87,10 @@ impl Ply {
 fn ascii_rows(body: &str, count: usize, width: usize) -> Result<Vec<Vec<f64>>, Box<dyn Error>> {
     let mut rows = Vec::new();
     for line in body.lines().take(count) {
-        let row: Vec<f64> = line.split_whitespace().map(str::parse).collect::<Result<_, _>>()?;
+        let row: Vec<f64> = line
+            .split_whitespace()
+            .map(str::parse)
+            .collect::<Result<_, _>>()?;
         if row.len() < width {
             return Err("a row is too short".into());
         }
@@ -88,7 +104,10 @@ fn binary_rows(
     count: usize,
     properties: &[(&str, &str)],
 ) -> Result<Vec<Vec<f64>>, Box<dyn Error>> {
-    let sizes: Vec<usize> = properties.iter().map(|p| size(p.0)).collect::<Result<_, _>>()?;
+    let sizes: Vec<usize> = properties
+        .iter()
+        .map(|p| size(p.0))
+        .collect::<Result<_, _>>()?;
     let width: usize = sizes.iter().sum();
     if width == 0 || body.len() / width < count {
         return Err("the file is shorter than its header says".into());
@@ -105,8 +124,11 @@ fn binary_rows(
     Ok(rows)
 }
 
+/// Where a point was, and where it is.
+pub type PointPair = (Point3<f64>, Point3<f64>);
+
 /// Rows `sx,sy,sz,tx,ty,tz` after one header line.
-pub fn read_pairs(path: &str) -> Result<Vec<(Point3<f64>, Point3<f64>)>, Box<dyn Error>> {
+pub fn read_pairs(path: &str) -> Result<Vec<PointPair>, Box<dyn Error>> {
     let text = std::fs::read_to_string(path).map_err(|e| format!("{path}: {e}"))?;
     let mut pairs = Vec::new();
     for line in text.lines().skip(1).filter(|l| !l.trim().is_empty()) {

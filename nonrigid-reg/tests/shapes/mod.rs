@@ -83,7 +83,9 @@ pub fn bent(o: &Oriented, size: f64) -> Oriented {
             e[a] = h;
             (map(&(p + e)) - map(&(p - e))) / (2.0 * h)
         }));
-        let carried = f.try_inverse().map(|inverse| inverse.transpose() * n.as_ref());
+        let carried = f
+            .try_inverse()
+            .map(|inverse| inverse.transpose() * n.as_ref());
         UnitVector3::new_normalize(carried.unwrap_or(n.into_inner()))
     });
     Oriented {
