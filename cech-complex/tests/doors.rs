@@ -1,5 +1,10 @@
 //! What happens at the doors: bad input is an error that says what and where, and degenerate input is an answer.
-#![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "a test may panic, and exact answers are exact"
+)]
 
 use cech_complex::nalgebra::{Point3, Unit, UnitVector3, Vector3};
 use cech_complex::{

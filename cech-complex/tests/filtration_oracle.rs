@@ -1,5 +1,10 @@
 //! Filtration values against a second-order cone program solved by clarabel, and against closed forms.
-#![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "a test may panic, and exact answers are exact"
+)]
 
 use cech_complex::nalgebra::{Point3, UnitVector3, Vector3};
 use cech_complex::{Cylinder, filtration_value};
