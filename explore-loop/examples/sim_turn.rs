@@ -22,8 +22,8 @@ const RADIUS: f64 = 1.8;
 const SPREAD: f64 = 0.45;
 /// The tips stop turning here, so that the shafts stay above the table.
 const LAST_TURN_DEG: f64 = 140.0;
-/// The tips go no lower than this, metres.
-const LOWEST: f64 = 0.006;
+/// The tips go no lower than this, metres: what a jaw holds is up to 9 mm to either side of it.
+const LOWEST: f64 = 0.012;
 /// Straight pieces of the half circle.
 const STEPS: u32 = 60;
 
@@ -45,6 +45,7 @@ fn main() -> Result<(), Error> {
         pictures,
         frames: 0,
         slowest: 0.0,
+        lowest: 0.0,
         cpu: 0.0,
     };
     println!(
@@ -62,6 +63,10 @@ fn main() -> Result<(), Error> {
     }
     println!("seen after:  {:.1} %", 100.0 * turn.share(&truth));
     println!("turned by:   {:.0} deg", turned_deg(&truth));
+    println!(
+        "deepest:     {:.1} mm under the table",
+        -1000.0 * turn.lowest
+    );
     println!("volume kept: {:.2} %", 100.0 * cell.volume() / volume);
     println!(
         "CPU:         {:.1} ms a frame of 100 ms, slowest {:.1}",
@@ -76,6 +81,7 @@ struct Turn {
     pictures: Option<String>,
     frames: usize,
     slowest: f64,
+    lowest: f64,
     cpu: f64,
 }
 
@@ -161,6 +167,11 @@ impl Turn {
         self.frames += 1;
         self.cpu += cpu;
         self.slowest = self.slowest.max(cpu);
+        let heights = truth
+            .live()
+            .into_iter()
+            .map(|p| cell.info().table.height(&p));
+        self.lowest = heights.fold(self.lowest, f64::min);
         mark_seen(&mut self.seen, &truth.live(), &observation.points);
         if let (1, Some(directory)) = (self.frames % 10, &self.pictures) {
             picture(
