@@ -284,10 +284,16 @@ impl Field {
             Vector3::zeros()
         };
         let mut parts = Vec::with_capacity(32);
-        self.reach
-            .visit(nearest.index, distance, p, &self.tree, |i| {
+        self.reach.visit(
+            nearest.index,
+            self.radii[nearest.index],
+            distance,
+            p,
+            &self.tree,
+            |i| {
                 parts.extend(self.raw_part(i, p, distance, &outward));
-            });
+            },
+        );
         let total: f64 = parts.iter().map(|part| part.weight).sum();
         if total < 1e-200 {
             // So far away that all weights underflow: the nearest node speaks for all.
@@ -370,22 +376,24 @@ impl Reach {
         }
     }
 
-    /// Lists are complete for points closer to their node than half of this.
+    /// Lists are complete for points closer to their node than half of this: with the usual reach that is somewhat more than half
+    /// a spacing, so that points on the surface need no search and lists stay short.
     fn span(radius: f64) -> f64 {
-        radius
+        0.6 * radius
     }
 
     /// Calls `take` for every node that can weigh at `p`, whose nearest node `n` is `distance` away.
     fn visit(
         &self,
         n: usize,
+        own_radius: f64,
         distance: f64,
         p: &Point3<f64>,
         tree: &Tree,
         mut take: impl FnMut(usize),
     ) {
         let list = &self.lists[self.starts[n]..self.starts[n + 1]];
-        let complete = list.first().is_some_and(|own| 2.0 * distance < -own.gap);
+        let complete = 2.0 * distance < Self::span(own_radius);
         if complete {
             list.iter()
                 .take_while(|c| c.gap <= 2.0 * distance)

@@ -15,7 +15,7 @@
 use nalgebra::{Matrix6, Point3, Unit, UnitVector3, Vector3, Vector6};
 
 use crate::error::{Error, check_coordinates, check_length};
-use crate::tree::Tree;
+use crate::tree::{Neighbour, Tree};
 use crate::weight::Weight;
 
 /// A point on the smooth surface and the normal there.
@@ -164,6 +164,12 @@ impl<'a> Surface<'a> {
             })
     }
 
+    fn nearest_normal(&self, near: &[Neighbour]) -> Option<UnitVector3<f64>> {
+        near.iter()
+            .min_by(|a, b| a.distance.total_cmp(&b.distance))
+            .map(|n| self.normals[n.index])
+    }
+
     /// The height polynomial over `q`; nothing if no point is within the radius.
     fn local_fit(&self, q: &Point3<f64>) -> Option<LocalFit> {
         if !q.coords.amax().is_finite() {
@@ -176,8 +182,7 @@ impl<'a> Surface<'a> {
             .map(|n| weight(n.distance) * self.normals[n.index].as_ref())
             .sum();
         // Opposite normals cancel: then the nearest point decides the side.
-        let normal =
-            Unit::try_new(blend, 1e-9).or_else(|| near.first().map(|n| self.normals[n.index]))?;
+        let normal = Unit::try_new(blend, 1e-9).or_else(|| self.nearest_normal(&near))?;
         let (s, t) = tangents(&normal);
         let mut normal_matrix = Matrix6::zeros();
         let mut right = Vector6::zeros();

@@ -63,12 +63,13 @@ impl Tree {
             .collect()
     }
 
-    /// All within `radius`, nearest first.
+    /// All within `radius`, in the order of the tree.
     pub fn within(&self, p: &Point3<f64>, radius: f64) -> Vec<Neighbour> {
         let hits = self
             .tree
             .query(&[p.x, p.y, p.z])
             .within::<SquaredEuclidean<f64>>(radius * radius)
+            .unsorted()
             .execute();
         hits.iter()
             .map(|hit| Neighbour {

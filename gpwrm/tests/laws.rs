@@ -31,6 +31,35 @@ fn rigid(nodes: &[Point3<f64>], r: &Rotation3<f64>, t: &Vector3<f64>) -> Vec<Vec
     nodes.iter().map(|p| r * p + t - p).collect()
 }
 
+/// `R − I + (C − (R − I) M)(M + ε τ I)⁻¹` by singular values; for well spread nodes, whose rotation is plain.
+fn nodal_gradient(
+    i: usize,
+    nodes: &[Point3<f64>],
+    motion: &[Vector3<f64>],
+    radius: f64,
+) -> Matrix3<f64> {
+    let weight = |x: &Point3<f64>| gpwrm::Weight::WendlandC2.value((x - nodes[i]).norm() / radius);
+    let total: f64 = nodes.iter().map(weight).sum();
+    let mean = |value: &dyn Fn(usize) -> Vector3<f64>| -> Vector3<f64> {
+        (0..nodes.len())
+            .map(|j| value(j) * (weight(&nodes[j]) / total))
+            .sum()
+    };
+    let (x, u) = (mean(&|j| nodes[j].coords), mean(&|j| motion[j]));
+    let (mut m, mut c) = (Matrix3::zeros(), Matrix3::zeros());
+    for j in 0..nodes.len() {
+        let d = nodes[j].coords - x;
+        m += weight(&nodes[j]) / total * d * d.transpose();
+        c += weight(&nodes[j]) / total * (motion[j] - u) * d.transpose();
+    }
+    if m.trace() < 1e-12 {
+        return Matrix3::zeros();
+    }
+    let turn = gpwrm::nearest_rotation(&(m + c)).matrix() - Matrix3::identity();
+    let damped = m + Matrix3::identity() * (0.003 * m.trace());
+    turn + (c - turn * m) * damped.try_inverse().unwrap()
+}
+
 proptest! {
     /// Rigid motions come out on and off the surface. Rounding is 1e-15 of a metre times the condition of a
     /// neighbourhood, at most 1e3; 1e-9 is the promise.
@@ -92,6 +121,29 @@ proptest! {
         let other_u: Vec<_> = u.iter().map(|d| r * d).collect();
         let there = Field::new(&other_nodes, &other_u, &options).unwrap().displacement(&(r * p + t));
         prop_assert!((there - r * here).norm() < 1e-9);
+    }
+
+    /// The field as it is written down, over all nodes and without any search.
+    #[test]
+    fn field_equals_its_definition(
+        jitter in proptest::collection::vec(vector(0.004), 48), q in vector(0.1), radius in 0.035..0.06,
+    ) {
+        // Spread in all directions, so that every neighbourhood has a plain rotation.
+        let grid = |k: usize| Vector3::new((k % 4) as f64, (k / 4 % 4) as f64, (k / 16) as f64) * 0.015;
+        let nodes: Vec<Point3<f64>> = jitter.iter().enumerate().map(|(k, d)| Point3::from(grid(k) + d)).collect();
+        let motion: Vec<_> = nodes.iter().map(|p| 0.1 * Vector3::new(p.y, p.z * p.z, p.x)).collect();
+        let options = FieldOptions { support: Support::Radius(radius), ..FieldOptions::default() };
+        let field = Field::new(&nodes, &motion, &options).unwrap();
+        let p = Point3::from(q);
+        let reach = radius + nodes.iter().map(|x| (p - x).norm()).fold(f64::INFINITY, f64::min);
+        let weights: Vec<f64> = nodes.iter().map(|x| options.weight.value((p - x).norm() / reach)).collect();
+        let total: f64 = weights.iter().sum();
+        let gradients: Vec<Matrix3<f64>> = (0..nodes.len()).map(|i| nodal_gradient(i, &nodes, &motion, radius)).collect();
+        let mean: Matrix3<f64> = gradients.iter().zip(&weights).map(|(g, w)| g * (w / total)).sum();
+        let expected: Vector3<f64> = (0..nodes.len())
+            .map(|i| (motion[i] + (gradients[i] + mean) * (p - nodes[i]) / 2.0) * (weights[i] / total))
+            .sum();
+        prop_assert!((field.displacement(&p) - expected).norm() < 1e-9);
     }
 
     /// The order of the nodes does not matter, beyond the order of summation.

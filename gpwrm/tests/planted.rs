@@ -155,17 +155,17 @@ fn shape_functions_are_a_partition_of_unity_and_nearly_linear() {
     let still = vec![Vector3::zeros(); nodes.len()];
     let field = Field::new(&nodes, &still, &FieldOptions::default()).unwrap();
     for k in 0..100 {
-        let p = Point3::new(
+        let (x, y) = (
             f64::from(k % 10) * 0.009 - 0.04,
             f64::from(k / 10) * 0.009 - 0.04,
-            0.0,
         );
+        let p = Point3::new(x, y, 2.0 * (x * x - y * y));
         let phi = shapes.at(&p);
         assert_eq!(phi, field.shape_functions(&p));
         assert!((phi.iter().map(|s| s.1).sum::<f64>() - 1.0).abs() < 1e-12);
         let x: f64 = phi.iter().map(|s| s.1 * nodes[s.0].x).sum();
-        // The damping takes κ τ / (λ + κ τ), 2 to 4 %, of the distance to the mean of the nodes, a spacing and a bit at the rim.
-        assert!((x - p.x).abs() < 0.05 * 0.01, "{}", x - p.x);
+        // The damping takes κ τ / (λ + κ τ), 2 to 4 %, of the distance to the mean of the nodes, a spacing at most.
+        assert!((x - p.x).abs() < 0.04 * 0.01, "{}", x - p.x);
     }
 }
 

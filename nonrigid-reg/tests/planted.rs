@@ -68,8 +68,8 @@ fn bending_is_found_from_another_sampling() {
     );
     assert!(still > 0.001, "{still}");
     // Half of this motion slides along a smooth surface, which geometry does not see: that part needs the grips.
-    assert!(free < 0.0007, "{free}");
-    assert!(held < 0.0004, "{held}");
+    assert!(free < 0.0009, "{free}");
+    assert!(held < 0.0005, "{held}");
 }
 
 #[test]
