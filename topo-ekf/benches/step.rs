@@ -17,7 +17,11 @@ fn observations(rest: &[Point3<f64>], frame: usize, sigma: f64) -> Vec<Observati
         .enumerate()
         .map(|(i, p)| (i, turn * p))
         .filter(|(_, p)| p.z > 0.0)
-        .map(|(i, p)| Observation { vertex: i as u32, position: p + noise.vector(sigma), sigma })
+        .map(|(i, p)| Observation {
+            vertex: i as u32,
+            position: p + noise.vector(sigma),
+            sigma,
+        })
         .collect()
 }
 
@@ -32,7 +36,10 @@ fn steps(c: &mut Criterion) {
         let (rest, edges) = body(count);
         let scale = (count as f64 / 1000.0).sqrt();
         group.throughput(Throughput::Elements(1));
-        let plane = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.027 * scale }];
+        let plane = [Plane {
+            normal: UnitVector3::new_unchecked(Vector3::z()),
+            offset: 0.027 * scale,
+        }];
         for (name, planes) in [("free", &plane[..0]), ("table", &plane[..])] {
             let frames: Vec<_> = (0..20).map(|k| observations(&rest, k, 5e-4)).collect();
             let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
@@ -42,7 +49,9 @@ fn steps(c: &mut Criterion) {
                     // Back and forth, so that every frame is a small motion from the last.
                     let at = if k % 38 < 19 { k % 38 } else { 38 - k % 38 };
                     k += 1;
-                    filter.step(&Frame::new(&frames[at]).with_planes(planes)).unwrap()
+                    filter
+                        .step(&Frame::new(&frames[at]).with_planes(planes))
+                        .unwrap()
                 });
             });
         }
@@ -63,10 +72,17 @@ fn contacts(c: &mut Criterion) {
                 let s = p.x - start;
                 let a = (s / r).min(std::f64::consts::PI);
                 let beyond = (s - std::f64::consts::PI * r).max(0.0);
-                if s <= 0.0 { *p } else { Point3::new(start + r * a.sin() - beyond, p.y, r - r * a.cos()) }
+                if s <= 0.0 {
+                    *p
+                } else {
+                    Point3::new(start + r * a.sin() - beyond, p.y, r - r * a.cos())
+                }
             })
             .collect();
-        let plane = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.0 }];
+        let plane = [Plane {
+            normal: UnitVector3::new_unchecked(Vector3::z()),
+            offset: 0.0,
+        }];
         let frames: Vec<Vec<_>> = (0..20)
             .map(|k| {
                 let mut noise = Noise(k);
@@ -88,7 +104,9 @@ fn contacts(c: &mut Criterion) {
             b.iter(|| {
                 let at = if k % 38 < 19 { k % 38 } else { 38 - k % 38 };
                 k += 1;
-                let frame = Frame::new(&frames[at]).with_planes(&plane).with_triangles(&triangles);
+                let frame = Frame::new(&frames[at])
+                    .with_planes(&plane)
+                    .with_triangles(&triangles);
                 filter.step(&frame).unwrap()
             });
         });
@@ -101,7 +119,9 @@ fn marginals(c: &mut Criterion) {
     for count in [500, 1000, 2000] {
         let (rest, edges) = body(count);
         let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-        filter.step(&Frame::new(&observations(&rest, 1, 5e-4))).unwrap();
+        filter
+            .step(&Frame::new(&observations(&rest, 1, 5e-4)))
+            .unwrap();
         group.bench_function(BenchmarkId::new("marginal_sigmas", count), |b| {
             b.iter(|| filter.marginal_sigmas().unwrap());
         });

@@ -1,7 +1,12 @@
 //! A soft body is seen from above, turned over by 180° and bent; where is the side that nobody sees?
 //!
 //! Prints the mean error of the hidden half, averaged over the turn, against the number of alternations per frame.
-#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout, reason = "an example talks to its reader")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "an example talks to its reader"
+)]
 
 use std::f64::consts::PI;
 
@@ -18,15 +23,23 @@ const HALF: [f64; 3] = [0.06, 0.045, 0.025];
 fn moved(p: &Point3<f64>, share: f64, bend: f64) -> Point3<f64> {
     let k = (share * bend).max(1e-9);
     let arc = p.x * k;
-    let bent = Point3::new((1.0 / k + p.z) * arc.sin(), p.y, (1.0 / k + p.z) * arc.cos() - 1.0 / k);
-    Rotation3::from_axis_angle(&Vector3::y_axis(), PI * share) * bent + Vector3::new(0.02, 0.01, 0.03) * share
+    let bent = Point3::new(
+        (1.0 / k + p.z) * arc.sin(),
+        p.y,
+        (1.0 / k + p.z) * arc.cos() - 1.0 / k,
+    );
+    Rotation3::from_axis_angle(&Vector3::y_axis(), PI * share) * bent
+        + Vector3::new(0.02, 0.01, 0.03) * share
 }
 
 fn run(iterations: usize, bend: f64) -> (f64, f64) {
     let (rest, edges) = ellipsoid(800, HALF, 6);
     let options = Options::default().with_rotation_iterations(iterations);
     let mut filter = Filter::new(&rest, &edges, &options).unwrap();
-    let table = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.1 }];
+    let table = [Plane {
+        normal: UnitVector3::new_unchecked(Vector3::z()),
+        offset: 0.1,
+    }];
     let mut noise = Noise(1);
     let (mut sum, mut worst) = (0.0, 0f64);
     for frame in 1..=60 {
@@ -36,9 +49,15 @@ fn run(iterations: usize, bend: f64) -> (f64, f64) {
         let upward: Vec<_> = rest.iter().map(|p| (turn * outward(p)).z > 0.1).collect();
         let observations: Vec<_> = (0..rest.len())
             .filter(|&i| upward[i])
-            .map(|i| Observation { vertex: i as u32, position: truth[i] + noise.vector(5e-4), sigma: 5e-4 })
+            .map(|i| Observation {
+                vertex: i as u32,
+                position: truth[i] + noise.vector(5e-4),
+                sigma: 5e-4,
+            })
             .collect();
-        filter.step(&Frame::new(&observations).with_planes(&table)).unwrap();
+        filter
+            .step(&Frame::new(&observations).with_planes(&table))
+            .unwrap();
         let error = mean_error(filter.live(), &truth, |i| !upward[i]);
         sum += error / 60.0;
         worst = worst.max(error);
@@ -47,7 +66,12 @@ fn run(iterations: usize, bend: f64) -> (f64, f64) {
 }
 
 fn outward(p: &Point3<f64>) -> Vector3<f64> {
-    Vector3::new(p.x / HALF[0].powi(2), p.y / HALF[1].powi(2), p.z / HALF[2].powi(2)).normalize()
+    Vector3::new(
+        p.x / HALF[0].powi(2),
+        p.y / HALF[1].powi(2),
+        p.z / HALF[2].powi(2),
+    )
+    .normalize()
 }
 
 fn main() {

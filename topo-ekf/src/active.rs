@@ -49,7 +49,9 @@ pub(crate) struct Push {
 
 impl<'a> Active<'a> {
     pub fn new(problem: &'a Projection<'a>, heights: Vec<f64>, struck: Vec<bool>) -> Self {
-        let normal = problem.plane.map_or(Vector3::zeros(), |p| p.normal.into_inner());
+        let normal = problem
+            .plane
+            .map_or(Vector3::zeros(), |p| p.normal.into_inner());
         let factored = vec![false; struck.len()];
         Self {
             problem,
@@ -68,12 +70,19 @@ impl<'a> Active<'a> {
 
     /// Vertices on the plane.
     pub fn resting(&self) -> Vec<u32> {
-        (0..self.struck.len() as u32).filter(|&i| self.struck[i as usize]).collect()
+        (0..self.struck.len() as u32)
+            .filter(|&i| self.struck[i as usize])
+            .collect()
     }
 
     /// Rows that push.
     pub fn pushing(&self) -> Vec<usize> {
-        self.rows.iter().zip(&self.pushing).filter(|(_, p)| **p).map(|(&k, _)| k).collect()
+        self.rows
+            .iter()
+            .zip(&self.pushing)
+            .filter(|(_, p)| **p)
+            .map(|(&k, _)| k)
+            .collect()
     }
 
     /// Whether any row has been violated so far.
@@ -117,7 +126,9 @@ impl<'a> Active<'a> {
             self.free = None;
             if self.struck.contains(&true) {
                 self.factorisations += 1;
-                self.free = Some(system.factorise(&system.pattern.strike(self.problem.values, &self.struck))?);
+                self.free = Some(
+                    system.factorise(&system.pattern.strike(self.problem.values, &self.struck))?,
+                );
             }
         }
         if let Some(free) = &self.free {
@@ -130,10 +141,22 @@ impl<'a> Active<'a> {
 
     /// Height changes with the struck vertices on the plane and nothing else pushing.
     fn lift(&self, system: &mut System) -> Vec<f64> {
-        let Some(free) = &self.free else { return vec![0.0; self.struck.len()] };
-        let held: Vec<f64> = self.struck.iter().zip(&self.heights).map(|(&s, &h)| if s { -h } else { 0.0 }).collect();
+        let Some(free) = &self.free else {
+            return vec![0.0; self.struck.len()];
+        };
+        let held: Vec<f64> = self
+            .struck
+            .iter()
+            .zip(&self.heights)
+            .map(|(&s, &h)| if s { -h } else { 0.0 })
+            .collect();
         let pull = system.pattern.multiply(self.problem.values, &held);
-        let mut lift: Vec<f64> = self.struck.iter().zip(&pull).map(|(&s, &p)| if s { 0.0 } else { -p }).collect();
+        let mut lift: Vec<f64> = self
+            .struck
+            .iter()
+            .zip(&pull)
+            .map(|(&s, &p)| if s { 0.0 } else { -p })
+            .collect();
         system.solve(free, &mut lift);
         for (l, h) in lift.iter_mut().zip(&held) {
             *l += h;
@@ -144,7 +167,11 @@ impl<'a> Active<'a> {
     /// Schur complement of the rows.
     fn gram(&self, along: &[f64]) -> DMatrix<f64> {
         let size = self.struck.len();
-        let over = if self.free.is_some() { &self.over } else { &self.full };
+        let over = if self.free.is_some() {
+            &self.over
+        } else {
+            &self.full
+        };
         let mut gram = DMatrix::zeros(along.len(), along.len());
         for l in 0..along.len() {
             let column = l * size..(l + 1) * size;
@@ -164,11 +191,18 @@ impl<'a> Active<'a> {
     pub fn push(&mut self, system: &mut System) -> Result<Push, Error> {
         let size = self.struck.len();
         let mut lift = self.lift(system);
-        let along: Vec<f64> = (0..self.rows.len()).map(|k| self.row(k).direction.dot(&self.normal)).collect();
-        let gap = |k: usize| self.row(k).gap(self.problem.estimate) - along[k] * self.row(k).dot(&lift);
+        let along: Vec<f64> = (0..self.rows.len())
+            .map(|k| self.row(k).direction.dot(&self.normal))
+            .collect();
+        let gap =
+            |k: usize| self.row(k).gap(self.problem.estimate) - along[k] * self.row(k).dot(&lift);
         let gaps: Vec<f64> = (0..self.rows.len()).map(gap).collect();
         let dual = solve_dual(&self.gram(&along), &gaps, &self.pushing)?;
-        let over = if self.free.is_some() { &self.over } else { &self.full };
+        let over = if self.free.is_some() {
+            &self.over
+        } else {
+            &self.full
+        };
         let mut shift = vec![Vector3::zeros(); size];
         for (k, &force) in dual.forces.iter().enumerate().filter(|(_, f)| **f > 0.0) {
             let flat = (self.row(k).direction - self.normal * along[k]) * force;
@@ -182,7 +216,12 @@ impl<'a> Active<'a> {
             *s += self.normal * *l;
         }
         self.pushing = dual.forces.iter().map(|f| *f > 0.0).collect();
-        Ok(Push { shift, lift, forces: dual.forces, exact: dual.exact })
+        Ok(Push {
+            shift,
+            lift,
+            forces: dual.forces,
+            exact: dual.exact,
+        })
     }
 
     /// Next sets; `true` if something changed.
@@ -199,12 +238,22 @@ impl<'a> Active<'a> {
             }
             for i in 0..table.len() {
                 let below = self.heights[i] + push.lift[i] < -DEPTH;
-                let next = if self.struck[i] { table[i] > 0.0 } else { below };
+                let next = if self.struck[i] {
+                    table[i] > 0.0
+                } else {
+                    below
+                };
                 changed |= next != self.struck[i];
                 self.struck[i] = next;
             }
         }
-        let positions: Vec<_> = self.problem.estimate.iter().zip(&push.shift).map(|(p, d)| p + d).collect();
+        let positions: Vec<_> = self
+            .problem
+            .estimate
+            .iter()
+            .zip(&push.shift)
+            .map(|(p, d)| p + d)
+            .collect();
         let mut new = self.problem.violated(&positions);
         new.retain(|k| !self.rows.contains(k));
         self.admit(&new, system);

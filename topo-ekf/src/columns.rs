@@ -13,5 +13,7 @@ pub(crate) fn add(block: &mut [f64], i: usize, v: &Vector3<f64>) {
 /// The rows as vectors.
 pub(crate) fn read(block: &[f64]) -> Vec<Vector3<f64>> {
     let size = block.len() / 3;
-    (0..size).map(|i| Vector3::new(block[i], block[size + i], block[2 * size + i])).collect()
+    (0..size)
+        .map(|i| Vector3::new(block[i], block[size + i], block[2 * size + i]))
+        .collect()
 }

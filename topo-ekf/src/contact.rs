@@ -34,7 +34,11 @@ pub(crate) struct Surface {
 impl Surface {
     /// The same surface if the triangles are the same, a new one otherwise.
     pub fn renewed(self, triangles: &[[u32; 3]], vertices: usize) -> Self {
-        if self.triangles == triangles && self.starts.len() == vertices + 1 { self } else { Self::new(triangles, vertices) }
+        if self.triangles == triangles && self.starts.len() == vertices + 1 {
+            self
+        } else {
+            Self::new(triangles, vertices)
+        }
     }
 
     fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
@@ -61,8 +65,19 @@ impl Surface {
             near.extend(tail);
             starts.push(near.len());
         }
-        let corners = triangles.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect();
-        Self { triangles: triangles.to_vec(), corners, starts, near }
+        let corners = triangles
+            .iter()
+            .flatten()
+            .copied()
+            .collect::<BTreeSet<_>>()
+            .into_iter()
+            .collect();
+        Self {
+            triangles: triangles.to_vec(),
+            corners,
+            starts,
+            near,
+        }
     }
 
     fn adjoins(&self, vertex: u32, triangle: &[u32; 3]) -> bool {
@@ -72,9 +87,16 @@ impl Surface {
 
     /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row per vertex, that of the
     /// deepest pass.
-    pub fn watch(&self, before: &[Point3<f64>], now: &[Point3<f64>], separation: f64, reach: f64) -> Vec<Row> {
+    pub fn watch(
+        &self,
+        before: &[Point3<f64>],
+        now: &[Point3<f64>],
+        separation: f64,
+        reach: f64,
+    ) -> Vec<Row> {
         let boxes = self.triangles.iter().map(|t| {
-            let corner = |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
+            let corner =
+                |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
             Aabb::from_points(t.map(corner))
         });
         let tree = Bvh::from_iter(BvhBuildStrategy::Binned, boxes.enumerate());
@@ -84,11 +106,25 @@ impl Surface {
             .filter_map(|&v| {
                 let p = &now[v as usize];
                 let (low, high) = (p.coords.add_scalar(-reach), p.coords.add_scalar(reach));
-                let around = Aabb::new(Corner::new(low.x, low.y, low.z), Corner::new(high.x, high.y, high.z));
+                let around = Aabb::new(
+                    Corner::new(low.x, low.y, low.z),
+                    Corner::new(high.x, high.y, high.z),
+                );
                 tree.intersect_aabb(&around)
-                    .filter_map(|t| self.pair(v, &self.triangles[t as usize], before, now, separation, reach))
+                    .filter_map(|t| {
+                        self.pair(
+                            v,
+                            &self.triangles[t as usize],
+                            before,
+                            now,
+                            separation,
+                            reach,
+                        )
+                    })
                     // Lower triangles first would depend on the tree's order: ties are broken by the row itself.
-                    .max_by(|(a, r), (b, s)| a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0)))
+                    .max_by(|(a, r), (b, s)| {
+                        a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0))
+                    })
                     .map(|(_, row)| row)
             })
             .collect()
@@ -104,7 +140,10 @@ impl Surface {
         reach: f64,
     ) -> Option<(f64, Row)> {
         let (height, normal, weights) = over(triangle, now, &now[vertex as usize])?;
-        if height.abs() > reach || weights.iter().any(|b| *b < -OVERLAP) || self.adjoins(vertex, triangle) {
+        if height.abs() > reach
+            || weights.iter().any(|b| *b < -OVERLAP)
+            || self.adjoins(vertex, triangle)
+        {
             return None;
         }
         let (was, _, _) = over(triangle, before, &before[vertex as usize])?;
@@ -112,14 +151,26 @@ impl Surface {
         let gap = separation - side * height;
         // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
         (was.abs() > 1e-9 && gap > -separation).then(|| {
-            let terms = std::iter::once((vertex, 1.0)).chain(triangle.iter().zip(weights).map(|(&k, b)| (k, -b)));
-            (gap, Row { terms: terms.collect(), direction: normal * side, bound: separation })
+            let terms = std::iter::once((vertex, 1.0))
+                .chain(triangle.iter().zip(weights).map(|(&k, b)| (k, -b)));
+            (
+                gap,
+                Row {
+                    terms: terms.collect(),
+                    direction: normal * side,
+                    bound: separation,
+                },
+            )
         })
     }
 }
 
 /// Signed height over a triangle's plane, its unit normal and the barycentric weights of the foot.
-fn over(triangle: &[u32; 3], points: &[Point3<f64>], p: &Point3<f64>) -> Option<(f64, Vector3<f64>, [f64; 3])> {
+fn over(
+    triangle: &[u32; 3],
+    points: &[Point3<f64>],
+    p: &Point3<f64>,
+) -> Option<(f64, Vector3<f64>, [f64; 3])> {
     let [a, b, c] = triangle.map(|k| points[k as usize]);
     let (u, v, w) = (b - a, c - a, p - a);
     let area = u.cross(&v);
@@ -129,8 +180,15 @@ fn over(triangle: &[u32; 3], points: &[Point3<f64>], p: &Point3<f64>) -> Option<
         return None;
     }
     let normal = area / square.sqrt();
-    let (second, third) = (w.cross(&v).dot(&area) / square, u.cross(&w).dot(&area) / square);
-    Some((normal.dot(&w), normal, [1.0 - second - third, second, third]))
+    let (second, third) = (
+        w.cross(&v).dot(&area) / square,
+        u.cross(&w).dot(&area) / square,
+    );
+    Some((
+        normal.dot(&w),
+        normal,
+        [1.0 - second - third, second, third],
+    ))
 }
 
 /// Largest lack of separation among the rows, 0 if none.

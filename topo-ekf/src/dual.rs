@@ -12,7 +12,9 @@
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
 use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
+use faer::linalg::cholesky::llt::factor::{
+    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
+};
 use faer::linalg::cholesky::llt::solve::solve_in_place;
 use faer::{MatMut, Par, Spec};
 use nalgebra::{DMatrix, DVector, Point3, Vector3};
@@ -42,7 +44,11 @@ pub(crate) struct Row {
 impl Row {
     /// How far the row is violated; negative where it holds.
     pub fn gap(&self, positions: &[Point3<f64>]) -> f64 {
-        let sum: Vector3<f64> = self.terms.iter().map(|&(v, c)| positions[v as usize].coords * c).sum();
+        let sum: Vector3<f64> = self
+            .terms
+            .iter()
+            .map(|&(v, c)| positions[v as usize].coords * c)
+            .sum();
         self.bound - self.direction.dot(&sum)
     }
 
@@ -62,30 +68,57 @@ pub(crate) struct Dual {
 /// Solves the dual; `start` says which rows probably push.
 pub(crate) fn solve_dual(gram: &DMatrix<f64>, gaps: &[f64], start: &[bool]) -> Result<Dual, Error> {
     if gaps.is_empty() {
-        return Ok(Dual { forces: vec![], exact: true });
+        return Ok(Dual {
+            forces: vec![],
+            exact: true,
+        });
     }
     let soft = SOFT * gram.diagonal().max().max(f64::MIN_POSITIVE);
     let dual = block_pivots(gram, gaps, start, soft)?;
-    if dual.exact || gaps.len() > DENSE { Ok(dual) } else { interior_point(gram, gaps, soft) }
+    if dual.exact || gaps.len() > DENSE {
+        Ok(dual)
+    } else {
+        interior_point(gram, gaps, soft)
+    }
 }
 
-fn block_pivots(gram: &DMatrix<f64>, gaps: &[f64], start: &[bool], soft: f64) -> Result<Dual, Error> {
+fn block_pivots(
+    gram: &DMatrix<f64>,
+    gaps: &[f64],
+    start: &[bool],
+    soft: f64,
+) -> Result<Dual, Error> {
     let mut active = start.to_vec();
     let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
     let mut steps = 0;
     loop {
         steps += 1;
-        let forces = DVector::from_vec(forces_of(gram, gaps, &active, soft).ok_or(Error::Factorisation)?);
+        let forces =
+            DVector::from_vec(forces_of(gram, gaps, &active, soft).ok_or(Error::Factorisation)?);
         let reached = gram * &forces;
         // Rounding of the largest force decides what counts as a pull.
         let pull = -1e-9 * forces.amax();
         let wrong: Vec<usize> = (0..gaps.len())
-            .filter(|&k| if active[k] { forces[k] < pull } else { reached[k] < gaps[k] - SLACK })
+            .filter(|&k| {
+                if active[k] {
+                    forces[k] < pull
+                } else {
+                    reached[k] < gaps[k] - SLACK
+                }
+            })
             .collect();
         let clipped = || forces.iter().map(|f| f.max(0.0)).collect();
-        let Some(&last) = wrong.last() else { return Ok(Dual { forces: clipped(), exact: true }) };
+        let Some(&last) = wrong.last() else {
+            return Ok(Dual {
+                forces: clipped(),
+                exact: true,
+            });
+        };
         if steps == STEPS {
-            return Ok(Dual { forces: clipped(), exact: false });
+            return Ok(Dual {
+                forces: clipped(),
+                exact: false,
+            });
         }
         if wrong.len() < fewest {
             (fewest, patience) = (wrong.len(), PATIENCE);
@@ -93,7 +126,9 @@ fn block_pivots(gram: &DMatrix<f64>, gaps: &[f64], start: &[bool], soft: f64) ->
             patience = patience.saturating_sub(1);
         }
         if patience > 0 {
-            wrong.iter().for_each(|&k| active[k] = !active[k]);
+            for &k in &wrong {
+                active[k] = !active[k];
+            }
         } else {
             active[last] = !active[last];
         }
@@ -106,13 +141,29 @@ fn forces_of(gram: &DMatrix<f64>, gaps: &[f64], active: &[bool], soft: f64) -> O
     let count = chosen.len();
     let mut part = Vec::with_capacity(count * count);
     for &l in &chosen {
-        part.extend(chosen.iter().map(|&k| gram[(k, l)] + if k == l { soft } else { 0.0 }));
+        part.extend(
+            chosen
+                .iter()
+                .map(|&k| gram[(k, l)] + if k == l { soft } else { 0.0 }),
+        );
     }
     let mut solved: Vec<f64> = chosen.iter().map(|&k| gaps[k]).collect();
-    let mut memory = MemBuffer::try_new(cholesky_in_place_scratch::<f64>(count, Par::Seq, Spec::default())).ok()?;
+    let mut memory = MemBuffer::try_new(cholesky_in_place_scratch::<f64>(
+        count,
+        Par::Seq,
+        Spec::default(),
+    ))
+    .ok()?;
     let stack = MemStack::new(&mut memory);
     let mut square = MatMut::from_column_major_slice_mut(&mut part, count, count);
-    cholesky_in_place(square.as_mut(), LltRegularization::default(), Par::Seq, stack, Spec::default()).ok()?;
+    cholesky_in_place(
+        square.as_mut(),
+        LltRegularization::default(),
+        Par::Seq,
+        stack,
+        Spec::default(),
+    )
+    .ok()?;
     let rhs = MatMut::from_column_major_slice_mut(&mut solved, count, 1);
     solve_in_place(square.as_ref(), rhs, Par::Seq, stack);
     let mut forces = vec![0.0; gaps.len()];
@@ -140,7 +191,13 @@ fn interior_point(gram: &DMatrix<f64>, gaps: &[f64], soft: f64) -> Result<Dual, 
     }
     let quadratic = CscMatrix::new(count, count, starts, rows, values);
     let linear: Vec<f64> = gaps.iter().map(|g| -g / depth).collect();
-    let minus: CscMatrix = CscMatrix::new(count, count, (0..=count).collect(), (0..count).collect(), vec![-1.0; count]);
+    let minus: CscMatrix = CscMatrix::new(
+        count,
+        count,
+        (0..=count).collect(),
+        (0..count).collect(),
+        vec![-1.0; count],
+    );
     let settings = DefaultSettingsBuilder::default()
         .verbose(false)
         .max_threads(1)
@@ -150,9 +207,28 @@ fn interior_point(gram: &DMatrix<f64>, gaps: &[f64], soft: f64) -> Result<Dual, 
         .build()
         .map_err(|_| Error::Factorisation)?;
     let cone = [SupportedConeT::NonnegativeConeT(count)];
-    let mut solver = DefaultSolver::new(&quadratic, &linear, &minus, &vec![0.0; count], &cone, settings)
-        .map_err(|_| Error::Factorisation)?;
+    let mut solver = DefaultSolver::new(
+        &quadratic,
+        &linear,
+        &minus,
+        &vec![0.0; count],
+        &cone,
+        settings,
+    )
+    .map_err(|_| Error::Factorisation)?;
     solver.solve();
-    let forces: Vec<f64> = solver.solution.x.iter().map(|f| f.max(0.0) * depth / scale).collect();
-    if forces.iter().all(|f| f.is_finite()) { Ok(Dual { forces, exact: true }) } else { Err(Error::Factorisation) }
+    let forces: Vec<f64> = solver
+        .solution
+        .x
+        .iter()
+        .map(|f| f.max(0.0) * depth / scale)
+        .collect();
+    if forces.iter().all(|f| f.is_finite()) {
+        Ok(Dual {
+            forces,
+            exact: true,
+        })
+    } else {
+        Err(Error::Factorisation)
+    }
 }

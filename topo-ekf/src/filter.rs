@@ -10,8 +10,8 @@ use crate::graph::{Graph, check_points, check_vertex};
 use crate::marginal::variances;
 use crate::memory::{Memory, fit_rotations};
 use crate::motion::{Motion, predict};
-use crate::observation::{Frame, Seen};
 use crate::observability::Observability;
+use crate::observation::{Frame, Seen};
 use crate::options::Options;
 use crate::project::{Projected, Projection, Status, Warm, deepest, split_planes};
 use crate::report::StepReport;
@@ -125,11 +125,20 @@ impl Filter {
     pub fn set_stiffness(&mut self, stiffness: &[f64]) -> Result<(), Error> {
         let expected = self.graph.edges.len();
         if stiffness.len() != expected {
-            return Err(Error::Length { what: "stiffness", found: stiffness.len(), expected });
+            return Err(Error::Length {
+                what: "stiffness",
+                found: stiffness.len(),
+                expected,
+            });
         }
         if let Some(index) = stiffness.iter().position(|s| !(0.0..=1e6).contains(s)) {
             let must = "between 0 and 1e6";
-            return Err(Error::Value { what: "stiffness of edge", index, value: stiffness[index], must });
+            return Err(Error::Value {
+                what: "stiffness of edge",
+                index,
+                value: stiffness[index],
+                must,
+            });
         }
         self.graph.stiffness.copy_from_slice(stiffness);
         Ok(())
@@ -158,10 +167,17 @@ impl Filter {
         for (what, found) in [
             ("live", live.len()),
             ("keep", keep.len()),
-            ("rotations", rotations.map_or(expected, <[Rotation3<f64>]>::len)),
+            (
+                "rotations",
+                rotations.map_or(expected, <[Rotation3<f64>]>::len),
+            ),
         ] {
             if found != expected {
-                return Err(Error::Length { what, found, expected });
+                return Err(Error::Length {
+                    what,
+                    found,
+                    expected,
+                });
             }
         }
         check_points("live", live)?;
@@ -176,8 +192,14 @@ impl Filter {
         };
         let system = System::new(rest.len(), edges)?;
         let new = self.options.initial_sigma.powi(-2);
-        self.information = keep.iter().map(|k| k.map_or(new, |k| self.information[k as usize])).collect();
-        self.seen = keep.iter().map(|k| k.is_some_and(|k| self.seen[k as usize])).collect();
+        self.information = keep
+            .iter()
+            .map(|k| k.map_or(new, |k| self.information[k as usize]))
+            .collect();
+        self.seen = keep
+            .iter()
+            .map(|k| k.is_some_and(|k| self.seen[k as usize]))
+            .collect();
         // Active sets only warm up the next projection, so dropping them is safe.
         self.warm = Warm::default();
         self.rest = rest.to_vec();
@@ -189,9 +211,16 @@ impl Filter {
     }
 
     /// Rotations of kept vertices; new ones take the mean of their kept neighbours' as guess and prior of a fit.
-    fn continued_rotations(&self, graph: &Graph, live: &[Point3<f64>], keep: &[Option<u32>]) -> Vec<Rotation3<f64>> {
-        let mut known: Vec<Option<Rotation3<f64>>> =
-            keep.iter().map(|k| k.map(|k| self.rotations[k as usize])).collect();
+    fn continued_rotations(
+        &self,
+        graph: &Graph,
+        live: &[Point3<f64>],
+        keep: &[Option<u32>],
+    ) -> Vec<Rotation3<f64>> {
+        let mut known: Vec<Option<Rotation3<f64>>> = keep
+            .iter()
+            .map(|k| k.map(|k| self.rotations[k as usize]))
+            .collect();
         let weights = vec![1.0; graph.edges.len()];
         // Outward from the kept ones, a ring at a time; what is never reached starts unrotated.
         loop {
@@ -206,7 +235,10 @@ impl Filter {
             let mut spread = false;
             for (k, sum) in known.iter_mut().zip(sums) {
                 if let Some(sum) = sum {
-                    *k = Some(crate::rotation::nearest_rotation(&sum, &Rotation3::identity()));
+                    *k = Some(crate::rotation::nearest_rotation(
+                        &sum,
+                        &Rotation3::identity(),
+                    ));
                     spread = true;
                 }
             }
@@ -215,8 +247,19 @@ impl Filter {
             }
         }
         let guess: Vec<_> = known.into_iter().map(Option::unwrap_or_default).collect();
-        let fitted = fit_rotations(graph, &weights, live, &guess, &guess, self.options.rotation_memory);
-        keep.iter().zip(guess).zip(fitted).map(|((k, g), f)| if k.is_some() { g } else { clean(&f) }).collect()
+        let fitted = fit_rotations(
+            graph,
+            &weights,
+            live,
+            &guess,
+            &guess,
+            self.options.rotation_memory,
+        );
+        keep.iter()
+            .zip(guess)
+            .zip(fitted)
+            .map(|((k, g), f)| if k.is_some() { g } else { clean(&f) })
+            .collect()
     }
 
     /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape memory and the
@@ -259,16 +302,31 @@ impl Filter {
     fn posterior(&mut self, frame: &Frame) -> Result<(Posterior, StepReport), Error> {
         // Predict.
         let seen = Seen::gather(frame.observations, &self.live);
-        let motion = predict(&self.graph, &mut self.system, &self.live, &seen, &self.options)?;
+        let motion = predict(
+            &self.graph,
+            &mut self.system,
+            &self.live,
+            &seen,
+            &self.options,
+        )?;
         let decayed = self.decayed(frame.dt_frames);
         let innovations = innovations(frame, &motion, &decayed);
 
         // Update.
-        let information: Vec<f64> = decayed.iter().zip(&seen.information).map(|(d, r)| d + r).collect();
+        let information: Vec<f64> = decayed
+            .iter()
+            .zip(&seen.information)
+            .map(|(d, r)| d + r)
+            .collect();
         let weights = self.weights();
         let values = self.values(&information, &weights);
         let factor = self.system.factorise(&values)?;
-        let predicted: Vec<_> = motion.turns.iter().zip(&self.rotations).map(|(turn, r)| turn * r).collect();
+        let predicted: Vec<_> = motion
+            .turns
+            .iter()
+            .zip(&self.rotations)
+            .map(|(turn, r)| turn * r)
+            .collect();
         let mut data = vec![0.0; 3 * self.live.len()];
         for i in 0..self.live.len() {
             let pull = (seen.position[i] - motion.positions[i]) * seen.information[i];
@@ -284,7 +342,8 @@ impl Filter {
         let relaxed = memory.relax(&mut self.system, &factor, &self.options)?;
 
         // Project.
-        let (projected, warm, mut report) = self.project(frame, &values, &factor, &relaxed.positions)?;
+        let (projected, warm, mut report) =
+            self.project(frame, &values, &factor, &relaxed.positions)?;
         let memory = Memory {
             graph: &self.graph,
             weights: &weights,
@@ -292,7 +351,11 @@ impl Filter {
             origin: &motion.positions,
             data: &data,
         };
-        let rotations = memory.fit(&projected.positions, &relaxed.rotations, self.options.rotation_memory);
+        let rotations = memory.fit(
+            &projected.positions,
+            &relaxed.rotations,
+            self.options.rotation_memory,
+        );
         report.iterations = relaxed.iterations;
         report.last_move = relaxed.last_move;
         report.innovations = innovations;
@@ -321,7 +384,9 @@ impl Filter {
     pub(crate) fn values(&self, information: &[f64], weights: &[f64]) -> Vec<f64> {
         let anchor = self.options.anchor_sigma.powi(-2);
         let diagonal: Vec<f64> = information.iter().map(|d| d + anchor).collect();
-        self.system.pattern.assemble(&diagonal, &self.graph.edges, |e| weights[e])
+        self.system
+            .pattern
+            .assemble(&diagonal, &self.graph.edges, |e| weights[e])
     }
 
     fn project(
@@ -334,7 +399,12 @@ impl Filter {
         let (plane, planes) = split_planes(frame.planes, estimate);
         let surface = std::mem::take(&mut self.surface).renewed(frame.triangles, estimate.len());
         let watch = |now: &[Point3<f64>]| {
-            surface.watch(&self.live, now, self.options.separation + SPARE, self.options.contact_reach)
+            surface.watch(
+                &self.live,
+                now,
+                self.options.separation + SPARE,
+                self.options.contact_reach,
+            )
         };
         let mut contacts = watch(estimate);
         let before = (deepest_gap(&contacts, estimate) - SPARE).max(0.0);
@@ -342,7 +412,13 @@ impl Filter {
         let (mut passes, mut rounds, mut factorisations) = (0, 0, 0);
         let (projected, left, watched) = loop {
             let rows: Vec<_> = planes.iter().chain(&contacts).cloned().collect();
-            let projection = Projection { values, factor, estimate, plane, rows: &rows };
+            let projection = Projection {
+                values,
+                factor,
+                estimate,
+                plane,
+                rows: &rows,
+            };
             let projected = projection.solve(&mut self.system, &warm)?;
             warm = Warm::of(&projected, &rows);
             rounds += projected.rounds;
@@ -357,7 +433,11 @@ impl Filter {
             contacts = merged(contacts, again);
         };
         self.surface = surface;
-        if let Some(vertex) = projected.positions.iter().position(|p| !p.iter().all(|c| c.is_finite())) {
+        if let Some(vertex) = projected
+            .positions
+            .iter()
+            .position(|p| !p.iter().all(|c| c.is_finite()))
+        {
             return Err(Error::Overflow { vertex });
         }
         let status = match projected.status {
@@ -368,7 +448,10 @@ impl Filter {
             status,
             iterations: 0,
             last_move: 0.0,
-            plane_depth: [deepest(frame.planes, estimate), deepest(frame.planes, &projected.positions)],
+            plane_depth: [
+                deepest(frame.planes, estimate),
+                deepest(frame.planes, &projected.positions),
+            ],
             contact_depth: [before, left],
             resting: projected.resting.clone(),
             pushing: projected.pushing.len(),

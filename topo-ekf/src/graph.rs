@@ -41,9 +41,18 @@ impl Graph {
                 return Err(Error::Loop { index, vertex: i });
             }
         }
-        let vectors = edges.iter().map(|&[i, j]| rest[i as usize] - rest[j as usize]).collect();
+        let vectors = edges
+            .iter()
+            .map(|&[i, j]| rest[i as usize] - rest[j as usize])
+            .collect();
         let (component, components) = components(rest.len(), edges);
-        Ok(Self { edges: edges.to_vec(), vectors, stiffness: vec![1.0; edges.len()], component, components })
+        Ok(Self {
+            edges: edges.to_vec(),
+            vectors,
+            stiffness: vec![1.0; edges.len()],
+            component,
+            components,
+        })
     }
 }
 
@@ -80,7 +89,11 @@ fn components(vertices: usize, edges: &[[u32; 2]]) -> (Vec<u32>, usize) {
 /// Refuses NaN, infinite and absurdly far points.
 pub(crate) fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result<(), Error> {
     match points.iter().position(|p| !usable_point(p)) {
-        Some(index) => Err(Error::NonFinitePoint { what, index, value: points[index].coords.into() }),
+        Some(index) => Err(Error::NonFinitePoint {
+            what,
+            index,
+            value: points[index].coords.into(),
+        }),
         None => Ok(()),
     }
 }
@@ -91,8 +104,22 @@ pub(crate) fn usable_point(p: &Point3<f64>) -> bool {
 }
 
 /// Refuses an index past the end.
-pub(crate) fn check_vertex(what: &'static str, index: usize, vertex: u32, vertices: usize) -> Result<(), Error> {
-    if (vertex as usize) < vertices { Ok(()) } else { Err(Error::VertexOutOfRange { what, index, vertex, vertices }) }
+pub(crate) fn check_vertex(
+    what: &'static str,
+    index: usize,
+    vertex: u32,
+    vertices: usize,
+) -> Result<(), Error> {
+    if (vertex as usize) < vertices {
+        Ok(())
+    } else {
+        Err(Error::VertexOutOfRange {
+            what,
+            index,
+            vertex,
+            vertices,
+        })
+    }
 }
 
 #[cfg(test)]

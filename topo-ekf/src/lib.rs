@@ -1,4 +1,4 @@
-//! Tracks the hidden surface of a soft object: sparse Kalman filter over a surface graph, with table and self-intersection constraints
+#![doc = include_str!("../README.md")]
 
 mod active;
 mod columns;

@@ -37,7 +37,8 @@ pub(crate) fn variances(
             faer::Spec::default(),
         )
         .map_err(|_| Error::Factorisation)?;
-    let (SymbolicCholeskyRaw::Simplicial(columns), Some(order)) = (symbolic.raw(), symbolic.perm()) else {
+    let (SymbolicCholeskyRaw::Simplicial(columns), Some(order)) = (symbolic.raw(), symbolic.perm())
+    else {
         return Err(Error::Factorisation);
     };
     let diagonal = selected_diagonal(columns.col_ptr(), columns.row_idx(), &factor);

@@ -42,18 +42,32 @@ pub(crate) struct Memory<'a> {
 
 impl Memory<'_> {
     /// Alternates until nothing moves or the allowed number is used up.
-    pub fn relax(&self, system: &mut System, factor: &Factor, options: &Options) -> Result<Relaxed, Error> {
+    pub fn relax(
+        &self,
+        system: &mut System,
+        factor: &Factor,
+        options: &Options,
+    ) -> Result<Relaxed, Error> {
         let mut positions = self.origin.to_vec();
         let mut rotations = self.predicted.to_vec();
         let (mut iterations, mut last_move) = (0, f64::INFINITY);
         while iterations < options.rotation_iterations && last_move > options.tolerance {
             let next = self.solve(system, factor, &rotations)?;
-            last_move = positions.iter().zip(&next).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+            last_move = positions
+                .iter()
+                .zip(&next)
+                .map(|(a, b)| (a - b).norm())
+                .fold(0.0, f64::max);
             positions = next;
             rotations = self.fit(&positions, &rotations, options.rotation_memory);
             iterations += 1;
         }
-        Ok(Relaxed { positions, rotations, iterations, last_move })
+        Ok(Relaxed {
+            positions,
+            rotations,
+            iterations,
+            last_move,
+        })
     }
 
     /// Global step.
@@ -74,14 +88,33 @@ impl Memory<'_> {
         }
         system.solve(factor, &mut rhs);
         if let Some(at) = rhs.iter().position(|v| !v.is_finite()) {
-            return Err(Error::Overflow { vertex: at % self.origin.len() });
+            return Err(Error::Overflow {
+                vertex: at % self.origin.len(),
+            });
         }
-        Ok(self.origin.iter().zip(columns::read(&rhs)).map(|(p, d)| p + d).collect())
+        Ok(self
+            .origin
+            .iter()
+            .zip(columns::read(&rhs))
+            .map(|(p, d)| p + d)
+            .collect())
     }
 
     /// Local step.
-    pub fn fit(&self, positions: &[Point3<f64>], guess: &[Rotation3<f64>], memory: f64) -> Vec<Rotation3<f64>> {
-        fit_rotations(self.graph, self.weights, positions, self.predicted, guess, memory)
+    pub fn fit(
+        &self,
+        positions: &[Point3<f64>],
+        guess: &[Rotation3<f64>],
+        memory: f64,
+    ) -> Vec<Rotation3<f64>> {
+        fit_rotations(
+            self.graph,
+            self.weights,
+            positions,
+            self.predicted,
+            guess,
+            memory,
+        )
     }
 }
 
@@ -107,6 +140,11 @@ pub(crate) fn fit_rotations(
         }
     }
     (0..positions.len())
-        .map(|i| nearest_rotation(&(moments[i] + prior[i].matrix() * (memory * sizes[i])), &guess[i]))
+        .map(|i| {
+            nearest_rotation(
+                &(moments[i] + prior[i].matrix() * (memory * sizes[i])),
+                &guess[i],
+            )
+        })
         .collect()
 }

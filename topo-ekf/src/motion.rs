@@ -34,8 +34,11 @@ pub(crate) struct Rigid {
 }
 
 impl Rigid {
-    const STILL: fn() -> Self =
-        || Self { rotation: Rotation3::identity(), from: Vector3::zeros(), to: Vector3::zeros() };
+    const STILL: fn() -> Self = || Self {
+        rotation: Rotation3::identity(),
+        from: Vector3::zeros(),
+        to: Vector3::zeros(),
+    };
 
     fn apply(&self, p: &Point3<f64>) -> Point3<f64> {
         Point3::from(self.rotation * (p.coords - self.from) + self.to)
@@ -57,7 +60,11 @@ pub(crate) fn predict(
     options: &Options,
 ) -> Result<Motion, Error> {
     let rigid = rigid_motions(graph, live, seen, options);
-    let carried: Vec<_> = live.iter().zip(&graph.component).map(|(p, &c)| rigid[c as usize].apply(p)).collect();
+    let carried: Vec<_> = live
+        .iter()
+        .zip(&graph.component)
+        .map(|(p, &c)| rigid[c as usize].apply(p))
+        .collect();
     let turns = spread_turns(graph, system, &carried, seen, options)?
         .iter()
         .zip(&graph.component)
@@ -68,24 +75,41 @@ pub(crate) fn predict(
 }
 
 /// One weighted Kabsch fit per component that is seen.
-fn rigid_motions(graph: &Graph, live: &[Point3<f64>], seen: &Seen, options: &Options) -> Vec<Rigid> {
+fn rigid_motions(
+    graph: &Graph,
+    live: &[Point3<f64>],
+    seen: &Seen,
+    options: &Options,
+) -> Vec<Rigid> {
     let fit = |of: Option<u32>| {
         let chosen = || {
-            (0..live.len()).filter(move |&i| seen.information[i] > 0.0 && of.is_none_or(|c| graph.component[i] == c))
+            (0..live.len()).filter(move |&i| {
+                seen.information[i] > 0.0 && of.is_none_or(|c| graph.component[i] == c)
+            })
         };
         let total: f64 = chosen().map(|i| seen.information[i]).sum();
         if total <= 0.0 {
             return None;
         }
         let mean = |points: &[Point3<f64>]| {
-            chosen().map(|i| points[i].coords * seen.information[i]).sum::<Vector3<f64>>() / total
+            chosen()
+                .map(|i| points[i].coords * seen.information[i])
+                .sum::<Vector3<f64>>()
+                / total
         };
         let (from, to) = (mean(live), mean(&seen.position));
         let moment = chosen()
-            .map(|i| (seen.position[i].coords - to) * (live[i].coords - from).transpose() * seen.information[i])
+            .map(|i| {
+                (seen.position[i].coords - to)
+                    * (live[i].coords - from).transpose()
+                    * seen.information[i]
+            })
             .sum::<Matrix3<f64>>();
         let identity = Rotation3::identity();
-        let rotation = nearest_rotation(&(moment + Matrix3::identity() * TURN_INFORMATION), &identity);
+        let rotation = nearest_rotation(
+            &(moment + Matrix3::identity() * TURN_INFORMATION),
+            &identity,
+        );
         Some(Rigid { rotation, from, to })
     };
     let unseen = match options.unseen {
@@ -125,7 +149,9 @@ fn spread_turns(
             let weight = ri * rj / (ri + rj);
             let before = carried[i] - carried[j];
             let after = seen.position[i] - seen.position[j];
-            let inertia = (Matrix3::identity() * before.norm_squared() - before * before.transpose()) * weight;
+            let inertia = (Matrix3::identity() * before.norm_squared()
+                - before * before.transpose())
+                * weight;
             let turn = before.cross(&after) * weight;
             for k in [i, j] {
                 normal[k] += inertia;
@@ -170,7 +196,11 @@ fn place(
     // Solved for the displacement from the carried place: what is rigid then costs no digits.
     let mut rhs = vec![0.0; 3 * size];
     for i in 0..size {
-        columns::add(&mut rhs, i, &((seen.position[i] - carried[i]) * seen.information[i]));
+        columns::add(
+            &mut rhs,
+            i,
+            &((seen.position[i] - carried[i]) * seen.information[i]),
+        );
     }
     for &[i, j] in &graph.edges {
         let (i, j) = (i as usize, j as usize);
@@ -184,5 +214,9 @@ fn place(
     let values = system.pattern.assemble(&diagonal, &graph.edges, |_| stiff);
     let factor = system.factorise(&values)?;
     system.solve(&factor, &mut rhs);
-    Ok(carried.iter().zip(columns::read(&rhs)).map(|(p, d)| p + d).collect())
+    Ok(carried
+        .iter()
+        .zip(columns::read(&rhs))
+        .map(|(p, d)| p + d)
+        .collect())
 }

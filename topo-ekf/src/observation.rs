@@ -52,7 +52,12 @@ pub struct Frame<'a> {
 impl<'a> Frame<'a> {
     /// A frame with observations only, one period after the last.
     pub fn new(observations: &'a [Observation]) -> Self {
-        Self { observations, planes: &[], triangles: &[], dt_frames: 1.0 }
+        Self {
+            observations,
+            planes: &[],
+            triangles: &[],
+            dt_frames: 1.0,
+        }
     }
 
     /// Adds planes.
@@ -74,17 +79,30 @@ impl<'a> Frame<'a> {
         for (index, o) in self.observations.iter().enumerate() {
             check_vertex("observation", index, o.vertex, vertices)?;
             if !usable_point(&o.position) {
-                return Err(Error::NonFinitePoint { what: "observation", index, value: o.position.coords.into() });
+                return Err(Error::NonFinitePoint {
+                    what: "observation",
+                    index,
+                    value: o.position.coords.into(),
+                });
             }
             if !usable_sigma(o.sigma) {
                 let must = "between 1e-9 and 1e3";
-                return Err(Error::Value { what: "sigma of observation", index, value: o.sigma, must });
+                return Err(Error::Value {
+                    what: "sigma of observation",
+                    index,
+                    value: o.sigma,
+                    must,
+                });
             }
         }
         for (index, p) in self.planes.iter().enumerate() {
             let unit = (p.normal.norm() - 1.0).abs() < 1e-6;
             if !unit || !p.offset.is_finite() {
-                return Err(Error::Plane { index, normal: p.normal.into_inner().into(), offset: p.offset });
+                return Err(Error::Plane {
+                    index,
+                    normal: p.normal.into_inner().into(),
+                    offset: p.offset,
+                });
             }
         }
         for (index, t) in self.triangles.iter().enumerate() {
@@ -94,7 +112,12 @@ impl<'a> Frame<'a> {
         }
         if !(0.0..=1e6).contains(&self.dt_frames) {
             let must = "between 0 and 1e6";
-            return Err(Error::Value { what: "dt_frames", index: 0, value: self.dt_frames, must });
+            return Err(Error::Value {
+                what: "dt_frames",
+                index: 0,
+                value: self.dt_frames,
+                must,
+            });
         }
         Ok(())
     }
@@ -115,11 +138,17 @@ impl Seen {
         for o in observations {
             let i = o.vertex as usize;
             let r = 1.0 / (o.sigma * o.sigma);
+            // Running weighted mean; a first observation is taken as it is, without the rounding of a full step.
+            position[i] = if information[i] > 0.0 {
+                position[i] + (o.position - position[i]) * (r / (information[i] + r))
+            } else {
+                o.position
+            };
             information[i] += r;
-            // Running weighted mean; the first one replaces the default exactly, since r/r = 1.
-            let step = (o.position - position[i]) * (r / information[i]);
-            position[i] = if information[i] == r { o.position } else { position[i] + step };
         }
-        Self { information, position }
+        Self {
+            information,
+            position,
+        }
     }
 }

@@ -21,11 +21,11 @@ use std::collections::HashSet;
 
 use nalgebra::Point3;
 
+use crate::Error;
 use crate::active::Active;
 use crate::dual::Row;
 use crate::observation::Plane;
 use crate::system::{Factor, System};
-use crate::Error;
 
 /// Alternations between the two active sets before everything goes into the dual, where rows are only added.
 const ROUNDS: usize = 15;
@@ -86,8 +86,16 @@ pub(crate) struct Warm {
 
 impl Warm {
     pub fn of(projected: &Projected, rows: &[Row]) -> Self {
-        let pushed = projected.pushing.iter().map(|&k| &rows[k]).filter(|r| r.terms.len() > 1).map(|r| r.terms[0].0);
-        Self { resting: projected.resting.clone(), pushed: pushed.collect() }
+        let pushed = projected
+            .pushing
+            .iter()
+            .map(|&k| &rows[k])
+            .filter(|r| r.terms.len() > 1)
+            .map(|r| r.terms[0].0);
+        Self {
+            resting: projected.resting.clone(),
+            pushed: pushed.collect(),
+        }
     }
 
     fn pushes(&self, row: &Row) -> bool {
@@ -98,8 +106,11 @@ impl Warm {
 impl Projection<'_> {
     /// Solves from the active sets of `warm`.
     pub fn solve(&self, system: &mut System, warm: &Warm) -> Result<Projected, Error> {
-        let heights: Vec<f64> =
-            self.estimate.iter().map(|p| self.plane.map_or(f64::INFINITY, |plane| plane.height(p))).collect();
+        let heights: Vec<f64> = self
+            .estimate
+            .iter()
+            .map(|p| self.plane.map_or(f64::INFINITY, |plane| plane.height(p)))
+            .collect();
         let mut rows = self.violated(self.estimate);
         if rows.is_empty() && heights.iter().all(|&h| h >= 0.0) {
             return Ok(self.unchanged());
@@ -110,12 +121,18 @@ impl Projection<'_> {
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
         let held = |k: &usize| self.rows[*k].gap(self.estimate) <= ROW_DEPTH;
-        rows.extend((0..self.rows.len()).filter(held).filter(|&k| warm.pushes(&self.rows[k])));
+        rows.extend(
+            (0..self.rows.len())
+                .filter(held)
+                .filter(|&k| warm.pushes(&self.rows[k])),
+        );
         let mut active = Active::new(self, heights, struck);
         active.admit(&rows, system);
         let projected = self.alternate(system, active)?;
         match self.plane {
-            Some(plane) if projected.status == Status::Unsettled => self.rows_only(system, &plane, projected),
+            Some(plane) if projected.status == Status::Unsettled => {
+                self.rows_only(system, &plane, projected)
+            }
             _ => Ok(projected),
         }
     }
@@ -124,40 +141,82 @@ impl Projection<'_> {
     fn alternate(&self, system: &mut System, mut active: Active) -> Result<Projected, Error> {
         let mut shift = vec![];
         let (mut rounds, mut settled) = (0, false);
-        while !settled && rounds < if active.has_rows() { ROUNDS } else { ROUNDS_ALONE } {
+        while !settled
+            && rounds
+                < if active.has_rows() {
+                    ROUNDS
+                } else {
+                    ROUNDS_ALONE
+                }
+        {
             rounds += 1;
             active.refactor(system)?;
             let push = active.push(system)?;
             settled = !active.update(&push, system) && push.exact;
             shift = push.shift;
         }
-        let mut positions: Vec<_> = self.estimate.iter().zip(&shift).map(|(p, d)| p + d).collect();
+        let mut positions: Vec<_> = self
+            .estimate
+            .iter()
+            .zip(&shift)
+            .map(|(p, d)| p + d)
+            .collect();
         if let Some(plane) = &self.plane {
             lift_above(&mut positions, plane);
         }
-        let left = self.rows.iter().map(|r| r.gap(&positions)).fold(0.0, f64::max);
+        let left = self
+            .rows
+            .iter()
+            .map(|r| r.gap(&positions))
+            .fold(0.0, f64::max);
         let status = match (settled, left > 1e-6) {
             (true, true) => Status::Infeasible,
             (true, false) => Status::Constrained,
             (false, _) => Status::Unsettled,
         };
         let (resting, pushing) = (active.resting(), active.pushing());
-        Ok(Projected { positions, status, resting, pushing, rounds, factorisations: active.factorisations })
+        Ok(Projected {
+            positions,
+            status,
+            resting,
+            pushing,
+            rounds,
+            factorisations: active.factorisations,
+        })
     }
 
     /// The plane too as rows: vertices that were struck and freed again and again are then only ever added, which ends.
     /// Its dense dual is dear, so a set too large for it keeps what was reached, feasible for the plane.
-    fn rows_only(&self, system: &mut System, plane: &Plane, reached: Projected) -> Result<Projected, Error> {
+    fn rows_only(
+        &self,
+        system: &mut System,
+        plane: &Plane,
+        reached: Projected,
+    ) -> Result<Projected, Error> {
         if reached.resting.len() + reached.pushing.len() > DENSE {
             return Ok(reached);
         }
         let own = self.rows.len();
-        let rows: Vec<_> = self.rows.iter().cloned().chain(plane_rows(plane, self.estimate.len())).collect();
-        let all = Projection { plane: None, rows: &rows, ..*self };
+        let rows: Vec<_> = self
+            .rows
+            .iter()
+            .cloned()
+            .chain(plane_rows(plane, self.estimate.len()))
+            .collect();
+        let all = Projection {
+            plane: None,
+            rows: &rows,
+            ..*self
+        };
         let mut projected = all.solve(system, &Warm::default())?;
         projected.rounds += reached.rounds;
         projected.factorisations += reached.factorisations;
-        projected.resting = projected.pushing.iter().filter_map(|k| k.checked_sub(own)).map(|i| i as u32).collect();
+        projected.resting = projected
+            .pushing
+            .iter()
+            .filter_map(|k| k.checked_sub(own))
+            .map(|i| i as u32)
+            .collect();
         projected.pushing.retain(|k| *k < own);
         lift_above(&mut projected.positions, plane);
         Ok(projected)
@@ -176,7 +235,9 @@ impl Projection<'_> {
 
     /// Rows that do not hold at these positions.
     pub fn violated(&self, positions: &[Point3<f64>]) -> Vec<usize> {
-        (0..self.rows.len()).filter(|&k| self.rows[k].gap(positions) > ROW_DEPTH).collect()
+        (0..self.rows.len())
+            .filter(|&k| self.rows[k].gap(positions) > ROW_DEPTH)
+            .collect()
     }
 }
 
@@ -192,13 +253,20 @@ fn lift_above(positions: &mut [Point3<f64>], plane: &Plane) {
 
 /// Deepest violation of a plane, 0 if none.
 pub(crate) fn deepest(planes: &[Plane], positions: &[Point3<f64>]) -> f64 {
-    planes.iter().flat_map(|plane| positions.iter().map(|p| -plane.height(p))).fold(0.0, f64::max)
+    planes
+        .iter()
+        .flat_map(|plane| positions.iter().map(|p| -plane.height(p)))
+        .fold(0.0, f64::max)
 }
 
 /// The plane that is handled by striking (the one most vertices violate, the first of equals) and rows for the others.
-pub(crate) fn split_planes(planes: &[Plane], estimate: &[Point3<f64>]) -> (Option<Plane>, Vec<Row>) {
+pub(crate) fn split_planes(
+    planes: &[Plane],
+    estimate: &[Point3<f64>],
+) -> (Option<Plane>, Vec<Row>) {
     let below = |plane: &Plane| estimate.iter().filter(|p| plane.height(p) < 0.0).count();
-    let Some(main) = (0..planes.len()).max_by_key(|&k| (below(&planes[k]), std::cmp::Reverse(k))) else {
+    let Some(main) = (0..planes.len()).max_by_key(|&k| (below(&planes[k]), std::cmp::Reverse(k)))
+    else {
         return (None, vec![]);
     };
     let rows = planes
@@ -213,5 +281,9 @@ pub(crate) fn split_planes(planes: &[Plane], estimate: &[Point3<f64>]) -> (Optio
 /// A plane as one row per vertex.
 fn plane_rows(plane: &Plane, vertices: usize) -> impl Iterator<Item = Row> + use<> {
     let (direction, bound) = (plane.normal.into_inner(), -plane.offset);
-    (0..vertices as u32).map(move |v| Row { terms: vec![(v, 1.0)], direction, bound })
+    (0..vertices as u32).map(move |v| Row {
+        terms: vec![(v, 1.0)],
+        direction,
+        bound,
+    })
 }

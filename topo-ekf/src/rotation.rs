@@ -51,7 +51,11 @@ fn decompose(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
 
 /// Axial vector of the antisymmetric part (twice it).
 fn vee(a: &Matrix3<f64>) -> Vector3<f64> {
-    Vector3::new(a[(2, 1)] - a[(1, 2)], a[(0, 2)] - a[(2, 0)], a[(1, 0)] - a[(0, 1)])
+    Vector3::new(
+        a[(2, 1)] - a[(1, 2)],
+        a[(0, 2)] - a[(2, 0)],
+        a[(1, 0)] - a[(0, 1)],
+    )
 }
 
 /// Solves with a symmetric matrix by cofactors; `None` unless it is positive definite.
@@ -63,7 +67,8 @@ pub(crate) fn solve_positive(h: &Matrix3<f64>, g: &Vector3<f64>) -> Option<Vecto
     let minor = a * d - b * b;
     // Relative to the matrix's own size, or a tiny matrix would always look singular.
     let size = a.abs().max(d.abs()).max(f.abs());
-    let positive = a > 0.0 && minor > 1e-12 * size * size && determinant > 1e-12 * size * size * size;
+    let positive =
+        a > 0.0 && minor > 1e-12 * size * size && determinant > 1e-12 * size * size * size;
     positive.then(|| {
         let (c11, c12) = (a * f - c * c, b * c - a * e);
         Vector3::new(

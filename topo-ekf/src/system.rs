@@ -13,7 +13,8 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
+    factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
@@ -54,11 +55,17 @@ impl Pattern {
             .iter()
             .map(|&[i, j]| {
                 let (column, row) = (i.min(j) as usize, i.max(j) as usize);
-                starts[column] + rows[starts[column]..starts[column + 1]].partition_point(|&r| r < row)
+                starts[column]
+                    + rows[starts[column]..starts[column + 1]].partition_point(|&r| r < row)
             })
             .collect();
         let diagonal = starts[..vertices].to_vec();
-        Self { starts, rows, diagonal, edge }
+        Self {
+            starts,
+            rows,
+            diagonal,
+            edge,
+        }
     }
 
     pub fn size(&self) -> usize {
@@ -66,7 +73,12 @@ impl Pattern {
     }
 
     /// `diag(d) + Σ w_e (e_i − e_j)(e_i − e_j)ᵀ`.
-    pub fn assemble(&self, diagonal: &[f64], edges: &[[u32; 2]], weight: impl Fn(usize) -> f64) -> Vec<f64> {
+    pub fn assemble(
+        &self,
+        diagonal: &[f64],
+        edges: &[[u32; 2]],
+        weight: impl Fn(usize) -> f64,
+    ) -> Vec<f64> {
         let mut values = vec![0.0; self.rows.len()];
         for (&at, &d) in self.diagonal.iter().zip(diagonal) {
             values[at] = d;
@@ -135,7 +147,12 @@ impl System {
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default())
             .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
         let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
-        Ok(Self { pattern, symbolic, memory, simplicial: OnceLock::new() })
+        Ok(Self {
+            pattern,
+            symbolic,
+            memory,
+            simplicial: OnceLock::new(),
+        })
     }
 
     /// The analysis that [`crate::marginal`] needs.
@@ -177,17 +194,37 @@ impl System {
 }
 
 /// Fill-reducing order and pattern of the factor.
-fn analyse(pattern: &Pattern, threshold: SupernodalThreshold) -> Result<SymbolicCholesky<usize>, Error> {
-    let params = CholeskySymbolicParams { supernodal_flop_ratio_threshold: threshold, ..Default::default() };
-    factorize_symbolic_cholesky(symbolic(pattern), Side::Lower, SymmetricOrdering::Amd, params)
-        .map_err(|_| Error::Factorisation)
+fn analyse(
+    pattern: &Pattern,
+    threshold: SupernodalThreshold,
+) -> Result<SymbolicCholesky<usize>, Error> {
+    let params = CholeskySymbolicParams {
+        supernodal_flop_ratio_threshold: threshold,
+        ..Default::default()
+    };
+    factorize_symbolic_cholesky(
+        symbolic(pattern),
+        Side::Lower,
+        SymmetricOrdering::Amd,
+        params,
+    )
+    .map_err(|_| Error::Factorisation)
 }
 
 fn symbolic(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
-    SymbolicSparseColMatRef::new_checked(pattern.size(), pattern.size(), &pattern.starts, None, &pattern.rows)
+    SymbolicSparseColMatRef::new_checked(
+        pattern.size(),
+        pattern.size(),
+        &pattern.starts,
+        None,
+        &pattern.rows,
+    )
 }
 
 /// View of the lower triangle for faer.
-pub(crate) fn matrix<'a>(pattern: &'a Pattern, values: &'a [f64]) -> SparseColMatRef<'a, usize, f64> {
+pub(crate) fn matrix<'a>(
+    pattern: &'a Pattern,
+    values: &'a [f64],
+) -> SparseColMatRef<'a, usize, f64> {
     SparseColMatRef::new(symbolic(pattern), values)
 }

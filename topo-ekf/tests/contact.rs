@@ -1,5 +1,10 @@
 //! Planted self-contacts: sheets folded onto themselves and pushed through.
-#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout, reason = "a test may say what it measured")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test may say what it measured"
+)]
 
 mod common;
 
@@ -31,7 +36,10 @@ fn a_flap_pushed_through_the_other_stays_on_its_side() {
     let fold = folded(&rest, 0.038, 4e-3);
     let mut filter = Filter::new(&fold, &edges, &Options::default()).unwrap();
     let flap = |i: usize| fold[i].z > 7.9e-3;
-    let up = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.0 }];
+    let up = [Plane {
+        normal: UnitVector3::new_unchecked(Vector3::z()),
+        offset: 0.0,
+    }];
     let mut noise = Noise(5);
     let mut pushing = 0;
     for frame in 1..=8 {
@@ -45,13 +53,24 @@ fn a_flap_pushed_through_the_other_stays_on_its_side() {
                 sigma: 1e-3,
             })
             .collect();
-        let frame = Frame::new(&observations).with_planes(&up).with_triangles(&triangles);
+        let frame = Frame::new(&observations)
+            .with_planes(&up)
+            .with_triangles(&triangles);
         let report = filter.step(&frame).unwrap();
         println!(
             "{:?} {:?} {:?} resting {} pushing {} rounds {}",
-            report.status, report.plane_depth, report.contact_depth, report.resting.len(), report.pushing, report.rounds
+            report.status,
+            report.plane_depth,
+            report.contact_depth,
+            report.resting.len(),
+            report.pushing,
+            report.rounds
         );
-        assert!(matches!(report.status, Status::Free | Status::Constrained), "{:?}", report.status);
+        assert!(
+            matches!(report.status, Status::Free | Status::Constrained),
+            "{:?}",
+            report.status
+        );
         assert!(report.plane_depth[1] <= 1e-9);
         assert!(report.contact_depth[1] <= 1e-6);
         pushing = pushing.max(report.pushing);
@@ -68,11 +87,17 @@ fn a_surface_that_does_not_touch_itself_is_left_alone() {
     let (rest, edges, triangles) = sheet(12, 4e-3);
     let mut noise = Noise(2);
     let observations: Vec<_> = (0..rest.len())
-        .map(|i| Observation { vertex: i as u32, position: rest[i] + noise.vector(5e-4), sigma: 5e-4 })
+        .map(|i| Observation {
+            vertex: i as u32,
+            position: rest[i] + noise.vector(5e-4),
+            sigma: 5e-4,
+        })
         .collect();
     let run = |triangles: &[[u32; 3]]| {
         let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-        let report = filter.step(&Frame::new(&observations).with_triangles(triangles)).unwrap();
+        let report = filter
+            .step(&Frame::new(&observations).with_triangles(triangles))
+            .unwrap();
         assert_eq!(report.status, Status::Free);
         filter.live().to_vec()
     };

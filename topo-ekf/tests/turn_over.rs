@@ -1,5 +1,10 @@
 //! Planted answers: half-seen bodies that are turned over, rigidly and bending.
-#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout, reason = "a test may say what it measured")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test may say what it measured"
+)]
 
 mod common;
 
@@ -11,7 +16,11 @@ use topo_ekf::{Filter, Frame, Observation, Options};
 fn visible(rest: &[Point3<f64>], half: [f64; 3], turn: &Rotation3<f64>) -> Vec<bool> {
     rest.iter()
         .map(|p| {
-            let normal = Vector3::new(p.x / half[0].powi(2), p.y / half[1].powi(2), p.z / half[2].powi(2));
+            let normal = Vector3::new(
+                p.x / half[0].powi(2),
+                p.y / half[1].powi(2),
+                p.z / half[2].powi(2),
+            );
             (turn * normal.normalize()).z > 0.1
         })
         .collect()
@@ -46,7 +55,11 @@ fn turn_over(
         let seen = visible(&rest, half, &turn);
         let observations: Vec<_> = (0..rest.len())
             .filter(|&i| seen[i])
-            .map(|i| Observation { vertex: i as u32, position: truth[i] + noise.vector(sigma), sigma: sigma.max(1e-4) })
+            .map(|i| Observation {
+                vertex: i as u32,
+                position: truth[i] + noise.vector(sigma),
+                sigma: sigma.max(1e-4),
+            })
             .collect();
         filter.step(&Frame::new(&observations)).unwrap();
         // Baseline: hidden vertices move with the nearest visible neighbour (in the truth, without noise).
@@ -57,7 +70,9 @@ fn turn_over(
                     return truth[i];
                 }
                 let by = |&&a: &&usize, &&b: &&usize| {
-                    (nearest[a] - nearest[i]).norm().total_cmp(&(nearest[b] - nearest[i]).norm())
+                    (nearest[a] - nearest[i])
+                        .norm()
+                        .total_cmp(&(nearest[b] - nearest[i]).norm())
                 };
                 let &j = shown.iter().min_by(by).unwrap();
                 nearest[i] + (truth[j] - before[j])
@@ -69,14 +84,21 @@ fn turn_over(
         nearest_sum += mean_error(&nearest, &truth, |i| !seen[i]);
         before = truth;
     }
-    Run { hidden: hidden_sum / frames as f64, nearest: nearest_sum / frames as f64, worst_frame: worst }
+    Run {
+        hidden: hidden_sum / frames as f64,
+        nearest: nearest_sum / frames as f64,
+        worst_frame: worst,
+    }
 }
 
 #[test]
 fn the_hidden_half_of_a_rigid_body_is_carried_round() {
     for (sigma, bound) in [(0.0, 1e-4), (0.5e-3, 1.0e-3), (1e-3, 2e-3)] {
         let run = turn_over(&Options::default(), 600, 60, sigma, |p, _| *p);
-        println!("sigma {sigma}: hidden {:.6} nearest {:.6} worst {:.6}", run.hidden, run.nearest, run.worst_frame);
+        println!(
+            "sigma {sigma}: hidden {:.6} nearest {:.6} worst {:.6}",
+            run.hidden, run.nearest, run.worst_frame
+        );
         assert!(run.hidden < run.nearest / 3.0);
         assert!(run.worst_frame < bound);
     }
@@ -91,9 +113,16 @@ fn the_hidden_half_of_a_bending_body_is_carried_round() {
             return *p;
         }
         let a = p.x * k;
-        Point3::new((1.0 / k + p.z) * a.sin(), p.y, (1.0 / k + p.z) * a.cos() - 1.0 / k)
+        Point3::new(
+            (1.0 / k + p.z) * a.sin(),
+            p.y,
+            (1.0 / k + p.z) * a.cos() - 1.0 / k,
+        )
     };
     let run = turn_over(&Options::default(), 600, 60, 0.5e-3, bend);
-    println!("bending: hidden {:.6} nearest {:.6} worst {:.6}", run.hidden, run.nearest, run.worst_frame);
+    println!(
+        "bending: hidden {:.6} nearest {:.6} worst {:.6}",
+        run.hidden, run.nearest, run.worst_frame
+    );
     assert!(run.hidden < run.nearest / 3.0);
 }

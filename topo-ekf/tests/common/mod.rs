@@ -1,5 +1,10 @@
 //! Bodies and small dense tools shared by the tests.
-#![allow(dead_code, missing_docs, clippy::unwrap_used, reason = "each test file uses its own part")]
+#![allow(
+    dead_code,
+    missing_docs,
+    clippy::unwrap_used,
+    reason = "each test file uses its own part"
+)]
 
 use std::collections::BTreeSet;
 
@@ -29,7 +34,11 @@ impl Noise {
 }
 
 /// Ellipsoid with nearly uniform vertices (golden spiral), edges to the nearest neighbours.
-pub fn ellipsoid(count: usize, half: [f64; 3], neighbours: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>) {
+pub fn ellipsoid(
+    count: usize,
+    half: [f64; 3],
+    neighbours: usize,
+) -> (Vec<Point3<f64>>, Vec<[u32; 2]>) {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let points: Vec<_> = (0..count)
         .map(|i| {
@@ -55,11 +64,20 @@ pub fn nearest_edges(points: &[Point3<f64>], neighbours: usize) -> Vec<[u32; 2]>
     edges.into_iter().collect()
 }
 
+/// Vertices, edges, triangles.
+pub type Sheet = (Vec<Point3<f64>>, Vec<[u32; 2]>, Vec<[u32; 3]>);
+
 /// Square sheet in the plane z = 0, its lattice edges with diagonals, its triangles.
-pub fn sheet(side: usize, spacing: f64) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Vec<[u32; 3]>) {
+pub fn sheet(side: usize, spacing: f64) -> Sheet {
     let at = |x: usize, y: usize| (y * side + x) as u32;
     let points = (0..side * side)
-        .map(|k| Point3::new((k % side) as f64 * spacing, (k / side) as f64 * spacing, 0.0))
+        .map(|k| {
+            Point3::new(
+                (k % side) as f64 * spacing,
+                (k / side) as f64 * spacing,
+                0.0,
+            )
+        })
         .collect();
     let (mut edges, mut triangles) = (vec![], vec![]);
     for y in 0..side {
@@ -85,8 +103,14 @@ pub fn turned(points: &[Point3<f64>], r: &Rotation3<f64>, t: &Vector3<f64>) -> V
     points.iter().map(|p| r * p + t).collect()
 }
 
-pub fn mean_error(found: &[Point3<f64>], truth: &[Point3<f64>], chosen: impl Fn(usize) -> bool) -> f64 {
-    let picked: Vec<f64> =
-        (0..truth.len()).filter(|&i| chosen(i)).map(|i| (found[i] - truth[i]).norm()).collect();
+pub fn mean_error(
+    found: &[Point3<f64>],
+    truth: &[Point3<f64>],
+    chosen: impl Fn(usize) -> bool,
+) -> f64 {
+    let picked: Vec<f64> = (0..truth.len())
+        .filter(|&i| chosen(i))
+        .map(|i| (found[i] - truth[i]).norm())
+        .collect();
     picked.iter().sum::<f64>() / picked.len().max(1) as f64
 }
