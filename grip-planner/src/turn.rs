@@ -15,7 +15,7 @@
 //! `(1 + cos(α − θ))/2` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted). The
 //! directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
 //! next to a boundary faces about the same way. While the underside is missing `m` decides; what is left at last, a
-//! band round the body whose vector area is nearly zero, is found by its boundary. The gain is multiplied by `(length/longest side)²`: when `m` points straight down
+//! band round the body whose vector area is nearly zero, is found by its boundary. The gain is multiplied by `length/longest side`: when `m` points straight down
 //! all four turns show it equally well and the one about the longer side, which lifts least, is meant to win.
 //!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
@@ -28,7 +28,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 
 use crate::{Error, Model, Scene, agent_box, missing_vector_area};
 
-/// Missing area below this share of the known area is sampling noise: then it is taken to lie underneath.
+/// Missing vector area below this share of the known area is sampling noise and has no direction.
 const NOISE: f64 = 0.01;
 /// A body lower than this share of its span does not stand on its side.
 const STANDS: f64 = 0.7;
@@ -143,11 +143,7 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
         let pivot = scene
             .table
             .foot(&(outline.center - lifted.as_ref() * (0.5 * span)));
-        let angle = if thickness < STANDS * span {
-            PI
-        } else {
-            toward(&axis, &hidden.missing, &view).clamp(FRAC_PI_2, PI)
-        };
+        let angle = hidden.angle(&axis, &view, thickness < STANDS * span);
         let gain = hidden.gain(&axis, &view, angle);
         let long = length / (2.0 * outline.half_extents.x).max(f64::MIN_POSITIVE);
         Turn {
@@ -159,7 +155,7 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
             length,
             thickness,
             angle,
-            gain: gain * long * long,
+            gain: gain * long,
         }
     };
     let mut all = [about(0, 1.0), about(0, -1.0), about(1, 1.0), about(1, -1.0)];
@@ -169,31 +165,41 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
 
 /// Where hidden surface faces: vectors whose lengths are areas.
 struct Hidden {
-    missing: Vector3<f64>,
-    boundary: Vec<Vector3<f64>>,
+    missing: Option<Vector3<f64>>,
+    directions: Vec<Vector3<f64>>,
 }
 
 impl Hidden {
     fn new(model: &Model, up: &UnitVector3<f64>) -> Self {
         let known: f64 = model.areas.iter().sum();
-        let mut missing = missing_vector_area(model);
-        if missing.norm() < NOISE * known {
-            // Underneath is where nobody has looked.
-            missing = up.as_ref() * (-NOISE * known);
-        }
         let rim = (0..model.points.len()).filter(|&v| model.boundary[v]);
+        let mut directions: Vec<_> = rim
+            .map(|v| model.normals[v].as_ref() * model.areas[v])
+            .collect();
+        let missing = Some(missing_vector_area(model)).filter(|m| m.norm() >= NOISE * known);
+        directions.extend(missing);
+        if directions.is_empty() {
+            // Underneath is where nobody has looked.
+            directions.push(-up.into_inner());
+        }
         Self {
             missing,
-            boundary: rim
-                .map(|v| model.normals[v].as_ref() * model.areas[v])
-                .collect(),
+            directions,
+        }
+    }
+
+    /// How far to turn about `axis`; a flat body, or one without a direction, goes the whole half turn.
+    fn angle(&self, axis: &UnitVector3<f64>, view: &Vector3<f64>, flat: bool) -> f64 {
+        match &self.missing {
+            Some(m) if !flat => toward(axis, m, view).clamp(FRAC_PI_2, PI),
+            _ => PI,
         }
     }
 
     /// Mean over the vectors of the share that a turn by `angle` shows.
     fn gain(&self, axis: &UnitVector3<f64>, view: &Vector3<f64>, angle: f64) -> f64 {
         let (mut shown, mut all) = (0.0, 0.0);
-        for d in std::iter::once(&self.missing).chain(&self.boundary) {
+        for d in &self.directions {
             let wanted = toward(axis, d, view);
             let faces = |turned: f64| 0.5 * (1.0 + (wanted - turned).cos());
             shown += axis.cross(d).norm() * 0.5 * (faces(angle) + faces(wanted.min(PI)));
