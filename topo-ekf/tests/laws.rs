@@ -1,5 +1,11 @@
 //! Laws: symmetry, refusal without a trace, contradiction, what the graph may do between frames.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::cast_sign_loss,
+    clippy::too_many_lines,
+    reason = "tests"
+)]
 
 mod common;
 
