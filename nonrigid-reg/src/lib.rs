@@ -2,11 +2,14 @@
 
 pub mod cloud;
 mod error;
+mod frame;
 mod matching;
 mod nodes;
 mod options;
 mod prior;
 mod register;
+mod registration;
+mod report;
 mod system;
 mod tree;
 
@@ -14,4 +17,5 @@ pub use cloud::{Cloud, Downsampled, boundary_points, estimate_normals, voxel_dow
 pub use error::Error;
 pub use nalgebra;
 pub use options::Options;
-pub use register::{Feature, Landmark, Registrar, Registration, Status, register};
+pub use register::{Registrar, register};
+pub use registration::{Feature, Landmark, Registration, Status};

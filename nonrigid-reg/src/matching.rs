@@ -11,7 +11,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 
 use crate::cloud::{Cloud, is_boundary};
 use crate::options::Options;
-use crate::tree::Tree;
+use crate::tree::{Neighbour, Tree};
 
 /// Neighbours that decide whether the target ends.
 const RIM_NEIGHBOURS: usize = 12;
@@ -48,26 +48,29 @@ impl<'a> Matcher<'a> {
         }
     }
 
-    /// The match of a source point now at `y` with normal `n`; nothing beyond the gate or between incompatible normals.
+    /// The target nearest to a source point now at `y` with normal `n`; nothing beyond the gate or between incompatible normals.
     pub fn find(
-        &mut self,
+        &self,
         y: &Point3<f64>,
         n: &Vector3<f64>,
         gate: f64,
         options: &Options,
-    ) -> Option<Match> {
+    ) -> Option<Neighbour> {
         let hit = self.tree.nearest(y);
+        let compatible = n.dot(&self.target.normals[hit.index]) > options.normal_cosine;
+        (hit.squared < gate * gate && compatible).then_some(hit)
+    }
+
+    /// What a match counts.
+    pub fn weigh(&mut self, hit: Neighbour, gate: f64, options: &Options) -> Match {
         let share = 1.0 - hit.squared / (gate * gate);
-        if share <= 0.0 || n.dot(&self.target.normals[hit.index]) <= options.normal_cosine {
-            return None;
-        }
         let on_rim = self.on_rim(hit.index, options.boundary_angle);
         let trust = if on_rim { options.boundary_weight } else { 1.0 };
-        Some(Match {
+        Match {
             target: hit.index,
             weight: share * share * trust,
             on_rim,
-        })
+        }
     }
 
     pub fn point(&self, m: &Match) -> &Point3<f64> {

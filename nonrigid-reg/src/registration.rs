@@ -1,0 +1,70 @@
+use nalgebra::{Point3, Vector3};
+
+/// A point known to move to another: a grip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Landmark {
+    /// Where it was, in m.
+    pub source: Point3<f64>,
+    /// Where it is, in m.
+    pub target: Point3<f64>,
+    /// Standard deviation, in m; 0 is exact.
+    pub sigma: f64,
+}
+
+/// A point believed to move to another: an image feature. May be wrong altogether.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Feature {
+    /// Where it was, in m.
+    pub source: Point3<f64>,
+    /// Where it seems to be, in m.
+    pub target: Point3<f64>,
+}
+
+/// How a registration ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub enum Status {
+    /// The nodes came to rest.
+    Converged,
+    /// The iterations ran out first; usual for large motions, and no sign of a bad fit by itself.
+    MaxIterations,
+    /// Too few source points found a match: the field is mostly prior.
+    LowOverlap {
+        /// Share of source points with a match.
+        overlap: f64,
+        /// The threshold it missed.
+        threshold: f64,
+    },
+    /// The matches that were found do not fit.
+    HighResidual {
+        /// Root mean square distance of matches, in m.
+        residual: f64,
+        /// The threshold it passed.
+        threshold: f64,
+    },
+}
+
+/// The motion from source to target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Registration {
+    /// Deformation nodes on the source, landmarks first.
+    pub node_positions: Vec<Point3<f64>>,
+    /// Their displacements, in m.
+    pub node_displacements: Vec<Vector3<f64>>,
+    /// How well matched the source is around each node, 0 to 1.
+    pub node_confidence: Vec<f64>,
+    /// Displacement of each source point, in m.
+    pub displacements: Vec<Vector3<f64>>,
+    /// How far each source point's displacement rests on good matches around it, 0 to 1.
+    pub confidence: Vec<f64>,
+    /// Index of the target point that each source point met; none for points without a match or on the rim of the target.
+    pub matches: Vec<Option<u32>>,
+    /// Root mean square distance of matches along the target normal, in m.
+    pub residual_rms: f64,
+    /// Share of source points that met a target point.
+    pub overlap: f64,
+    /// Iterations made.
+    pub iterations: usize,
+    /// How it ended.
+    pub status: Status,
+}
