@@ -45,7 +45,6 @@ fn main() -> Result<(), Error> {
         pictures,
         frames: 0,
         slowest: 0.0,
-        lowest: 0.0,
         cpu: 0.0,
     };
     println!(
@@ -63,10 +62,6 @@ fn main() -> Result<(), Error> {
     }
     println!("seen after:  {:.1} %", 100.0 * turn.share(&truth));
     println!("turned by:   {:.0} deg", turned_deg(&truth));
-    println!(
-        "deepest:     {:.1} mm under the table",
-        -1000.0 * turn.lowest
-    );
     println!("volume kept: {:.2} %", 100.0 * cell.volume() / volume);
     println!(
         "CPU:         {:.1} ms a frame of 100 ms, slowest {:.1}",
@@ -81,7 +76,6 @@ struct Turn {
     pictures: Option<String>,
     frames: usize,
     slowest: f64,
-    lowest: f64,
     cpu: f64,
 }
 
@@ -167,11 +161,6 @@ impl Turn {
         self.frames += 1;
         self.cpu += cpu;
         self.slowest = self.slowest.max(cpu);
-        let heights = truth
-            .live()
-            .into_iter()
-            .map(|p| cell.info().table.height(&p));
-        self.lowest = heights.fold(self.lowest, f64::min);
         mark_seen(&mut self.seen, &truth.live(), &observation.points);
         if let (1, Some(directory)) = (self.frames % 10, &self.pictures) {
             picture(

@@ -88,9 +88,9 @@ fn tetrahedra_fill_the_surface() {
     let mut options = options();
     options.fidelity.tetrahedra = 2000;
     let (cell, truth) = cell(&options);
-    // Flat faces of 12 mm cut off a curved surface: per cent.
+    // They start with its volume; weight and table take a per cent.
     let share = cell.volume() / truth.rest().volume();
-    assert!((0.95..1.01).contains(&share), "{share}");
+    assert!((0.97..1.01).contains(&share), "{share}");
     assert!(
         (1500..2600).contains(&cell.tetrahedra()),
         "{}",
@@ -219,7 +219,7 @@ fn the_camera_agrees_with_ray_casting() {
                 seen[v * camera.width + u],
             ) {
                 (Some(cast), Some(depth)) => {
-                    assert!((cast - depth).abs() < 1e-9, "pixel {u} {v}: {cast} {depth}")
+                    assert!((cast - depth).abs() < 1e-9, "pixel {u} {v}: {cast} {depth}");
                 }
                 (None, None) => {}
                 _ => different += 1,

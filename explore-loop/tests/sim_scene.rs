@@ -238,7 +238,7 @@ fn as_stl(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
                 text += &format!(
                     "  vertex {:e} {:e} {:e}\n",
                     mesh.vertices[v].x, mesh.vertices[v].y, mesh.vertices[v].z
-                )
+                );
             });
             text += " endloop\nendfacet\n";
         }
@@ -253,7 +253,7 @@ fn as_stl(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
         t.iter().for_each(|&v| {
             mesh.vertices[v]
                 .iter()
-                .for_each(|c| out.extend((*c as f32).to_le_bytes()))
+                .for_each(|c| out.extend((*c as f32).to_le_bytes()));
         });
         out.extend([0; 2]);
     }

@@ -228,9 +228,9 @@ impl Element {
                 let mut polygon = Vec::new();
                 for _ in 0..corners {
                     if is_face {
-                        polygon.push(values.count(property.kind)?)
+                        polygon.push(values.count(property.kind)?);
                     } else {
-                        values.next(property.kind).map(|_| ())?
+                        values.next(property.kind)?;
                     }
                 }
                 if is_face {

@@ -106,8 +106,15 @@ impl Body {
     }
 
     /// World positions of the surface vertices.
+    ///
+    /// The engine keeps the nodes above the table; the fine surface bulges a millimetre or two beyond the flat faces
+    /// between them, and the table flattens it there.
     pub fn surface(&self) -> Vec<Point3<f64>> {
-        self.embedding.place(&self.nodes)
+        let mut surface = self.embedding.place(&self.nodes);
+        for p in &mut surface {
+            p.z = p.z.max(0.0);
+        }
+        surface
     }
 
     /// Fastest node, m/s.
@@ -169,7 +176,11 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embeddi
     let first = lattice::fill(&depth, surface.bounds(), cell).tets.len();
     cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.5, 2.0);
     loop {
-        let mesh = lattice::fill(&depth, surface.bounds(), cell);
+        let inscribed = lattice::fill(&depth, surface.bounds(), cell);
+        // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
+        // what it weighs.
+        let missing = (surface.volume() - inscribed.volume()) / surface.area();
+        let mesh = lattice::fill(&|p| depth(p) + missing, surface.bounds(), cell);
         let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;
         let embedding =
             (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
@@ -191,7 +202,7 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embeddi
 fn builder(mesh: &TetMesh, material: &Material, fidelity: &Fidelity) -> SoftBodyBuilder {
     let mut masses = vec![0.0; mesh.nodes.len()];
     for (t, tet) in mesh.tets.iter().enumerate() {
-        let share = 0.25 * material.density * mesh.volume(t);
+        let share = 0.25 * material.density * mesh.volume_of(t);
         for &v in tet {
             masses[v] += share;
         }

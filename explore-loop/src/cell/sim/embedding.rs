@@ -2,7 +2,8 @@
 //!
 //! Every surface vertex is written as `x = Σ wₖ Xₖ`, `Σ wₖ = 1`, over the nodes of one tetrahedron, and follows them with
 //! the same weights. Inside its tetrahedron all weights are in `[0, 1]`; a vertex a little outside all of them (the
-//! tetrahedra follow a curved surface with flat faces) takes the one whose smallest weight is largest.
+//! tetrahedra follow a curved surface with flat faces) takes the one whose smallest weight is largest: that is how much a
+//! deformation of the tetrahedron is exaggerated, so a large one a little farther off beats a splinter next to the vertex.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -12,7 +13,7 @@ use super::lattice::TetMesh;
 #[derive(Debug, Clone)]
 pub(super) struct Embedding {
     pub carriers: Vec<([usize; 4], [f64; 4])>,
-    /// Largest distance by which a vertex lies outside its carrier, metres.
+    /// Largest distance of a vertex from the tetrahedra, metres.
     pub gap: f64,
 }
 
@@ -34,13 +35,12 @@ impl Embedding {
                 } else {
                     near
                 };
-                let best = candidates
-                    .iter()
-                    .map(|&t| (t, frames[t].outside(p)))
-                    .min_by(|a, b| a.1.total_cmp(&b.1));
-                let (t, outside) = best.unwrap_or((0, 0.0));
-                gap = gap.max(outside);
-                (mesh.tets[t], frames[t].weights(p))
+                let nearest = candidates.iter().map(|&t| frames[t].outside(p));
+                gap = gap.max(nearest.fold(f64::INFINITY, f64::min));
+                let bound = candidates.iter().map(|&t| (t, frames[t].weights(p)));
+                let best = bound.max_by(|a, b| smallest(&a.1).total_cmp(&smallest(&b.1)));
+                let (t, weights) = best.unwrap_or((0, [0.25; 4]));
+                (mesh.tets[t], weights)
             })
             .collect();
         Self { carriers, gap }
@@ -55,6 +55,10 @@ impl Embedding {
             })
             .collect()
     }
+}
+
+fn smallest(weights: &[f64; 4]) -> f64 {
+    weights.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 struct Frame {

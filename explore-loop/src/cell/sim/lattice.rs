@@ -36,8 +36,13 @@ pub(super) struct TetMesh {
 
 impl TetMesh {
     /// Volume of tetrahedron `t`.
-    pub fn volume(&self, t: usize) -> f64 {
+    pub fn volume_of(&self, t: usize) -> f64 {
         signed_volume(self.tets[t].map(|v| self.nodes[v]))
+    }
+
+    /// Volume of all of them.
+    pub fn volume(&self) -> f64 {
+        (0..self.tets.len()).map(|t| self.volume_of(t)).sum()
     }
 }
 
@@ -286,9 +291,9 @@ fn crossing(
     for _ in 0..10 {
         let middle = 0.5 * (low + high);
         if (depth(&a.lerp(&b, middle)) > 0.0) == a_inside {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     a.lerp(&b, 0.5 * (low + high))
@@ -388,9 +393,9 @@ mod tests {
             let mut faces: HashMap<[usize; 3], i32> = HashMap::new();
             for (t, tet) in mesh.tets.iter().enumerate() {
                 assert!(
-                    mesh.volume(t) > 1e-4 * cell.powi(3),
+                    mesh.volume_of(t) > 1e-4 * cell.powi(3),
                     "tetrahedron {t} is flat: {}",
-                    mesh.volume(t)
+                    mesh.volume_of(t)
                 );
                 for [i, j, k] in [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]] {
                     let mut face = [tet[i], tet[j], tet[k]];
@@ -445,7 +450,7 @@ mod tests {
         let exact = 4.0 / 3.0 * std::f64::consts::PI * 0.05_f64.powi(3);
         let error = |cell: f64| {
             let mesh = ball(cell);
-            1.0 - (0..mesh.tets.len()).map(|t| mesh.volume(t)).sum::<f64>() / exact
+            1.0 - mesh.volume() / exact
         };
         let (coarse, fine) = (error(0.016), error(0.008));
         // Flat faces on a sphere: second order.
