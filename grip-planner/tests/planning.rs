@@ -123,6 +123,12 @@ proptest! {
             let end = set.turn.local(&Point3::from(path.at(motion.duration).unwrap().translation.vector));
             prop_assert!((end.y - (set.turn.span - start.y)).abs() < 1e-9 && (end.x - start.x).abs() < 1e-9);
             prop_assert!(end.z <= set.turn.thickness.max(0.012) + 1e-9);
+            // On the way the tips never reach out beyond the body standing at its lifted side, nor far behind where it lay.
+            for step in 0..100 {
+                let pose = path.at(motion.duration * f64::from(step) / 99.0).unwrap();
+                let at = set.turn.local(&Point3::from(pose.translation.vector)).y;
+                prop_assert!(at <= set.turn.span + set.turn.thickness + 1e-9 && at >= -set.turn.thickness);
+            }
         }
     }
 
