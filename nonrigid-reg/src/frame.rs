@@ -94,6 +94,16 @@ impl<'a> Frame<'a> {
         start
     }
 
+    /// Every source point is drawn to its predicted displacement.
+    pub fn add_prediction(&self, predicted: &[Vector3<f64>], system: &mut System) {
+        let metric = Matrix3::from_diagonal_element(
+            self.options.prediction / self.source.points.len() as f64,
+        );
+        for (shape, wanted) in self.shapes.iter().zip(predicted) {
+            add_observation(shape, &metric, wanted, system);
+        }
+    }
+
     /// Membrane, landmarks and anchor: the same in all iterations.
     pub fn assemble_fixed(&self, start: &[Vector3<f64>], system: &mut System) {
         system.reset(self.nodes.len());

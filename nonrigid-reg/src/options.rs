@@ -27,6 +27,10 @@ pub struct Options {
     /// `α`: resistance of a match to sliding along the surface, per iteration, beside the point-to-plane part of weight one.
     /// More of it settles what geometry does not see, less of it follows larger motions.
     pub drag: f64,
+    /// Weight of the predicted displacement of every source point, beside the point-to-plane part of weight one. A grip
+    /// pulls at a soft body locally, but a smooth field would carry its motion along surfaces that geometry lets
+    /// slide; a prediction (the last frame's motion) holds them. Default 0: `initial` is only where the search starts.
+    pub prediction: f64,
     /// Smallest cosine between the normals of a match.
     pub normal_cosine: f64,
     /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
@@ -55,6 +59,7 @@ impl Default for Options {
             bending: 1.2,
             strain: 0.025,
             drag: 0.012,
+            prediction: 0.0,
             normal_cosine: 0.5,
             boundary_weight: 0.1,
             boundary_angle: 130_f64.to_radians(),
@@ -92,6 +97,7 @@ impl Options {
         let not_negative = [
             ("tolerance", self.tolerance),
             ("drag", self.drag),
+            ("prediction", self.prediction),
             ("boundary_weight", self.boundary_weight),
         ];
         for (option, value) in not_negative {

@@ -89,6 +89,9 @@ impl Registrar {
             |predicted| frame.smoothed(predicted),
         );
         frame.assemble_fixed(&start, fixed);
+        if let Some(predicted) = initial.filter(|_| options.prediction > 0.0) {
+            frame.add_prediction(predicted, fixed);
+        }
         let mut u = start;
         let mut rotations = frame.rotations(&u);
         let mut status = Status::MaxIterations;

@@ -11,6 +11,7 @@
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 pub mod mesh_io;
+pub mod replay;
 pub mod sim;
 
 /// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has

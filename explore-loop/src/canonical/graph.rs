@@ -1,0 +1,134 @@
+//! The surface graph: which vertices are neighbours on one sheet.
+//!
+//! ```text
+//! i ~ j  ⇔  ‖X_i − X_j‖ ≤ reach · ε   and   n_i · n_j ≥ cos_min
+//! ```
+//! at rest, where `ε` is the spacing. Two sheets with opposing normals are never one surface, however thin
+//! the rim between them: the cosine keeps them apart. At most `most` neighbours a vertex enter, nearest first,
+//! so that a crowd of vertices does not stiffen the filter.
+
+use super::CanonicalModel;
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use nalgebra::{Point3, UnitVector3, Vector3};
+use std::num::NonZero;
+
+/// How far a neighbour may be, in spacings.
+const REACH: f64 = 2.1;
+/// Neighbours whose normals differ more than this belong to another sheet: 75 degrees.
+const COS_MIN: f64 = 0.25;
+/// Most neighbours a vertex chooses.
+const MOST: usize = 10;
+
+/// The points as kiddo wants them.
+pub fn arrays(points: &[Point3<f64>]) -> Vec<[f64; 3]> {
+    points.iter().map(|p| [p.x, p.y, p.z]).collect()
+}
+
+/// A kd-tree over `points`, or `None` when there are none (kiddo answers infinity then).
+pub fn tree(points: &[Point3<f64>]) -> Option<ImmutableKdTree<f64, 3>> {
+    if points.is_empty() {
+        return None;
+    }
+    ImmutableKdTree::new_from_slice(&arrays(points)).ok()
+}
+
+/// Indices and distances of the points within `radius` of `query`, nearest first, at most `most`.
+pub fn near(
+    tree: &ImmutableKdTree<f64, 3>,
+    query: &Point3<f64>,
+    radius: f64,
+    most: usize,
+) -> Vec<(usize, f64)> {
+    let Some(most) = NonZero::new(most) else {
+        return Vec::new();
+    };
+    tree.query(&[query.x, query.y, query.z])
+        .nearest_n::<SquaredEuclidean<f64>>(most)
+        .execute()
+        .into_iter()
+        .map(|hit| (hit.item as usize, hit.distance.sqrt()))
+        .take_while(|(_, distance)| *distance <= radius)
+        .collect()
+}
+
+/// Index and distance of the point nearest to `query`.
+pub fn nearest(tree: &ImmutableKdTree<f64, 3>, query: &Point3<f64>) -> (usize, f64) {
+    let hit = tree
+        .query(&[query.x, query.y, query.z])
+        .nearest_one::<SquaredEuclidean<f64>>()
+        .execute();
+    (hit.item as usize, hit.distance.sqrt())
+}
+
+/// The edges of the surface graph of `model` at `spacing`, sorted, `i < j`.
+///
+/// # Complexity
+/// `O(n log n)`.
+pub fn surface_edges(model: &CanonicalModel, spacing: f64) -> Vec<[u32; 2]> {
+    let Some(tree) = tree(&model.rest) else {
+        return Vec::new();
+    };
+    let mut edges = Vec::new();
+    for i in 0..model.len() {
+        let mut chosen = 0;
+        for (j, _) in near(&tree, &model.rest[i], REACH * spacing, 3 * MOST) {
+            let edge = [i.min(j) as u32, i.max(j) as u32];
+            if j == i
+                || model.is_cut(edge)
+                || model.rest_normals[i].dot(&model.rest_normals[j]) < COS_MIN
+            {
+                continue;
+            }
+            edges.push(edge);
+            chosen += 1;
+            if chosen == MOST {
+                break;
+            }
+        }
+    }
+    edges.sort_unstable();
+    edges.dedup();
+    edges
+}
+
+/// Adjacency lists of `edges` over `count` vertices.
+pub fn adjacency(count: usize, edges: &[[u32; 2]]) -> Vec<Vec<u32>> {
+    let mut lists = vec![Vec::new(); count];
+    for &[a, b] in edges {
+        lists[a as usize].push(b);
+        lists[b as usize].push(a);
+    }
+    lists
+}
+
+/// Widest angle between the directions to the neighbours, seen along the normal, that a vertex within the surface has: at a
+/// straight edge of the surface it is half a turn.
+const WIDEST: f64 = 140.0 / 180.0 * std::f64::consts::PI;
+
+/// The widest gap between directions around `normal`, radians; a full turn for fewer than three.
+pub fn widest_gap(
+    normal: &UnitVector3<f64>,
+    directions: impl Iterator<Item = Vector3<f64>>,
+) -> f64 {
+    let (u, v) = super::surface::tangents(normal);
+    let mut angles: Vec<f64> = directions.map(|d| d.dot(&v).atan2(d.dot(&u))).collect();
+    if angles.len() < 3 {
+        return std::f64::consts::TAU;
+    }
+    angles.sort_by(f64::total_cmp);
+    let wrap = angles[0] + std::f64::consts::TAU - angles[angles.len() - 1];
+    angles.windows(2).map(|w| w[1] - w[0]).fold(wrap, f64::max)
+}
+
+/// Which vertices lie at the frontier: where the known surface ends and may grow.
+pub fn frontier(model: &CanonicalModel) -> Vec<bool> {
+    let neighbours = adjacency(model.len(), &model.edges);
+    (0..model.len())
+        .map(|i| {
+            let around = neighbours[i]
+                .iter()
+                .map(|&j| model.rest[j as usize] - model.rest[i]);
+            widest_gap(&model.rest_normals[i], around) > WIDEST
+        })
+        .collect()
+}

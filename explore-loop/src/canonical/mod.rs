@@ -1,0 +1,134 @@
+//! The canonical model: what is known of the object, in two frames at once.
+//!
+//! Every vertex keeps its **rest** position (frame of the first observation), its **live** position (camera
+//! frame, now), the rotation from rest to live around it, and when it was seen. The surface graph joins
+//! neighbours of one sheet; the complex, the mesh and the filter are built on it.
+//!
+//! | file | question |
+//! |---|---|
+//! | [`graph`] | who is a neighbour of whom on the surface? |
+//! | [`merge`] | which points of a new frame extend the model, and where do they lie at rest? |
+//! | [`closure`] | the strips met behind the object: how is the mismatch spread? |
+//! | [`cut`] | which edges glue places that only touched? |
+//! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
+//! | [`surface`] | triangles, areas, normals |
+
+use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+
+pub mod closure;
+pub mod cut;
+pub mod graph;
+pub mod merge;
+pub mod surface;
+pub mod topology;
+
+/// The canonical model of the object (METHOD §7): parallel arrays, one entry a vertex.
+#[derive(Debug, Clone, Default)]
+pub struct CanonicalModel {
+    /// Stable identity of each vertex: never reused, survives removals of others.
+    pub ids: Vec<u64>,
+    /// Positions in the frame of the first observation, metres.
+    pub rest: Vec<Point3<f64>>,
+    /// Outward normals at rest.
+    pub rest_normals: Vec<UnitVector3<f64>>,
+    /// Positions now, camera frame, metres.
+    pub live: Vec<Point3<f64>>,
+    /// Local rotation from rest to live.
+    pub rotations: Vec<Matrix3<f64>>,
+    /// Frame in which each vertex entered the model.
+    pub born: Vec<u32>,
+    /// Frame in which each vertex was last measured.
+    pub last_seen: Vec<u32>,
+    /// In how many frames each vertex was measured.
+    pub times_seen: Vec<u32>,
+    /// Neighbours on the surface, `i < j`.
+    pub edges: Vec<[u32; 2]>,
+    /// Identities of the ends of edges that were cut (see [`cut`]).
+    cuts: std::collections::BTreeSet<[u64; 2]>,
+    next_id: u64,
+}
+
+/// A vertex about to enter the model.
+#[derive(Debug, Clone, Copy)]
+pub struct NewVertex {
+    /// Position at rest.
+    pub rest: Point3<f64>,
+    /// Normal at rest.
+    pub rest_normal: UnitVector3<f64>,
+    /// Position now.
+    pub live: Point3<f64>,
+    /// Rotation from rest to live.
+    pub rotation: Matrix3<f64>,
+}
+
+impl CanonicalModel {
+    /// Number of vertices.
+    pub fn len(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Whether nothing has been seen yet.
+    pub fn is_empty(&self) -> bool {
+        self.rest.is_empty()
+    }
+
+    /// Adds a vertex seen for the first time in `frame`.
+    pub fn push(&mut self, vertex: NewVertex, frame: u32) {
+        self.ids.push(self.next_id);
+        self.next_id += 1;
+        self.rest.push(vertex.rest);
+        self.rest_normals.push(vertex.rest_normal);
+        self.live.push(vertex.live);
+        self.rotations.push(vertex.rotation);
+        self.born.push(frame);
+        self.last_seen.push(frame);
+        self.times_seen.push(1);
+    }
+
+    /// Normal of vertex `i` now: its rest normal carried by its rotation.
+    pub fn live_normal(&self, i: usize) -> UnitVector3<f64> {
+        UnitVector3::new_normalize(self.rotations[i] * self.rest_normals[i].into_inner())
+    }
+
+    /// Normals of all vertices now.
+    pub fn live_normals(&self) -> Vec<UnitVector3<f64>> {
+        (0..self.len()).map(|i| self.live_normal(i)).collect()
+    }
+
+    /// Keeps the vertices with `keep[i]`; returns for every vertex that stays the index it had. The edges
+    /// are renumbered, those of removed vertices go.
+    pub fn retain(&mut self, keep: &[bool]) -> Vec<u32> {
+        let stays: Vec<u32> = (0..self.len())
+            .filter(|&i| keep[i])
+            .map(|i| i as u32)
+            .collect();
+        let mut index = vec![u32::MAX; self.len()];
+        for (new, &old) in stays.iter().enumerate() {
+            index[old as usize] = new as u32;
+        }
+        fn pick<T: Copy>(values: &mut Vec<T>, stays: &[u32]) {
+            *values = stays.iter().map(|&i| values[i as usize]).collect();
+        }
+        pick(&mut self.ids, &stays);
+        pick(&mut self.rest, &stays);
+        pick(&mut self.rest_normals, &stays);
+        pick(&mut self.live, &stays);
+        pick(&mut self.rotations, &stays);
+        pick(&mut self.born, &stays);
+        pick(&mut self.last_seen, &stays);
+        pick(&mut self.times_seen, &stays);
+        self.edges = self
+            .edges
+            .iter()
+            .map(|[a, b]| [index[*a as usize], index[*b as usize]])
+            .filter(|[a, b]| *a != u32::MAX && *b != u32::MAX)
+            .collect();
+        stays
+    }
+
+    /// Mean of the live positions, or the origin when empty.
+    pub fn live_centre(&self) -> Point3<f64> {
+        let sum: Vector3<f64> = self.live.iter().map(|p| p.coords).sum();
+        Point3::from(sum / self.len().max(1) as f64)
+    }
+}

@@ -1,0 +1,61 @@
+//! What can go wrong in an exploration.
+
+use crate::canonical::closure::ClosureError;
+use crate::cell::CellError;
+use crate::measure::MeasureError;
+use std::path::PathBuf;
+
+/// Why an exploration or a reconstruction could not go on.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// The spacing is not a length.
+    #[error("the spacing must be a positive length, not {spacing} m")]
+    BadSpacing {
+        /// The value given, metres.
+        spacing: f64,
+    },
+    /// The camera saw (almost) nothing where the object should be.
+    #[error("the camera sees {points} points of the object; at least {needed} are needed to begin")]
+    NothingToSee {
+        /// Points seen.
+        points: usize,
+        /// Points needed.
+        needed: usize,
+    },
+    /// Registration refused its input.
+    #[error("registration: {0}")]
+    Register(#[from] nonrigid_reg::Error),
+    /// The filter refused its input.
+    #[error("filter: {0}")]
+    Filter(#[from] topo_ekf::Error),
+    /// The deformation field refused its input.
+    #[error("deformation field: {0}")]
+    Field(#[from] gpwrm::Error),
+    /// The complex could not be built.
+    #[error("topology: {0}")]
+    Complex(#[from] cech_complex::Error),
+    /// The planner refused its input.
+    #[error("planning: {0}")]
+    Plan(#[from] grip_planner::Error),
+    /// A loop could not be closed.
+    #[error(transparent)]
+    Closure(#[from] ClosureError),
+    /// The world failed.
+    #[error(transparent)]
+    Cell(#[from] CellError),
+    /// The ground truth is unusable.
+    #[error(transparent)]
+    Measure(#[from] MeasureError),
+    /// A session could not be read or written.
+    #[error("session: {0}")]
+    Session(#[from] dvrk_io::Error),
+    /// A file could not be written.
+    #[error("cannot write {}: {source}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}

@@ -1,0 +1,49 @@
+//! `frames.csv`: one line a frame, to see where an exploration lost its way.
+
+use crate::canonical::CanonicalModel;
+use crate::reconstruct::FrameReport;
+use std::fmt::Write;
+
+/// Header of the file.
+pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,closed,residual_mm,overlap,seen_error_mm,hidden_error_mm,registration_ms,frame_ms,failure\n";
+
+/// Mean of the errors of the vertices that `seen` marks (or of the others), in mm; empty when there is none.
+fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
+    let chosen: Vec<f64> = errors
+        .iter()
+        .zip(seen)
+        .filter(|(_, s)| **s == wanted)
+        .map(|(e, _)| *e)
+        .collect();
+    if chosen.is_empty() {
+        String::new()
+    } else {
+        format!(
+            "{:.3}",
+            1e3 * chosen.iter().sum::<f64>() / chosen.len() as f64
+        )
+    }
+}
+
+/// One line; `errors` are the distances of the vertices to where they truly are, empty where nobody knows.
+pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[f64]) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "{},{stamp:.3},{},{},{},{},{:.3},{:.3},{},{},{:.2},{:.2},{}",
+        report.frame,
+        model.len(),
+        report.measured.iter().filter(|m| **m).count(),
+        report.added,
+        report.closed,
+        report.residual * 1e3,
+        report.overlap,
+        mean_mm(errors, &report.measured, true),
+        mean_mm(errors, &report.measured, false),
+        report.registration_ms,
+        report.frame_ms,
+        report.failure.as_deref().unwrap_or("").replace(',', ";"),
+    );
+    text
+}

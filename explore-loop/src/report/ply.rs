@@ -1,0 +1,40 @@
+//! PLY files: the canonical model as vertices with normals, and faces.
+
+use nalgebra::{Point3, UnitVector3};
+use std::io::{self, Write};
+
+/// Writes a mesh as ASCII PLY: `x y z nx ny nz` per vertex (metres), then triangles.
+///
+/// # Errors
+/// The writer fails.
+pub fn write_mesh(
+    mut out: impl Write,
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    triangles: &[[u32; 3]],
+) -> io::Result<()> {
+    write!(
+        out,
+        "ply\nformat ascii 1.0\ncomment metres, frame of the first observation\n"
+    )?;
+    writeln!(out, "element vertex {}", points.len())?;
+    for name in ["x", "y", "z", "nx", "ny", "nz"] {
+        writeln!(out, "property double {name}")?;
+    }
+    write!(
+        out,
+        "element face {}\nproperty list uchar int vertex_indices\nend_header\n",
+        triangles.len()
+    )?;
+    for (p, n) in points.iter().zip(normals) {
+        writeln!(
+            out,
+            "{:.7} {:.7} {:.7} {:.6} {:.6} {:.6}",
+            p.x, p.y, p.z, n.x, n.y, n.z
+        )?;
+    }
+    for [a, b, c] in triangles {
+        writeln!(out, "3 {a} {b} {c}")?;
+    }
+    out.flush()
+}

@@ -1,0 +1,167 @@
+//! What the camera can see of the model.
+//!
+//! The camera sits at the origin and looks along +z, so a point is seen along the ray `(x/z, y/z)`. The cloud
+//! of a frame, binned by ray, is a depth image without needing the camera's intrinsics:
+//!
+//! ```text
+//! depth(x)  > cloud + behind   → hidden behind something
+//! depth(x)  < cloud − front    → contradicted: the camera looks through it
+//! otherwise                    → supported, when its normal faces the camera
+//! ```
+
+use nalgebra::{Point3, UnitVector3};
+
+/// A depth image made of a cloud: nearest depth per ray bin.
+#[derive(Debug, Clone)]
+pub struct DepthGrid {
+    bin: f64,
+    low: [i64; 2],
+    size: [usize; 2],
+    nearest: Vec<f64>,
+}
+
+/// What the depth image says about a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Sight {
+    /// The cloud passes near the point.
+    Supported {
+        /// Depth of the point minus depth of the cloud, metres.
+        behind: f64,
+    },
+    /// The cloud lies in front of it.
+    Occluded,
+    /// The cloud lies behind it: the camera looks through the point.
+    Contradicted,
+    /// Nothing was seen along this ray.
+    NoData,
+}
+
+impl DepthGrid {
+    /// Bins `points` by ray at about `pitch` metres (at their mean depth). `None` without points in front of the camera.
+    pub fn new(points: &[Point3<f64>], pitch: f64) -> Option<Self> {
+        let front: Vec<&Point3<f64>> = points.iter().filter(|p| p.z > 1e-6).collect();
+        if front.is_empty() {
+            return None;
+        }
+        let depth = front.iter().map(|p| p.z).sum::<f64>() / front.len() as f64;
+        let bin = pitch / depth;
+        let cells: Vec<[i64; 2]> = front.iter().map(|p| cell(p, bin)).collect();
+        let low = [0, 1].map(|k| cells.iter().map(|c| c[k]).min().unwrap_or(0));
+        let high = [0, 1].map(|k| cells.iter().map(|c| c[k]).max().unwrap_or(0));
+        let size = [0, 1].map(|k| (high[k] - low[k] + 1) as usize);
+        // A stray point far away must not allocate a gigapixel image.
+        if size[0].saturating_mul(size[1]) > 16_000_000 {
+            return None;
+        }
+        let mut nearest = vec![f64::INFINITY; size[0] * size[1]];
+        for (point, c) in front.iter().zip(&cells) {
+            let at = (c[0] - low[0]) as usize * size[1] + (c[1] - low[1]) as usize;
+            nearest[at] = nearest[at].min(point.z);
+        }
+        Some(Self {
+            bin,
+            low,
+            size,
+            nearest,
+        })
+    }
+
+    /// The cloud's depth at the ray of `point`: the bin's own, or the mean of the bins around it.
+    pub fn depth(&self, point: &Point3<f64>) -> Option<f64> {
+        if point.z <= 1e-6 {
+            return None;
+        }
+        let c = cell(point, self.bin);
+        if let Some(depth) = self.at(c[0], c[1]) {
+            return Some(depth);
+        }
+        let mut sum = 0.0;
+        let mut count = 0.0;
+        for dx in -1..=1 {
+            for dy in -1..=1 {
+                if let Some(depth) = self.at(c[0] + dx, c[1] + dy) {
+                    sum += depth;
+                    count += 1.0;
+                }
+            }
+        }
+        (count > 0.0).then(|| sum / count)
+    }
+
+    /// Judges `point`: supported when it lies at most `front` before and `back` behind the cloud, metres.
+    pub fn sight(&self, point: &Point3<f64>, front: f64, back: f64) -> Sight {
+        match self.depth(point) {
+            None => Sight::NoData,
+            Some(depth) if point.z - depth > back => Sight::Occluded,
+            Some(depth) if depth - point.z > front => Sight::Contradicted,
+            Some(depth) => Sight::Supported {
+                behind: point.z - depth,
+            },
+        }
+    }
+
+    /// The point of the seen silhouette nearest to `point` in the image, at the depth of `point`; `None` when none lies
+    /// within `most` metres of it.
+    pub fn nearest_seen(&self, point: &Point3<f64>, most: f64) -> Option<Point3<f64>> {
+        if point.z <= 1e-6 {
+            return None;
+        }
+        let c = cell(point, self.bin);
+        let rings = (most / (self.bin * point.z)).ceil() as i64;
+        for ring in 0..=rings {
+            let mut best: Option<(i64, [i64; 2])> = None;
+            for dx in -ring..=ring {
+                for dy in -ring..=ring {
+                    let on_ring = dx.abs() == ring || dy.abs() == ring;
+                    if on_ring && self.at(c[0] + dx, c[1] + dy).is_some() {
+                        let candidate = (dx * dx + dy * dy, [c[0] + dx, c[1] + dy]);
+                        best = Some(best.map_or(candidate, |b| b.min(candidate)));
+                    }
+                }
+            }
+            if let Some((_, [x, y])) = best {
+                let at = |k: i64| (k as f64 + 0.5) * self.bin * point.z;
+                return Some(Point3::new(at(x), at(y), point.z));
+            }
+        }
+        None
+    }
+
+    fn at(&self, x: i64, y: i64) -> Option<f64> {
+        let (x, y) = (x - self.low[0], y - self.low[1]);
+        if x < 0 || y < 0 || x as usize >= self.size[0] || y as usize >= self.size[1] {
+            return None;
+        }
+        let depth = self.nearest[x as usize * self.size[1] + y as usize];
+        depth.is_finite().then_some(depth)
+    }
+}
+
+fn cell(point: &Point3<f64>, bin: f64) -> [i64; 2] {
+    [
+        (point.x / point.z / bin).floor() as i64,
+        (point.y / point.z / bin).floor() as i64,
+    ]
+}
+
+/// Whether an arm may hide `point`: the ray to it passes within `margin` metres of the straight tool behind the tip.
+pub fn behind_arm(
+    point: &Point3<f64>,
+    camera_from_tip: &nalgebra::Isometry3<f64>,
+    margin: f64,
+) -> bool {
+    const TOOL: f64 = 0.3;
+    let ray = point.coords / point.coords.norm().max(1e-12);
+    (0..=60).any(|k| {
+        let on_tool = camera_from_tip * Point3::new(0.0, 0.0, 0.01 - TOOL * f64::from(k) / 60.0);
+        let along = on_tool.coords.dot(&ray);
+        along > 0.0
+            && along < point.coords.norm() + margin
+            && (on_tool.coords - along * ray).norm() < margin
+    })
+}
+
+/// Cosine between a surface normal and the direction to the camera: 1 faces it, negative turns away.
+pub fn facing(point: &Point3<f64>, normal: &UnitVector3<f64>) -> f64 {
+    -normal.dot(&point.coords) / point.coords.norm().max(1e-12)
+}
