@@ -167,7 +167,7 @@ const SETTLE: usize = 25;
 const MISSES: usize = 4;
 
 impl<'a> Explorer<'a> {
-    /// An exploration of what lies in `cell`.
+    /// An exploration of what lies in `cell`, with our stages.
     ///
     /// # Errors
     /// A spacing that is not a length.
@@ -178,7 +178,24 @@ impl<'a> Explorer<'a> {
         options: ExploreOptions,
     ) -> Result<Self, Error> {
         let reconstructor = Reconstructor::new(ReconstructOptions::new(options.spacing))?;
-        Ok(Self {
+        Ok(Self::with_reconstructor(
+            cell,
+            planner,
+            watcher,
+            options,
+            reconstructor,
+        ))
+    }
+
+    /// The same with a reconstruction of the caller's, made of stages of the caller's.
+    pub fn with_reconstructor(
+        cell: &'a mut dyn Cell,
+        planner: &'a mut dyn Planner,
+        watcher: &'a mut dyn Watcher,
+        options: ExploreOptions,
+        reconstructor: Reconstructor,
+    ) -> Self {
+        Self {
             cell,
             planner,
             watcher,
@@ -187,7 +204,7 @@ impl<'a> Explorer<'a> {
             latest: None,
             manipulations: 0,
             misses: 0,
-        })
+        }
     }
 
     /// The model so far.
@@ -210,7 +227,7 @@ impl<'a> Explorer<'a> {
                 State::Grasp(plan) => self.grasp(plan)?,
                 State::Manipulate(plan) => self.manipulate(plan)?,
                 State::Lower(plan) => self.lower(plan)?,
-                State::Release(plan) => self.release(plan)?,
+                State::Release(plan) => self.release(&plan)?,
                 State::Done(outcome) => return Ok(outcome),
             };
         }
@@ -417,7 +434,7 @@ impl<'a> Explorer<'a> {
         across * -(at_rest - now).clamp(0.0, MOST_OUTWARD)
     }
 
-    fn release(&mut self, plan: ManipulationPlan) -> Result<State, Error> {
+    fn release(&mut self, plan: &ManipulationPlan) -> Result<State, Error> {
         self.enter(Phase::Release)?;
         // Let what still moves come to rest before the grips, the only landmarks, are given up.
         self.settle()?;

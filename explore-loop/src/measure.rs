@@ -155,6 +155,9 @@ impl Measurer {
     }
 
     /// Ties vertices that are new in `model` to the material under them, given the true surface now.
+    ///
+    /// # Errors
+    /// A true surface without triangles, or with an index out of range.
     pub fn anchor(
         &mut self,
         model: &CanonicalModel,

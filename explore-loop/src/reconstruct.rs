@@ -293,7 +293,7 @@ impl Reconstructor {
             self.extend(cloud, report)?;
             self.cut(report)?;
             self.consolidate(&before, report)?;
-            if self.options.closure && self.frame % 4 == 0 {
+            if self.options.closure && self.frame.is_multiple_of(4) {
                 self.close(report)?;
             }
         }

@@ -5,7 +5,7 @@
 //! ```
 //! A custom pipeline swaps one stage: implement its trait and hand it to
 //! [`Reconstructor::with_stages`](crate::reconstruct::Reconstructor::with_stages) or
-//! [`Explorer::with_planner`](crate::explore::Explorer::with_planner).
+//! [`Explorer::with_reconstructor`](crate::explore::Explorer::with_reconstructor).
 
 use crate::Error;
 use crate::canonical::merge::{FrameCloud, MergeOptions, extension, nearest_rotation};

@@ -106,9 +106,6 @@ impl CanonicalModel {
         for (new, &old) in stays.iter().enumerate() {
             index[old as usize] = new as u32;
         }
-        fn pick<T: Copy>(values: &mut Vec<T>, stays: &[u32]) {
-            *values = stays.iter().map(|&i| values[i as usize]).collect();
-        }
         pick(&mut self.ids, &stays);
         pick(&mut self.rest, &stays);
         pick(&mut self.rest_normals, &stays);
@@ -131,4 +128,9 @@ impl CanonicalModel {
         let sum: Vector3<f64> = self.live.iter().map(|p| p.coords).sum();
         Point3::from(sum / self.len().max(1) as f64)
     }
+}
+
+/// Keeps the entries of `values` that stay, in their order.
+fn pick<T: Copy>(values: &mut Vec<T>, stays: &[u32]) {
+    *values = stays.iter().map(|&i| values[i as usize]).collect();
 }
