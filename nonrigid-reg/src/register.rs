@@ -4,6 +4,7 @@
 //! E(u) = (1/n) Σ_p w_p ( (n_q·(p + Φu − q))² + α |Π_q Φ(u − u₀)|² )        matches
 //!      + (1/n) Σ_l w_l |u_l − (y_l − x_l)|²                             landmarks, which are nodes
 //!      + (1/n) Σ_f w_f |Φ_f u − (y_f − x_f)|²                           features, Tukey weights
+//!      + (κ/n) Σ_p |Φu − ũ_p|²                                          prediction, if κ > 0
 //!      + prior(u)                                                       see `prior`
 //! ```
 //!
@@ -60,7 +61,8 @@ impl Registrar {
 
     /// Finds the motion that carries `source` onto `target`.
     ///
-    /// `initial` is a displacement predicted for every source point: the search starts from it instead of from rest.
+    /// `initial` is a displacement predicted for every source point: the search starts from it instead of from rest,
+    /// and is drawn to it as strongly as [`Options::prediction`] says.
     ///
     /// # Errors
     /// Empty or mismatched clouds, coordinates that are not finite, a negative `sigma`, options out of range, a node spacing that

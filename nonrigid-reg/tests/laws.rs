@@ -96,6 +96,37 @@ proptest! {
         prop_assert!(error < 0.0006, "{error}");
     }
 
+    /// A flat sheet at rest, pulled along itself at one corner: geometry lets it slide, so the smooth field carries the pull
+    /// far. A prediction of rest holds all but the surroundings of the grip, and the grip still goes its way.
+    #[test]
+    fn a_prediction_holds_what_geometry_lets_slide(x in 0.001..0.006, y in -0.006..0.006, weight in 0.05..2.0) {
+        let points: Vec<Point3<f64>> = (0..900)
+            .map(|k| Point3::new(f64::from(k % 30), f64::from(k / 30), 0.0) * 0.005)
+            .collect();
+        let normals = vec![Vector3::z_axis(); points.len()];
+        let sheet = Cloud { points: &points, normals: &normals };
+        let pull = Vector3::new(x, y, 0.0);
+        let grip = Landmark { source: points[0], target: points[0] + pull, sigma: 0.0 };
+        let rest = vec![Vector3::zeros(); points.len()];
+        let run = |prediction: f64, initial: Option<&[Vector3<f64>]>| {
+            let options = Options { prediction, ..coarse() };
+            Registrar::new(options).register(&sheet, &sheet, &[grip], &[], initial).unwrap()
+        };
+        let far = |displacements: &[Vector3<f64>]| {
+            let beyond = |&i: &usize| (points[i] - points[0]).norm() > 0.08;
+            (0..points.len()).filter(beyond).map(|i| displacements[i].norm()).fold(0.0, f64::max)
+        };
+        let (free, held) = (run(0.0, Some(&rest)), run(weight, Some(&rest)));
+        let (slid, stayed) = (far(&free.displacements), far(&held.displacements));
+        prop_assert!(slid > 0.3 * pull.norm(), "{slid}");
+        prop_assert!(stayed < 0.1 * slid, "{stayed} of {slid}");
+        // The grip is a node; its point blends it with the nodes around, which rest.
+        let missed = (held.displacements[0] - pull).norm();
+        prop_assert!(missed < 0.25 * pull.norm(), "{missed}");
+        // Without `initial` there is nothing to be drawn to.
+        prop_assert_eq!(run(weight, None), run(0.0, None));
+    }
+
     /// Small and degenerate clouds give finite answers: coincident points, lines, planes, one point.
     #[test]
     fn degenerate_clouds_are_answered(
