@@ -16,7 +16,8 @@ use crate::canonical::topology::{self, Topology};
 use crate::cell::{Cell, CellError, Observation};
 use crate::plan::{ManipulationPlan, PlanInput, PlannedGrip, Planner};
 use crate::reconstruct::{FrameReport, ReconstructOptions, Reconstructor};
-use nalgebra::{Isometry3, Point3, Vector3};
+use crate::set_down;
+use nalgebra::Isometry3;
 
 /// Settings of an exploration.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,8 +160,6 @@ enum State {
     Done(Outcome),
 }
 
-/// Farthest that tips go out when they set the body down, metres.
-const MOST_OUTWARD: f64 = 0.06;
 /// Most frames to wait for the object to rest.
 const SETTLE: usize = 25;
 /// Attempts to grasp in a row before giving up.
@@ -383,55 +382,9 @@ impl<'a> Explorer<'a> {
         let Some(latest) = &self.latest else {
             return Ok(());
         };
-        let out = self.outward(plan, latest);
-        let goals: Vec<_> = plan
-            .grips
-            .iter()
-            .filter(|grip| grip.lifts)
-            .map(|grip| {
-                let tip = latest.arms[grip.arm].camera_from_tip;
-                let height = table.height(&tip.translation.vector.into());
-                let down = -table.normal.into_inner() * (height - self.options.set_down).max(0.0);
-                (grip.arm, nalgebra::Translation3::from(down + out) * tip)
-            })
-            .collect();
+        let rest = &self.reconstructor.model.rest;
+        let goals = set_down::goals(plan, latest, rest, &table, self.options.set_down);
         self.travel(&goals, 0.7 * self.options.speed)
-    }
-
-    /// How far, along the table and away from the body, the lifting tips must go for the body to lie at its width at
-    /// rest: the extent of the body across the line through both grips, at rest less now.
-    fn outward(&self, plan: &ManipulationPlan, latest: &Observation) -> Vector3<f64> {
-        let normal = self.cell.info().table.normal.into_inner();
-        let flat = |v: Vector3<f64>| v - normal * normal.dot(&v);
-        let lifting: Vec<&PlannedGrip> = plan.grips.iter().filter(|grip| grip.lifts).collect();
-        let [first, second] = lifting[..] else {
-            return Vector3::zeros();
-        };
-        // Direction across the grips toward the body, and how far the body reaches in it.
-        let extent = |a: Vector3<f64>, b: Vector3<f64>, points: &[Point3<f64>]| {
-            let middle =
-                points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
-            let along = flat(b - a)
-                .try_normalize(1e-9)
-                .unwrap_or_else(Vector3::zeros);
-            let to = flat(middle - a);
-            let across = (to - along * along.dot(&to))
-                .try_normalize(1e-9)
-                .unwrap_or_else(Vector3::zeros);
-            let mut reach: Vec<f64> = points.iter().map(|p| across.dot(&(p.coords - a))).collect();
-            reach.sort_by(f64::total_cmp);
-            // A few stray points must not set the width.
-            let widest = reach.get((reach.len() * 99) / 100).copied().unwrap_or(0.0);
-            (across, widest)
-        };
-        let tip = |grip: &PlannedGrip| latest.arms[grip.arm].camera_from_tip.translation.vector;
-        let (across, now) = extent(tip(first), tip(second), &latest.points);
-        let (_, at_rest) = extent(
-            first.at_rest.coords,
-            second.at_rest.coords,
-            &self.reconstructor.model.rest,
-        );
-        across * -(at_rest - now).clamp(0.0, MOST_OUTWARD)
     }
 
     fn release(&mut self, plan: &ManipulationPlan) -> Result<State, Error> {

@@ -1,18 +1,61 @@
 //! Robots explore unknown soft objects.
 //!
-//! One fixed depth camera looks at an object on a table; two or three arms grip it, turn it over or stretch it, until its
-//! whole surface has been seen and its topology is that of a solid body.
+//! One fixed depth camera looks at an object on a table; two or three arms grip it, turn it over, until its whole surface has
+//! been seen and its topology is that of a solid body.
+//!
+//! | step of the method | module |
+//! |---|---|
+//! | a world: camera, table, arms (simulated, recorded, real) | [`cell`] |
+//! | register, track, grow: the stages and their seams | [`stages`] |
+//! | one frame of reconstruction | [`reconstruct`] |
+//! | the model: merge, refine, close loops, cut, topology, mesh | [`canonical`] |
+//! | what the camera can see of it | [`visibility`] |
+//! | grips and motions | [`plan`] |
+//! | the loop as a state machine | [`explore`] |
+//! | measures against a ground truth | [`measure`] |
+//! | files and pictures | [`report`] |
+//!
+//! Units are SI, everything is in the camera frame (+z away from the camera) unless a name says `rest`: the frame of the first
+//! observation. The same input gives the same bits.
+//!
+//! # Example
+//! The first looks at an ellipsoid in the simulated cell:
+//! ```
+//! use explore_loop::canonical::topology;
+//! use explore_loop::cell::Cell;
+//! use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
+//! use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+//!
+//! let mut options = SimOptions::new(Scene::ellipsoid([0.05, 0.04, 0.03])?);
+//! options.fidelity.tetrahedra = 300;
+//! let (mut cell, _truth) = SimCell::new(&options)?;
+//! let spacing = 0.005;
+//! let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
+//! for _ in 0..3 {
+//!     let observation = cell.observe()?;
+//!     reconstructor.process(&observation, &cell.info().table)?;
+//! }
+//! // The upper half is known, so the surface is one piece and still open.
+//! let topology = topology::analyse(&reconstructor.model, spacing)?;
+//! assert!(!topology.is_closed());
+//! assert_eq!(topology.persistent[0], 1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! A whole exploration is the program `explore run`; `src/bin/explore/run.rs` shows the calls.
 
 pub use nalgebra;
 
 pub mod canonical;
 pub mod cell;
 mod error;
+mod evidence;
 pub mod explore;
 pub mod measure;
 pub mod plan;
 pub mod reconstruct;
 pub mod report;
+mod set_down;
 pub mod stages;
 pub mod visibility;
 

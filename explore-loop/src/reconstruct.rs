@@ -11,6 +11,7 @@ use crate::Error;
 use crate::canonical::merge::FrameCloud;
 use crate::canonical::{CanonicalModel, NewVertex, closure, cut, graph};
 use crate::cell::{ArmState, Observation, Plane};
+use crate::evidence::Evidence;
 use crate::stages::{
     FieldGrow, FilterTrack, Grow, Landmark, Measured, NonrigidRegister, Register, RegisterInput,
     Track,
@@ -271,8 +272,23 @@ impl Reconstructor {
         let mut measured = self.measure(observation, cloud, report)?;
         let registered = measured.len();
         if report.failure.is_none() {
-            self.reach_for_unexplained(cloud, &mut measured);
-            self.keep_out_of_sight(observation, cloud, &mut measured);
+            let expected: Vec<Point3<f64>> = before
+                .iter()
+                .zip(&self.velocity)
+                .map(|(p, v)| p + v)
+                .collect();
+            let evidence = Evidence {
+                model: &self.model,
+                expected: &expected,
+                points: &cloud.points,
+                normals: &cloud.normals,
+                spacing: self.options.spacing,
+            };
+            let (sigma, hidden_sigma) = (self.options.sigma, self.options.hidden_sigma);
+            evidence.reach_for_unexplained(&mut measured, sigma, self.options.grip_sigma);
+            if let Some(depth) = &cloud.depth {
+                evidence.keep_out_of_sight(depth, &observation.arms, &mut measured, hidden_sigma);
+            }
         }
         self.track.step(&mut self.model, &measured, table)?;
         report.measured = self.confirm(&measured[..registered], cloud);
@@ -350,104 +366,6 @@ impl Reconstructor {
             }
         }
         Ok(measured)
-    }
-
-    /// Cloud that no vertex accounts for, next to surface that does not end there: the surface has to come out to it.
-    ///
-    /// Closest points along normals do not feel the outline slide sideways; what sticks out of it does.
-    fn reach_for_unexplained(&self, cloud: &Prepared, measured: &mut Vec<Measured>) {
-        let spacing = self.options.spacing;
-        let mut place: Vec<Point3<f64>> = self
-            .model
-            .live
-            .iter()
-            .zip(&self.velocity)
-            .map(|(p, v)| p + v)
-            .collect();
-        let mut slot: Vec<Option<usize>> = vec![None; place.len()];
-        for (k, m) in measured.iter().enumerate() {
-            place[m.vertex as usize] = m.position;
-            slot[m.vertex as usize] = Some(k);
-        }
-        let normals = self.model.live_normals();
-        let frontier = graph::frontier(&self.model);
-        let Some(tree) = graph::tree(&place) else {
-            return;
-        };
-        let mut pull = vec![0.0_f64; place.len()];
-        for (point, normal) in cloud.points.iter().zip(&cloud.normals) {
-            let around = graph::near(&tree, point, 4.0 * spacing, 40);
-            let sheet = |i: usize| normals[i].dot(normal) > 0.3;
-            if around
-                .iter()
-                .any(|&(i, d)| d < 1.3 * spacing && normals[i].dot(normal) > 0.0)
-            {
-                continue;
-            }
-            // Only the nearest vertex of the sheet answers, and only if the surface goes on behind it.
-            let Some(&(i, _)) = around.iter().find(|(i, _)| sheet(*i)) else {
-                continue;
-            };
-            if !frontier[i] {
-                pull[i] = pull[i].max(normals[i].dot(&(point - place[i])));
-            }
-        }
-        for i in (0..place.len()).filter(|&i| pull[i] > 0.4 * spacing) {
-            // A step at a time: the rest of the surface follows before the next.
-            let position = place[i] + normals[i].into_inner() * pull[i].min(spacing);
-            let m = Measured {
-                vertex: i as u32,
-                position,
-                sigma: self.options.sigma,
-            };
-            match slot[i] {
-                Some(k) if measured[k].sigma > self.options.grip_sigma => measured[k] = m,
-                Some(_) => {}
-                None => measured.push(m),
-            }
-        }
-    }
-
-    /// What was not measured must be where the camera cannot see it: behind the cloud, and within its outline unless an
-    /// arm hides the background. Vertices that are not are drawn to the nearest place that is.
-    fn keep_out_of_sight(
-        &self,
-        observation: &Observation,
-        cloud: &Prepared,
-        measured: &mut Vec<Measured>,
-    ) {
-        let spacing = self.options.spacing;
-        let Some(grid) = &cloud.depth else { return };
-        let mut known = vec![false; self.model.len()];
-        for m in measured.iter() {
-            known[m.vertex as usize] = true;
-        }
-        let hides = |p: &Point3<f64>| {
-            observation
-                .arms
-                .iter()
-                .any(|arm| crate::visibility::behind_arm(p, &arm.camera_from_tip, 3.0 * spacing))
-        };
-        for i in (0..self.model.len()).filter(|&i| !known[i]) {
-            let expected = self.model.live[i] + self.velocity[i];
-            let goal = match grid.depth(&expected) {
-                Some(depth) if depth - expected.z > spacing => Some(Point3::from(
-                    expected.coords * ((depth + 0.5 * spacing) / expected.z),
-                )),
-                Some(_) => None,
-                None if hides(&expected) => None,
-                None => grid
-                    .nearest_seen(&expected, 0.08)
-                    .filter(|p| (p - expected).norm() > spacing),
-            };
-            if let Some(position) = goal {
-                measured.push(Measured {
-                    vertex: i as u32,
-                    position,
-                    sigma: self.options.hidden_sigma,
-                });
-            }
-        }
     }
 
     /// Vertices that face the camera and that the cloud does not hide.

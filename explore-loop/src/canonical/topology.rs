@@ -10,9 +10,9 @@ use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
 /// spacing leaves.
 const RADIUS: f64 = 1.45;
 /// Cylinder height, in spacings: the bulge of the surface over a disc, plus what registration left.
-const HEIGHT: f64 = 1.3;
+const HEIGHT: f64 = 2.0;
 /// Classes must live from scale 1 to this one.
-const PERSISTS: f64 = 1.15;
+const PERSISTS: f64 = 1.25;
 /// Normals that differ more than 107 degrees are two sheets.
 const SHEET_COSINE: f64 = -0.3;
 

@@ -1,0 +1,75 @@
+//! Where lifting tips let go.
+//!
+//! ```text
+//! goal = tip + across · (w_now − w_rest) − n · (h − h_release)
+//! ```
+//! with `across` the direction along the table from the line through both grips toward the body, `w` how far the
+//! body reaches in it, and `h` the height of the tip: out to the width of the body at rest, and down to the table.
+//! What is let go bunched up springs out, what is let go high falls, and both are too fast to follow.
+
+use crate::cell::{Observation, Plane};
+use crate::plan::{ManipulationPlan, PlannedGrip};
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+
+/// Farthest that tips go out, metres.
+const MOST_OUTWARD: f64 = 0.06;
+
+/// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` in metres.
+pub(crate) fn goals(
+    plan: &ManipulationPlan,
+    latest: &Observation,
+    rest: &[Point3<f64>],
+    table: &Plane,
+    release_height: f64,
+) -> Vec<(usize, Isometry3<f64>)> {
+    let out = outward(plan, latest, rest, table);
+    let lifting = plan.grips.iter().filter(|grip| grip.lifts);
+    lifting
+        .map(|grip| {
+            let tip = latest.arms[grip.arm].camera_from_tip;
+            let height = table.height(&tip.translation.vector.into());
+            let down = -table.normal.into_inner() * (height - release_height).max(0.0);
+            (grip.arm, Translation3::from(down + out) * tip)
+        })
+        .collect()
+}
+
+/// How far the tips must go away from the body for it to lie at its width at rest.
+fn outward(
+    plan: &ManipulationPlan,
+    latest: &Observation,
+    rest: &[Point3<f64>],
+    table: &Plane,
+) -> Vector3<f64> {
+    let lifting: Vec<&PlannedGrip> = plan.grips.iter().filter(|grip| grip.lifts).collect();
+    let [first, second] = lifting[..] else {
+        return Vector3::zeros();
+    };
+    let tip = |grip: &PlannedGrip| latest.arms[grip.arm].camera_from_tip.translation.vector;
+    let (across, now) = extent(tip(first), tip(second), &latest.points, table);
+    let (_, at_rest) = extent(first.at_rest.coords, second.at_rest.coords, rest, table);
+    across * -(at_rest - now).clamp(0.0, MOST_OUTWARD)
+}
+
+/// Direction along the table from the line through `a` and `b` toward `points`, and how far they reach in it.
+fn extent(
+    a: Vector3<f64>,
+    b: Vector3<f64>,
+    points: &[Point3<f64>],
+    table: &Plane,
+) -> (Vector3<f64>, f64) {
+    let normal = table.normal.into_inner();
+    let flat = |v: Vector3<f64>| v - normal * normal.dot(&v);
+    let unit = |v: Vector3<f64>| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
+    let middle = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64;
+    let along = unit(flat(b - a));
+    let to = flat(middle - a);
+    let across = unit(to - along * along.dot(&to));
+    let mut reach: Vec<f64> = points.iter().map(|p| across.dot(&(p.coords - a))).collect();
+    reach.sort_by(f64::total_cmp);
+    // A few stray points must not set the width.
+    (
+        across,
+        reach.get(reach.len() * 99 / 100).copied().unwrap_or(0.0),
+    )
+}
