@@ -4,6 +4,7 @@
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
+use std::fmt::Write;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::sync::OnceLock;
@@ -43,10 +44,10 @@ fn tetrahedron(path: &Path, size: f64, faces: usize) {
     let triangles = ["1 3 2", "1 2 4", "1 4 3", "2 3 4"];
     let mut text = String::new();
     for [x, y, z] in corners {
-        text += &format!("v {} {} {}\n", size * x, size * y, size * z);
+        writeln!(text, "v {} {} {}", size * x, size * y, size * z).unwrap();
     }
     for triangle in &triangles[..faces] {
-        text += &format!("f {triangle}\n");
+        writeln!(text, "f {triangle}").unwrap();
     }
     std::fs::write(path, text).unwrap();
 }
