@@ -105,14 +105,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         register: NonrigidRegister::new(SPACING)?,
         residuals: residuals.clone(),
     };
-    // The noise figures of the default track.
-    let filter = topo_ekf::Options::default()
-        .with_edge_sigma(3e-3)
-        .with_process_noise(3e-3);
     let mut again = Reconstructor::with_stages(
         ReconstructOptions::new(SPACING),
         Box::new(logged),
-        Box::new(FilterTrack::new(filter)),
+        Box::new(FilterTrack::default()),
         Box::new(FieldGrow::new(SPACING)),
     );
     for observation in &notes.frames {

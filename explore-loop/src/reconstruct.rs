@@ -95,12 +95,6 @@ pub struct Reconstructor {
     still: usize,
 }
 
-/// How far an edge may leave its shape at rest, metres: a body of 10 kPa stretches by some percent under its own weight,
-/// and a stiffer memory would not let it (0.5 mm: twice the drift in the seen part).
-const EDGE_SIGMA: f64 = 3e-3;
-/// What is known of a hidden vertex's place fades by this a frame, metres: its shape memory has to win over where it was
-/// predicted (1 mm: twice the prediction error).
-const PROCESS_NOISE: f64 = 3e-3;
 /// Frames of rest before the model is consolidated.
 const STILL: usize = 5;
 
@@ -129,11 +123,7 @@ impl Reconstructor {
             return Err(Error::BadSpacing { spacing });
         }
         let register = Box::new(NonrigidRegister::new(spacing)?);
-        let track = Box::new(FilterTrack::new(
-            topo_ekf::Options::default()
-                .with_edge_sigma(EDGE_SIGMA)
-                .with_process_noise(PROCESS_NOISE),
-        ));
+        let track = Box::new(FilterTrack::default());
         Ok(Self::with_stages(
             options,
             register,

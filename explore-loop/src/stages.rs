@@ -177,6 +177,22 @@ pub struct FilterTrack {
     options: topo_ekf::Options,
 }
 
+/// How far an edge may leave its shape at rest, metres: a body of 10 kPa stretches by some percent under its own weight,
+/// and a stiffer memory would not let it.
+const EDGE_SIGMA: f64 = 3e-3;
+/// What is known of a hidden vertex's place fades by this a frame, metres: its shape memory has to win over where it was
+/// predicted.
+const PROCESS_NOISE: f64 = 3e-3;
+impl Default for FilterTrack {
+    /// With the settings measured best for models of soft bodies.
+    fn default() -> Self {
+        let options = topo_ekf::Options::default()
+            .with_edge_sigma(EDGE_SIGMA)
+            .with_process_noise(PROCESS_NOISE);
+        Self::new(options)
+    }
+}
+
 impl FilterTrack {
     /// With the filter's options.
     pub fn new(options: topo_ekf::Options) -> Self {

@@ -220,14 +220,14 @@ mod cutting {
             prop_assert_eq!(distorted(&model, &seen, SPACING), Vec::<[u32; 2]>::new());
         }
 
-        /// The glue opens beyond two spacings: it is cut, all of it and nothing else; below that nothing is.
+        /// The glue opens beyond three spacings: it is cut, all of it and nothing else; below that nothing is.
         #[test]
-        fn only_what_glued_the_sheets_is_cut(turn in rotation(), gap in 0.0..4.0f64) {
-            prop_assume!((gap - 2.0).abs() > 1e-6);
+        fn only_what_glued_the_sheets_is_cut(turn in rotation(), gap in 0.0..6.0f64) {
+            prop_assume!((gap - 3.0).abs() > 1e-6);
             let mut model = touching();
             open(&mut model, gap * SPACING, &turn, Vector3::new(0.1, 0.0, 0.2));
             let seen = vec![true; model.len()];
-            let expected = if gap > 2.0 { glue(&model) } else { Vec::new() };
+            let expected = if gap > 3.0 { glue(&model) } else { Vec::new() };
             prop_assert_eq!(distorted(&model, &seen, SPACING), expected);
         }
     }
@@ -238,7 +238,7 @@ mod cutting {
         let mut model = touching();
         open(
             &mut model,
-            3.0 * SPACING,
+            4.0 * SPACING,
             &Rotation3::identity(),
             Vector3::zeros(),
         );
@@ -256,32 +256,29 @@ mod cutting {
         assert!(distorted(&model, &seen, SPACING).is_empty());
     }
 
-    /// A cut stays: the graph does not join the ends again, also after other vertices are gone. Other pairs may take the place
-    /// of those that were cut while the sheets are seen open; they are cut in their turn, until no glue is left.
+    /// A cut stays: one round removes all glue, the graph does not join the ends again, nor others across the cut, also
+    /// after other vertices are gone.
     #[test]
     fn a_cut_is_for_good() {
         let mut model = touching();
         open(
             &mut model,
-            3.0 * SPACING,
+            4.0 * SPACING,
             &Rotation3::identity(),
             Vector3::zeros(),
         );
         let seen = vec![true; model.len()];
-        let mut glued = Vec::new();
-        while let found @ [_, ..] = &distorted(&model, &seen, SPACING)[..] {
-            assert_eq!(model.cut(found), found.len());
-            assert_eq!(model.cut(found), 0);
-            glued.extend_from_slice(found);
-            model.edges = surface_edges(&model, SPACING);
-        }
-        assert!(!glued.is_empty());
+        let found = distorted(&model, &seen, SPACING);
+        assert!(!found.is_empty());
+        assert_eq!(model.cut(&found), found.len());
+        assert_eq!(model.cut(&found), 0);
+        model.edges = surface_edges(&model, SPACING);
         assert!(glue(&model).is_empty());
         let keep: Vec<bool> = (0..model.len()).map(|i| i % 7 != 3).collect();
         let stays = model.retain(&keep);
         model.edges = surface_edges(&model, SPACING);
         assert!(model.edges.iter().all(|e| !model.is_cut(*e)));
-        let left = glued.iter().filter(|e| e.iter().all(|i| keep[*i as usize]));
+        let left = found.iter().filter(|e| e.iter().all(|i| keep[*i as usize]));
         let mut renumbered: Vec<[u32; 2]> = left
             .map(|e| e.map(|i| stays.binary_search(&i).unwrap() as u32))
             .collect();

@@ -5,16 +5,16 @@
 //! measure of METHOD §6 is
 //!
 //! ```text
-//! A1(i, j) = ‖ (x_j − x_i) − R_i (X_j − X_i) ‖ ,        cut where A1 > 2 ε and both ends are measured
+//! A1(i, j) = ‖ (x_j − x_i) − R_i (X_j − X_i) ‖ ,        cut where A1 > 3 ε and both ends are measured
 //! ```
 //! A cut edge stays cut: it enters neither the surface graph, nor the mesh, nor the complex again, and takes its cofaces
 //! along. Vertices that lose their last edge go too; new observations fill the place.
 
 use super::CanonicalModel;
 
-/// Separation of the ends beyond which an edge is distorted, in spacings: two spacings are more strain than a soft body
-/// takes over one edge.
-const APART: f64 = 2.0;
+/// Separation of the ends beyond which an edge is distorted, in spacings: far more than strain and
+/// the sliding of registration make of one edge.
+const APART: f64 = 3.0;
 
 /// Edges of the surface graph that have opened; `measured[i]` marks vertices whose live position was seen in this frame.
 pub fn distorted(model: &CanonicalModel, measured: &[bool], spacing: f64) -> Vec<[u32; 2]> {

@@ -72,15 +72,15 @@ pub fn surface_edges(model: &CanonicalModel, spacing: f64) -> Vec<[u32; 2]> {
     for i in 0..model.len() {
         let mut chosen = 0;
         for (j, _) in near(&tree, &model.rest[i], REACH * spacing, 3 * MOST) {
-            let edge = [i.min(j) as u32, i.max(j) as u32];
-            if j == i
-                || model.is_cut(edge)
-                || model.rest_normals[i].dot(&model.rest_normals[j]) < COS_MIN
-            {
+            if j == i || model.rest_normals[i].dot(&model.rest_normals[j]) < COS_MIN {
                 continue;
             }
-            edges.push(edge);
+            // A cut edge counts among the neighbours: otherwise the next nearest across the cut would take its place.
             chosen += 1;
+            let edge = [i.min(j) as u32, i.max(j) as u32];
+            if !model.is_cut(edge) {
+                edges.push(edge);
+            }
             if chosen == MOST {
                 break;
             }

@@ -117,9 +117,7 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(error) if error.use_stderr() => {
-            let text = error.to_string();
-            let line = text.lines().next().unwrap_or("error: bad command line");
-            eprintln!("{line} (see explore --help)");
+            eprintln!("{} (see explore --help)", one_line(&error));
             return ExitCode::from(2);
         }
         Err(help) => {
@@ -139,4 +137,19 @@ fn main() -> ExitCode {
             ExitCode::from(1)
         }
     }
+}
+
+/// What is wrong with the command line, in one line.
+fn one_line(error: &clap::Error) -> String {
+    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return "error: no command given: run or replay".into();
+    }
+    let text = error.to_string();
+    // The first paragraph: clap lists missing arguments on lines of their own.
+    let words: Vec<&str> = text
+        .lines()
+        .take_while(|line| !line.is_empty())
+        .map(str::trim)
+        .collect();
+    words.join(" ")
 }

@@ -13,7 +13,8 @@ use std::time::Instant;
 
 /// Reconstructs the whole recording; true when it got to its end.
 pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
-    let session = dvrk_io::session::SessionReader::open(&args.session)?;
+    let session = dvrk_io::session::SessionReader::open(&args.session)
+        .map_err(|error| format!("{}: {error}", args.session.display()))?;
     let out = OutputFolder::create(&args.out)?;
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();

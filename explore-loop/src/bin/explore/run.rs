@@ -17,7 +17,9 @@ use std::time::Instant;
 /// Explores; true when the surface closed.
 pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     let scene = match &args.mesh {
-        Some(path) => Scene::from_file(path)?,
+        Some(path) => {
+            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
+        }
         None => Scene::named(&args.scene)?,
     };
     let out = OutputFolder::create(&args.out)?;
