@@ -158,8 +158,10 @@ fn a_drifted_tube_closes() {
     let anchored: Vec<bool> = model.born.iter().map(|b| *b == 0).collect();
     relax(&mut model, &met, &anchored).unwrap();
     let after = error(&model);
+    // The drifted strips are also too long by the planted radius, and the relaxation keeps lengths: nearly half of
+    // the error is what spreading the gap can take away.
     assert!(
-        before > 2e-3 && after < 0.35 * before,
+        before > 2e-3 && after < 0.6 * before,
         "mean error {before} before, {after} after"
     );
     let left = meetings(&model, &measured, spacing);
