@@ -100,8 +100,9 @@ impl DepthGrid {
         }
     }
 
-    /// The point of the seen silhouette nearest to `point` in the image, at the depth of `point`; `None` when none lies
-    /// within `most` metres of it.
+    /// A point of the seen silhouette near `point` in the image, at the depth of `point`; `None` when none lies within
+    /// about `most` metres of it. Bins are searched in square rings and the best of the first ring that has any answers, so
+    /// the true nearest may be closer by up to a factor of √2.
     pub fn nearest_seen(&self, point: &Point3<f64>, most: f64) -> Option<Point3<f64>> {
         if point.z <= 1e-6 {
             return None;

@@ -3,6 +3,7 @@
 use crate::Failure;
 use explore_loop::Error;
 use explore_loop::canonical::{CanonicalModel, surface};
+use explore_loop::nalgebra::Point3;
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture, ply};
 use std::io::Write;
@@ -68,18 +69,7 @@ impl OutputFolder {
 
     /// Writes a picture of the model at rest from six sides, coloured by when each part was first seen.
     pub fn picture(&self, name: &str, model: &CanonicalModel, spacing: f64) -> Result<(), Error> {
-        let triangles = surface::triangulate(&model.rest, &model.rest_normals, spacing);
-        let colours = colours(model);
-        let path = self.file(name);
-        picture::write_six_views(
-            &path,
-            &picture::Drawing {
-                points: &model.rest,
-                triangles: &triangles,
-                colours: &colours,
-            },
-        )
-        .map_err(|source| Error::Write { path, source })
+        self.draw(name, model, &model.rest, spacing)
     }
 
     /// The same in the live frame.
@@ -89,18 +79,26 @@ impl OutputFolder {
         model: &CanonicalModel,
         spacing: f64,
     ) -> Result<(), Error> {
+        self.draw(name, model, &model.live, spacing)
+    }
+
+    /// Draws the mesh of the model with its vertices at `points`.
+    fn draw(
+        &self,
+        name: &str,
+        model: &CanonicalModel,
+        points: &[Point3<f64>],
+        spacing: f64,
+    ) -> Result<(), Error> {
         let triangles = surface::triangulate(&model.rest, &model.rest_normals, spacing);
         let colours = colours(model);
+        let drawing = picture::Drawing {
+            points,
+            triangles: &triangles,
+            colours: &colours,
+        };
         let path = self.file(name);
-        picture::write_six_views(
-            &path,
-            &picture::Drawing {
-                points: &model.live,
-                triangles: &triangles,
-                colours: &colours,
-            },
-        )
-        .map_err(|source| Error::Write { path, source })
+        picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
     }
 }
 
