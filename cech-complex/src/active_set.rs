@@ -9,19 +9,19 @@
 //! are shifted proximally, which removes the singularities of parallel normals, repeated pieces and flat optima and leaves the
 //! fixed point where it was.
 
+use crate::optimality::{MAX_ACTIVE, PROXIMAL, System};
 use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
 use nalgebra::Vector3;
 
 /// Outer steps: three to five suffice wherever the method works at all.
 const MAX_STEPS: usize = 10;
+
 /// Exchanges of a piece inside one step.
 const MAX_EXCHANGES: usize = 12;
-/// Four pieces carry every non-degenerate optimum; two more let degenerate ones be entered before another leaves.
-const MAX_ACTIVE: usize = 6;
-/// Proximal shift of both blocks. Small enough not to slow Newton down, large enough for pivots well above rounding.
-const PROXIMAL: f64 = 1e-12;
 /// Tubes above this share of the maximum start as active.
 const NEARLY_ACTIVE: f64 = 0.6;
+/// Where the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not worth computing.
+const MODEL_TRUSTED: f64 = 1e-3;
 /// All points lie in the unit ball, and so does the search.
 const LONGEST_STEP: f64 = 1.0;
 
@@ -34,16 +34,16 @@ pub(crate) struct ActiveSet {
 
 impl ActiveSet {
     /// First guess at a point: every tube near the maximum and the piece that attains it.
-    pub(crate) fn at(pieces: &Pieces) -> Self {
+    pub(crate) fn at<const N: usize>(pieces: &Pieces<N>) -> Self {
         let top = pieces.max();
         let mut set = Self {
             pieces: [0; MAX_ACTIVE],
             len: 0,
             multipliers: [0.0; MAX_PIECES],
         };
-        for j in 0..pieces.count {
+        for j in 0..Pieces::<N>::COUNT {
             let tube = j % PIECES_PER_CYLINDER == 0;
-            if pieces.value[j] >= top || (tube && pieces.value[j] > NEARLY_ACTIVE * top) {
+            if pieces.value(j) >= top || (tube && pieces.value(j) > NEARLY_ACTIVE * top) {
                 set.push(j);
             }
         }
@@ -92,8 +92,8 @@ impl ActiveSet {
 }
 
 /// Improves `bracket` from `bracket.y`; returns when it is settled or the method is stuck.
-pub(crate) fn refine(
-    problem: &Problem,
+pub(crate) fn refine<const N: usize>(
+    problem: &Problem<N>,
     active: &mut ActiveSet,
     bracket: &mut Bracket,
     tolerance: f64,
@@ -104,7 +104,7 @@ pub(crate) fn refine(
     let mut here = pieces.max();
     let mut damping = PROXIMAL;
     for _ in 0..MAX_STEPS {
-        let Some(mut step) = quadratic_step(&pieces, active, damping) else {
+        let Some((mut step, level)) = quadratic_step(&pieces, active, damping) else {
             return;
         };
         let length = step.norm();
@@ -115,7 +115,9 @@ pub(crate) fn refine(
         let next = problem.pieces(&next_y);
         let there = next.max();
         bracket.improve_upper(there, &next_y);
-        bracket.improve_lower(problem.lower_bound(next.forces(&active.multipliers)));
+        if there - level <= MODEL_TRUSTED * there || level > cutoff {
+            bracket.improve_lower(problem.lower_bound(next.forces(&active.multipliers)));
+        }
         if bracket.settled(tolerance, cutoff) {
             return;
         }
@@ -129,7 +131,11 @@ pub(crate) fn refine(
 }
 
 /// Solves the quadratic problem at one point, updating the active set and its multipliers; `None` if it is singular or cycles.
-fn quadratic_step(pieces: &Pieces, active: &mut ActiveSet, damping: f64) -> Option<Vector3<f64>> {
+fn quadratic_step<const N: usize>(
+    pieces: &Pieces<N>,
+    active: &mut ActiveSet,
+    damping: f64,
+) -> Option<(Vector3<f64>, f64)> {
     let mut hessian = pieces.hessian(&active.multipliers);
     for a in 0..3 {
         hessian[(a, a)] += damping;
@@ -147,98 +153,47 @@ fn quadratic_step(pieces: &Pieces, active: &mut ActiveSet, damping: f64) -> Opti
             active.remove(worst.0);
             continue;
         }
-        let mut entering = (pieces.count, level + 1e-14);
-        for j in 0..pieces.count {
-            let predicted = pieces.value[j] + pieces.gradient[j].dot(&step);
-            if predicted > entering.1 && !active.contains(j) {
-                entering = (j, predicted);
-            }
-        }
-        if entering.0 == pieces.count {
+        let Some(entering) = pieces.most_violated(&step, level + 1e-14, |j| active.contains(j))
+        else {
             active.multipliers = [0.0; MAX_PIECES];
             for (position, &j) in active.pieces[..active.len].iter().enumerate() {
                 active.multipliers[j] = multipliers[position].max(0.0);
             }
-            return Some(step);
-        }
-        if !active.push(entering.0) {
+            return Some((step, level));
+        };
+        if !active.push(entering) {
             return None;
         }
     }
     None
 }
 
-/// Unknowns of the linear system: the step and all multipliers but the first.
-const UNKNOWNS: usize = 3 + MAX_ACTIVE - 1;
-
 /// Optimality conditions with every active piece held at the common level `z`. The first piece eliminates both `z` and (by
 /// `Σ λ = 1`) its own multiplier.
-fn equality_step(
-    pieces: &Pieces,
+fn equality_step<const N: usize>(
+    pieces: &Pieces<N>,
     active: &ActiveSet,
     hessian: &nalgebra::Matrix3<f64>,
     previous: &[f64; MAX_PIECES],
 ) -> Option<(Vector3<f64>, f64, [f64; MAX_ACTIVE])> {
-    let first = *active.pieces[..active.len].first()?;
-    let size = 3 + active.len - 1;
-    let mut rows = [[0.0; UNKNOWNS + 1]; UNKNOWNS];
-    for a in 0..3 {
-        for b in 0..3 {
-            rows[a][b] = hessian[(a, b)];
-        }
-        rows[a][UNKNOWNS] = -pieces.gradient[first][a];
+    let (&first, others) = active.pieces[..active.len].split_first()?;
+    let mut system = System {
+        hessian,
+        gradient: pieces.gradient(first),
+        rows: [Vector3::zeros(); MAX_ACTIVE - 1],
+        gaps: [0.0; MAX_ACTIVE - 1],
+        previous: [0.0; MAX_ACTIVE - 1],
+        others: others.len(),
+    };
+    for (row, &j) in others.iter().enumerate() {
+        system.rows[row] = pieces.gradient(j) - system.gradient;
+        system.gaps[row] = pieces.value(first) - pieces.value(j);
+        system.previous[row] = previous[j];
     }
-    for (offset, &j) in active.pieces[1..active.len].iter().enumerate() {
-        let difference = pieces.gradient[j] - pieces.gradient[first];
-        let row = 3 + offset;
-        for a in 0..3 {
-            rows[a][row] = difference[a];
-            rows[row][a] = difference[a];
-        }
-        rows[row][row] = -PROXIMAL;
-        rows[row][UNKNOWNS] = pieces.value[first] - pieces.value[j] - PROXIMAL * previous[j];
-    }
-    let solution = solve(&mut rows, size)?;
-    let step = Vector3::new(solution[0], solution[1], solution[2]);
+    let (step, of_others) = system.solve()?;
     let mut multipliers = [0.0; MAX_ACTIVE];
-    multipliers[1..active.len].copy_from_slice(&solution[3..size]);
-    multipliers[0] = 1.0 - multipliers[1..active.len].iter().sum::<f64>();
-    let level = pieces.value[first] + pieces.gradient[first].dot(&step);
+    multipliers[1..].copy_from_slice(&of_others);
+    multipliers[0] = 1.0 - of_others.iter().sum::<f64>();
+    let level = pieces.value(first) + system.gradient.dot(&step);
     Some((step, level, multipliers))
-}
-
-/// Gaussian elimination with partial pivoting; the right-hand side is the last column.
-fn solve(rows: &mut [[f64; UNKNOWNS + 1]; UNKNOWNS], size: usize) -> Option<[f64; UNKNOWNS]> {
-    for column in 0..size {
-        let mut pivot = column;
-        for row in column + 1..size {
-            if rows[row][column].abs() > rows[pivot][column].abs() {
-                pivot = row;
-            }
-        }
-        rows.swap(column, pivot);
-        let top = rows[column];
-        if top[column].abs() <= 1e-300 || top[column].is_nan() {
-            return None;
-        }
-        let inverse = 1.0 / top[column];
-        for row in &mut rows[column + 1..size] {
-            let factor = row[column] * inverse;
-            if factor != 0.0 {
-                for c in column + 1..size {
-                    row[c] -= factor * top[c];
-                }
-                row[UNKNOWNS] -= factor * top[UNKNOWNS];
-            }
-        }
-    }
-    let mut solution = [0.0; UNKNOWNS];
-    for row in (0..size).rev() {
-        let mut value = rows[row][UNKNOWNS];
-        for c in row + 1..size {
-            value -= rows[row][c] * solution[c];
-        }
-        solution[row] = value / rows[row][row];
-    }
-    Some(solution)
 }

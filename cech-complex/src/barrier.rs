@@ -8,7 +8,7 @@
 //! for `t` is within `4k/t` of the minimum (Nesterov and Nemirovskii 1994, ch. 2). At a centre the gradients of the barrier terms are the multipliers of
 //! the certificate.
 
-use crate::problem::{Bracket, MAX_CYLINDERS, MAX_PIECES, PIECES_PER_CYLINDER, Problem};
+use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Problem};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Growth of `t` between centres.
@@ -27,7 +27,7 @@ pub(crate) struct Path {
 
 impl Path {
     /// Starts at the centroid, strictly inside.
-    pub(crate) fn new(problem: &Problem) -> Self {
+    pub(crate) fn new<const N: usize>(problem: &Problem<N>) -> Self {
         let y = Vector3::zeros();
         let s = 2.0 * problem.pieces(&y).max();
         Self { y, s, t: 1.0 / s }
@@ -35,14 +35,14 @@ impl Path {
 
     /// Follows the path until the gap of the centre is below `gap·s` (or rounding stops it), improving `bracket` on the way;
     /// returns the multipliers of the pieces there.
-    pub(crate) fn follow(
+    pub(crate) fn follow<const N: usize>(
         &mut self,
-        problem: &Problem,
+        problem: &Problem<N>,
         bracket: &mut Bracket,
         gap: f64,
         cutoff: f64,
     ) -> [f64; MAX_PIECES] {
-        let parameter = 4.0 * problem.count as f64;
+        let parameter = 4.0 * N as f64;
         while parameter / self.t > gap * self.s {
             self.t *= GROWTH;
             let centred = self.centre(problem);
@@ -57,7 +57,7 @@ impl Path {
     }
 
     /// Damped Newton to the centre for the present `t`; false if rounding ended it early.
-    fn centre(&mut self, problem: &Problem) -> bool {
+    fn centre<const N: usize>(&mut self, problem: &Problem<N>) -> bool {
         for _ in 0..MAX_NEWTON {
             let (gradient, hessian) = self.derivatives(problem);
             let Some(cholesky) = hessian.cholesky() else {
@@ -83,11 +83,11 @@ impl Path {
         false
     }
 
-    fn derivatives(&self, problem: &Problem) -> (Vector4<f64>, Matrix4<f64>) {
+    fn derivatives<const N: usize>(&self, problem: &Problem<N>) -> (Vector4<f64>, Matrix4<f64>) {
         let (half, radius, s) = (problem.half_height, problem.radius, self.s);
         let mut gradient = Vector4::new(0.0, 0.0, 0.0, self.t);
         let mut hessian = Matrix4::zeros();
-        for i in 0..problem.count {
+        for i in 0..N {
             let n = &problem.normals[i];
             let d = self.y - problem.points[i];
             let along = n.dot(&d);
@@ -112,11 +112,11 @@ impl Path {
     }
 
     /// Forces `w_i` for the certificate and the multiplier of every piece.
-    fn read(&self, problem: &Problem) -> ([Vector3<f64>; MAX_CYLINDERS], [f64; MAX_PIECES]) {
+    fn read<const N: usize>(&self, problem: &Problem<N>) -> ([Vector3<f64>; N], [f64; MAX_PIECES]) {
         let (half, radius, s) = (problem.half_height, problem.radius, self.s);
-        let mut forces = [Vector3::zeros(); MAX_CYLINDERS];
+        let mut forces = [Vector3::zeros(); N];
         let mut multipliers = [0.0; MAX_PIECES];
-        for i in 0..problem.count {
+        for i in 0..N {
             let n = &problem.normals[i];
             let d = self.y - problem.points[i];
             let along = n.dot(&d);

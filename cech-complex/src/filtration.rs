@@ -12,7 +12,7 @@ use crate::active_set::{self, ActiveSet};
 use crate::barrier::Path;
 use crate::cylinder::Cylinder;
 use crate::error::Error;
-use crate::problem::{Bracket, MAX_CYLINDERS, Oriented, Problem};
+use crate::problem::{Bracket, Oriented, Problem};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// Relative gap at which a value counts as certified: a thousand roundings.
@@ -71,13 +71,15 @@ pub fn filtration_value(
     normals: &[UnitVector3<f64>],
     cylinder: Cylinder,
 ) -> Result<FiltrationValue, Error> {
-    if points.is_empty() || points.len() > MAX_CYLINDERS {
-        return Err(Error::SimplexSize {
+    match *check_cloud(points, normals)? {
+        [a] => Ok(solve(&[a], cylinder, None, f64::INFINITY)),
+        [a, b] => Ok(solve(&[a, b], cylinder, None, f64::INFINITY)),
+        [a, b, c] => Ok(solve(&[a, b, c], cylinder, None, f64::INFINITY)),
+        [a, b, c, d] => Ok(solve(&[a, b, c, d], cylinder, None, f64::INFINITY)),
+        _ => Err(Error::SimplexSize {
             count: points.len(),
-        });
+        }),
     }
-    let oriented = check_cloud(points, normals)?;
-    Ok(solve(&oriented, cylinder, None, f64::INFINITY))
 }
 
 /// Checks a cloud at the door.
@@ -133,13 +135,13 @@ pub(crate) fn pair_lower_bound(a: &Oriented, b: &Oriented, cylinder: Cylinder) -
 }
 
 /// Solves one simplex. `guess` is a point near the minimiser; a lower bound above `cutoff` ends the search early.
-pub(crate) fn solve(
-    simplex: &[Oriented],
+pub(crate) fn solve<const N: usize>(
+    simplex: &[Oriented; N],
     cylinder: Cylinder,
     guess: Option<&Vector3<f64>>,
     cutoff: f64,
 ) -> FiltrationValue {
-    let centre = simplex.iter().map(|o| o.point).sum::<Vector3<f64>>() / simplex.len() as f64;
+    let centre = simplex.iter().map(|o| o.point).sum::<Vector3<f64>>() / N as f64;
     let size = simplex
         .iter()
         .map(|o| (o.point - centre).norm())
@@ -152,17 +154,12 @@ pub(crate) fn solve(
         };
     }
     let width = cylinder.radius().max(cylinder.half_height());
-    let mut problem = Problem {
-        count: simplex.len(),
-        points: [Vector3::zeros(); MAX_CYLINDERS],
-        normals: [Vector3::zeros(); MAX_CYLINDERS],
+    let problem = Problem {
+        points: simplex.map(|oriented| (oriented.point - centre) / size),
+        normals: simplex.map(|oriented| oriented.normal),
         half_height: cylinder.half_height() / width,
         radius: cylinder.radius() / width,
     };
-    for (i, oriented) in simplex.iter().enumerate() {
-        problem.points[i] = (oriented.point - centre) / size;
-        problem.normals[i] = oriented.normal;
-    }
     let per_unit = size / width;
     let start = guess.map_or_else(Vector3::zeros, |y| (y - centre) / size);
     let bracket = minimise(&problem, start, cutoff / per_unit);
@@ -174,7 +171,7 @@ pub(crate) fn solve(
 }
 
 /// Active set first; if it does not close the gap, barrier and active set in turns.
-fn minimise(problem: &Problem, start: Vector3<f64>, cutoff: f64) -> Bracket {
+fn minimise<const N: usize>(problem: &Problem<N>, start: Vector3<f64>, cutoff: f64) -> Bracket {
     let pieces = problem.pieces(&start);
     let mut bracket = Bracket {
         lower: 0.0,

@@ -18,6 +18,7 @@ mod loops;
 #[cfg(feature = "manifolds")]
 pub mod manifolds;
 mod nerve;
+mod optimality;
 mod persistence;
 mod problem;
 mod short_cycles;

@@ -83,14 +83,30 @@ pub(crate) struct Order {
 }
 
 impl Order {
+    /// Bucket sort by value: values spread over their range, so that a bucket holds a few, and small sorts finish it. Ties, and
+    /// all of a bucket that holds many of them, keep the order of the indices.
     pub(crate) fn new(values: &[f64]) -> Self {
-        // Non-negative floats compare like their bit patterns, and integers sort faster.
-        let mut keyed: Vec<(u64, u32)> = values
-            .iter()
-            .enumerate()
-            .map(|(i, value)| (value.to_bits(), i as u32))
-            .collect();
-        keyed.sort_unstable();
+        let largest = values.iter().copied().fold(0.0, f64::max);
+        let buckets = values.len() / 2 + 1;
+        // Not decreasing in the value, whatever the rounding.
+        let per_value = if largest > 0.0 {
+            buckets as f64 / largest
+        } else {
+            0.0
+        };
+        let bucket = |value: f64| ((value * per_value) as usize).min(buckets - 1) as u32;
+        let runs = crate::skeleton::runs(values.iter().map(|&value| bucket(value)), buckets);
+        let mut next = runs.clone();
+        // Non-negative floats compare like their bit patterns.
+        let mut keyed = vec![(0u64, 0u32); values.len()];
+        for (simplex, &value) in values.iter().enumerate() {
+            let slot = &mut next[bucket(value) as usize];
+            keyed[*slot as usize] = (value.to_bits(), simplex as u32);
+            *slot += 1;
+        }
+        for range in runs.windows(2) {
+            keyed[range[0] as usize..range[1] as usize].sort_unstable();
+        }
         let at: Vec<u32> = keyed.into_iter().map(|(_, simplex)| simplex).collect();
         let mut rank = vec![0; at.len()];
         for (r, &simplex) in at.iter().enumerate() {

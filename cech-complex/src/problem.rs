@@ -13,7 +13,7 @@ use crate::cylinder::support;
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest simplex: Helly's number in space.
-pub(crate) const MAX_CYLINDERS: usize = 4;
+const MAX_CYLINDERS: usize = 4;
 /// Tube, upper slab, lower slab.
 pub(crate) const PIECES_PER_CYLINDER: usize = 3;
 /// Pieces of the largest simplex.
@@ -26,23 +26,24 @@ pub(crate) struct Oriented {
     pub(crate) normal: Vector3<f64>,
 }
 
-/// Two to four cylinders in normalised coordinates.
-pub(crate) struct Problem {
-    pub(crate) count: usize,
-    pub(crate) points: [Vector3<f64>; MAX_CYLINDERS],
-    pub(crate) normals: [Vector3<f64>; MAX_CYLINDERS],
+/// `N` cylinders in normalised coordinates. Their number is a constant, so that every small loop unrolls.
+pub(crate) struct Problem<const N: usize> {
+    pub(crate) points: [Vector3<f64>; N],
+    pub(crate) normals: [Vector3<f64>; N],
     pub(crate) half_height: f64,
     pub(crate) radius: f64,
 }
 
-/// Values, gradients and curvatures of all pieces at one `y`.
-pub(crate) struct Pieces {
-    pub(crate) count: usize,
-    pub(crate) value: [f64; MAX_PIECES],
-    pub(crate) gradient: [Vector3<f64>; MAX_PIECES],
+/// Values, gradients and curvatures of all pieces at one `y`: tubes first-hand, the two slabs of a cylinder as one signed height.
+#[derive(Clone, Copy)]
+pub(crate) struct Pieces<const N: usize> {
+    tube: [f64; N],
+    height: [f64; N],
+    tube_gradient: [Vector3<f64>; N],
+    height_gradient: [Vector3<f64>; N],
     /// Hessian of the tube of cylinder `i` is `bend·c cᵀ` with `c` the unit tangent of its circles.
-    bend: [f64; MAX_CYLINDERS],
-    tangent: [Vector3<f64>; MAX_CYLINDERS],
+    bend: [f64; N],
+    tangent: [Vector3<f64>; N],
 }
 
 /// Best upper and lower bound so far, and where the upper one is attained.
@@ -72,46 +73,44 @@ impl Bracket {
     }
 }
 
-impl Problem {
+impl<const N: usize> Problem<N> {
     /// All pieces at `y`.
-    pub(crate) fn pieces(&self, y: &Vector3<f64>) -> Pieces {
-        let zero = Vector3::zeros();
+    pub(crate) fn pieces(&self, y: &Vector3<f64>) -> Pieces<N> {
+        let zero = [Vector3::zeros(); N];
         let mut pieces = Pieces {
-            count: self.count * PIECES_PER_CYLINDER,
-            value: [0.0; MAX_PIECES],
-            gradient: [zero; MAX_PIECES],
-            bend: [0.0; MAX_CYLINDERS],
-            tangent: [zero; MAX_CYLINDERS],
+            tube: [0.0; N],
+            height: [0.0; N],
+            tube_gradient: zero,
+            height_gradient: zero,
+            bend: [0.0; N],
+            tangent: zero,
         };
         let (per_height, per_radius) = (1.0 / self.half_height, 1.0 / self.radius);
-        for i in 0..self.count {
+        for i in 0..N {
             let (n, d) = (&self.normals[i], y - self.points[i]);
             let along = n.dot(&d);
             let across = d - n * along;
             let distance = across.norm();
-            let base = PIECES_PER_CYLINDER * i;
-            pieces.value[base] = distance * per_radius;
+            pieces.tube[i] = distance * per_radius;
             // On the axis the tube is at its minimum, 0, and can only be active if everything is 0.
             if distance > f64::MIN_POSITIVE {
                 let outward = across / distance;
-                pieces.gradient[base] = outward * per_radius;
+                pieces.tube_gradient[i] = outward * per_radius;
                 pieces.bend[i] = per_radius / distance;
                 pieces.tangent[i] = n.cross(&outward);
             }
-            pieces.value[base + 1] = along * per_height;
-            pieces.gradient[base + 1] = n * per_height;
-            pieces.value[base + 2] = -along * per_height;
-            pieces.gradient[base + 2] = n * -per_height;
+            pieces.height[i] = along * per_height;
+            pieces.height_gradient[i] = n * per_height;
         }
         pieces
     }
 
     /// The certificate: a lower bound of `f` from any `w`. What `Σ w_i` misses of zero goes to the largest term, where it
     /// changes the bound least.
-    pub(crate) fn lower_bound(&self, mut w: [Vector3<f64>; MAX_CYLINDERS]) -> f64 {
-        let mut heights = [0.0; MAX_CYLINDERS];
+    pub(crate) fn lower_bound(&self, mut w: [Vector3<f64>; N]) -> f64 {
+        let mut heights = [0.0; N];
         let (mut sum, mut largest) = (Vector3::zeros(), 0);
-        for i in 0..self.count {
+        for i in 0..N {
             heights[i] = self.support(i, &w[i]);
             sum += w[i];
             if heights[i] > heights[largest] {
@@ -121,7 +120,7 @@ impl Problem {
         w[largest] -= sum;
         heights[largest] = self.support(largest, &w[largest]);
         let (mut numerator, mut denominator) = (0.0, 0.0);
-        for i in 0..self.count {
+        for i in 0..N {
             numerator -= w[i].dot(&self.points[i]);
             denominator += heights[i];
         }
@@ -137,32 +136,73 @@ impl Problem {
     }
 }
 
-impl Pieces {
+impl<const N: usize> Pieces<N> {
+    /// Number of pieces.
+    pub(crate) const COUNT: usize = N * PIECES_PER_CYLINDER;
+
+    /// `g_j`.
+    pub(crate) fn value(&self, j: usize) -> f64 {
+        let i = j / PIECES_PER_CYLINDER;
+        match j % PIECES_PER_CYLINDER {
+            0 => self.tube[i],
+            1 => self.height[i],
+            _ => -self.height[i],
+        }
+    }
+
+    /// `∇g_j`.
+    pub(crate) fn gradient(&self, j: usize) -> Vector3<f64> {
+        let i = j / PIECES_PER_CYLINDER;
+        match j % PIECES_PER_CYLINDER {
+            0 => self.tube_gradient[i],
+            1 => self.height_gradient[i],
+            _ => -self.height_gradient[i],
+        }
+    }
+
     /// `max_j g_j(y)`, an upper bound of `f`.
     pub(crate) fn max(&self) -> f64 {
-        self.value[..self.count].iter().copied().fold(0.0, f64::max)
+        let larger = |max: f64, i: usize| max.max(self.tube[i]).max(self.height[i].abs());
+        (0..N).fold(0.0, larger)
     }
 
     /// `w_i = Σ λ_j ∇g_j` over the pieces `j` of cylinder `i`.
-    pub(crate) fn forces(&self, multipliers: &[f64; MAX_PIECES]) -> [Vector3<f64>; MAX_CYLINDERS] {
-        let mut w = [Vector3::zeros(); MAX_CYLINDERS];
-        for j in 0..self.count {
-            if multipliers[j] != 0.0 {
-                w[j / PIECES_PER_CYLINDER] += self.gradient[j] * multipliers[j];
-            }
-        }
-        w
+    pub(crate) fn forces(&self, multipliers: &[f64; MAX_PIECES]) -> [Vector3<f64>; N] {
+        std::array::from_fn(|i| {
+            let base = PIECES_PER_CYLINDER * i;
+            self.tube_gradient[i] * multipliers[base]
+                + self.height_gradient[i] * (multipliers[base + 1] - multipliers[base + 2])
+        })
     }
 
     /// Hessian of the Lagrangian, `Σ λ_tube·bend·c cᵀ`: exact, since slabs are flat.
     pub(crate) fn hessian(&self, multipliers: &[f64; MAX_PIECES]) -> Matrix3<f64> {
         let mut hessian = Matrix3::zeros();
-        for i in 0..self.count / PIECES_PER_CYLINDER {
+        for i in 0..N {
             let weight = multipliers[PIECES_PER_CYLINDER * i] * self.bend[i];
-            if weight != 0.0 {
-                hessian += self.tangent[i] * (self.tangent[i] * weight).transpose();
-            }
+            hessian += self.tangent[i] * (self.tangent[i] * weight).transpose();
         }
         hessian
+    }
+
+    /// The piece with the largest value predicted for a step, among those that `skip` does not name, if it is above `level`.
+    pub(crate) fn most_violated(
+        &self,
+        step: &Vector3<f64>,
+        level: f64,
+        skip: impl Fn(usize) -> bool,
+    ) -> Option<usize> {
+        let mut found = (None, level);
+        for i in 0..N {
+            let tube = self.tube[i] + self.tube_gradient[i].dot(step);
+            let height = self.height[i] + self.height_gradient[i].dot(step);
+            for (kind, value) in [tube, height, -height].into_iter().enumerate() {
+                let j = PIECES_PER_CYLINDER * i + kind;
+                if value > found.1 && !skip(j) {
+                    found = (Some(j), value);
+                }
+            }
+        }
+        found.0
     }
 }
