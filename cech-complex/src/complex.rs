@@ -3,7 +3,7 @@
 use crate::cylinder::Cylinder;
 use crate::error::{Error, positive};
 use crate::filtration::check_cloud;
-use crate::nerve;
+use crate::nerve::{self, Vertices};
 use crate::persistence::{self, Barcode};
 use crate::skeleton::{Skeleton, run};
 use nalgebra::{Point3, UnitVector3};
@@ -90,7 +90,7 @@ pub struct Complex {
     pub(crate) points: Vec<Point3<f64>>,
     pub(crate) normals: Vec<UnitVector3<f64>>,
     pub(crate) cylinder: Cylinder,
-    pub(crate) max_scale: f64,
+    pub(crate) options: Options,
     pub(crate) present: Vec<bool>,
     pub(crate) skeleton: Skeleton,
     pub(crate) adjacency: Adjacency,
@@ -156,13 +156,19 @@ impl Complex {
     ) -> Result<Self, Error> {
         options.check()?;
         let cloud = check_cloud(points, normals)?;
-        let skeleton = nerve::build(&cloud, cylinder, options)?;
+        let present = vec![true; points.len()];
+        let vertices = Vertices {
+            cloud: &cloud,
+            present: &present,
+            changed: &present,
+        };
+        let (skeleton, _) = nerve::build(&vertices, &Skeleton::default(), cylinder, options)?;
         Ok(Self {
             points: points.to_vec(),
             normals: normals.to_vec(),
             cylinder,
-            max_scale: options.max_scale,
-            present: vec![true; points.len()],
+            options: *options,
+            present,
             adjacency: Adjacency::new(&skeleton.edges, points.len()),
             skeleton,
             barcode: OnceLock::new(),
@@ -186,7 +192,7 @@ impl Complex {
 
     /// Largest filtration value that was kept.
     pub fn max_scale(&self) -> f64 {
-        self.max_scale
+        self.options.max_scale
     }
 
     /// Whether vertex `v` exists and has not been cut.

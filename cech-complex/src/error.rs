@@ -76,6 +76,12 @@ pub enum Error {
         /// The limit.
         limit: usize,
     },
+    /// A vertex that has been removed or cut cannot be moved or removed.
+    #[error("vertex {index} has been removed")]
+    VertexRemoved {
+        /// The index.
+        index: usize,
+    },
     /// A vertex index is not an index of a point of this complex.
     #[error("vertex {index} does not exist, the complex has {len} points")]
     NoSuchVertex {

@@ -23,6 +23,7 @@ mod persistence;
 mod problem;
 mod short_cycles;
 mod skeleton;
+mod update;
 
 pub use complex::{Complex, Options, Orientation};
 pub use cylinder::Cylinder;
@@ -32,5 +33,6 @@ pub use filtration::{FiltrationValue, filtration_value};
 pub use local_homology::{LocalHomology, VertexKind};
 pub use loops::{BoundaryLoop, missing_vector_area, vector_area_of_loop};
 pub use persistence::{Bar, Barcode};
+pub use update::{Change, Updated};
 
 pub use nalgebra;

@@ -1,4 +1,4 @@
-//! Construction of the nerve, one dimension after the other.
+//! Construction of the nerve, one dimension after the other, afresh or around the points that changed.
 //!
 //! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree), orientation allowed; a closed-form lower bound rejects nearly
 //!    all of those that will not be edges, the solver values the rest.
@@ -9,25 +9,49 @@
 //!
 //! A value below that of a facet can only be rounding, so the larger of the two is taken, and the value of the facet whenever the
 //! certified bracket contains it: monotone to the last bit, and equal to the last bit where the truth is a tie.
+//!
+//! A value depends on the cylinders of its own simplex alone, taken in the order of their indices. So after a change the simplices without a
+//! changed vertex are kept with their values, those with one are found anew, and the outcome is that of a fresh build to the
+//! last bit. A fresh build is the case in which every vertex has changed.
 
 use crate::complex::{Options, Orientation};
 use crate::cylinder::{Cylinder, gauge};
 use crate::error::Error;
 use crate::filtration::{pair_lower_bound, solve};
 use crate::problem::Oriented;
-use crate::skeleton::{Skeleton, run};
+use crate::skeleton::{Layer, Skeleton, run};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 
 /// Candidates valued at a time: enough to share among threads, little enough to stop soon after the limit.
-const BATCH: usize = 1 << 14;
+const BATCH: usize = 1 << 12;
 
 /// A value and a point where it is attained.
 type Valued = (f64, Vector3<f64>);
 
+/// Which vertices there are, and which of them are new or have moved.
+pub(crate) struct Vertices<'a> {
+    pub(crate) cloud: &'a [Oriented],
+    pub(crate) present: &'a [bool],
+    pub(crate) changed: &'a [bool],
+}
+
+impl Vertices<'_> {
+    fn any_changed(&self, simplex: &[u32]) -> bool {
+        simplex.iter().any(|&v| self.changed[v as usize])
+    }
+
+    /// Whether a simplex of an earlier complex is still one, with its value.
+    fn untouched(&self, simplex: &[u32]) -> bool {
+        simplex
+            .iter()
+            .all(|&v| self.present[v as usize] && !self.changed[v as usize])
+    }
+}
+
 /// What all stages share.
 struct Builder<'a> {
-    cloud: &'a [Oriented],
+    vertices: &'a Vertices<'a>,
     cylinder: Cylinder,
     options: &'a Options,
     total: usize,
@@ -39,24 +63,45 @@ struct Candidate<const N: usize> {
     facets: [u32; N],
 }
 
-/// Builds the filtered 3-skeleton of the nerve.
+/// The filtered 3-skeleton of the nerve of the vertices that are present, given the skeleton `old` of an earlier state. Also says how
+/// many simplices of dimension 1, 2, 3 contain a changed vertex.
 pub(crate) fn build(
-    cloud: &[Oriented],
+    vertices: &Vertices,
+    old: &Skeleton,
     cylinder: Cylinder,
     options: &Options,
-) -> Result<Skeleton, Error> {
+) -> Result<(Skeleton, [usize; 3]), Error> {
     let mut builder = Builder {
-        cloud,
+        vertices,
         cylinder,
         options,
         total: 0,
     };
-    builder.count(cloud.len())?;
+    builder.count(vertices.present.iter().filter(|p| **p).count())?;
     let mut skeleton = Skeleton::default();
-    let edge_points = builder.edges(&mut skeleton)?;
-    let triangle_points = builder.triangles(&mut skeleton, &edge_points)?;
-    builder.tetrahedra(&mut skeleton, &triangle_points)?;
-    Ok(skeleton)
+
+    let fresh = builder.edges()?;
+    let untouched = |edge: usize| vertices.untouched(&old.edges[edge]);
+    let (edges, kept, names) = old.edge_layer().merge(fresh, |vertex| vertex, untouched);
+    builder.count(kept)?;
+    let found_edges = edges.len() - kept;
+    skeleton.set_edges(edges, vertices.cloud.len());
+    let affected = builder.affected(&skeleton);
+
+    let fresh = builder.triangles(&skeleton, &affected)?;
+    let name = |edge: u32| names[edge as usize];
+    let (triangles, kept, names) = old.triangle_layer().merge(fresh, name, |_| true);
+    builder.count(kept)?;
+    let found_triangles = triangles.len() - kept;
+    skeleton.set_triangles(triangles);
+
+    let fresh = builder.tetrahedra(&skeleton, &affected)?;
+    let name = |triangle: u32| names[triangle as usize];
+    let (tetrahedra, kept, _) = old.tetrahedron_layer().merge(fresh, name, |_| true);
+    builder.count(kept)?;
+    let found_tetrahedra = tetrahedra.len() - kept;
+    skeleton.set_tetrahedra(tetrahedra);
+    Ok((skeleton, [found_edges, found_triangles, found_tetrahedra]))
 }
 
 impl Builder<'_> {
@@ -73,61 +118,74 @@ impl Builder<'_> {
         Ok(())
     }
 
-    fn edges(&mut self, skeleton: &mut Skeleton) -> Result<Vec<Vector3<f64>>, Error> {
-        let mut minimisers = Vec::new();
-        if self.cloud.len() > 1 {
-            let coordinates: Vec<[f64; 3]> = self.cloud.iter().map(|o| o.point.into()).collect();
-            // The tree refuses only what the checks at the door have refused already.
-            let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates).map_err(|_| {
-                Error::TooManySimplices {
-                    count: self.total,
-                    limit: u32::MAX as usize,
-                }
-            })?;
-            let reach = 2.0 * self.cylinder.circumradius() * self.options.max_scale;
-            // A little more than the exact bound, so that rounding in the tree loses no pair.
-            let squared = reach * reach * (1.0 + 1e-9);
-            let mut pairs = Vec::new();
-            let mut later: Vec<u32> = Vec::new();
-            for (i, centre) in coordinates.iter().enumerate() {
-                let found = tree
-                    .query(centre)
-                    .within::<SquaredEuclidean<f64>>(squared)
-                    .unsorted()
-                    .execute();
-                later.clear();
-                later.extend(found.iter().map(|hit| hit.item).filter(|&j| j as usize > i));
-                later.sort_unstable();
-                pairs.extend(later.iter().map(|&j| [i as u32, j]));
-                if pairs.len() >= BATCH || i + 1 == coordinates.len() {
-                    self.value_edges(&pairs, skeleton, &mut minimisers)?;
-                    pairs.clear();
-                }
+    /// All edges with a changed end.
+    fn edges(&mut self) -> Result<Layer<2>, Error> {
+        let mut layer = Layer::default();
+        let Vertices {
+            cloud,
+            present,
+            changed,
+        } = self.vertices;
+        let is_there: Vec<u32> = (0..cloud.len() as u32)
+            .filter(|&v| present[v as usize])
+            .collect();
+        let coordinates: Vec<[f64; 3]> = is_there
+            .iter()
+            .map(|&v| cloud[v as usize].point.into())
+            .collect();
+        if coordinates.len() < 2 || !changed.contains(&true) {
+            return Ok(layer);
+        }
+        // The tree refuses only what the checks at the door have refused already.
+        let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates).map_err(|_| {
+            Error::TooManySimplices {
+                count: self.total,
+                limit: u32::MAX as usize,
+            }
+        })?;
+        let reach = 2.0 * self.cylinder.circumradius() * self.options.max_scale;
+        // A little more than the exact bound, so that rounding in the tree loses no pair.
+        let squared = reach * reach * (1.0 + 1e-9);
+        let mut pairs = Vec::new();
+        for &i in is_there.iter().filter(|&&i| changed[i as usize]) {
+            let found = tree
+                .query(&cloud[i as usize].point.into())
+                .within::<SquaredEuclidean<f64>>(squared)
+                .unsorted()
+                .execute();
+            let others = found.iter().map(|hit| is_there[hit.item as usize]);
+            // A pair of two changed vertices is met twice and taken once.
+            let taken = others.filter(|&j| j > i || (j < i && !changed[j as usize]));
+            let start = pairs.len();
+            pairs.extend(taken.map(|j| [i.min(j), i.max(j)]));
+            pairs[start..].sort_unstable();
+            if pairs.len() >= BATCH {
+                self.value_edges(&pairs, &mut layer)?;
+                pairs.clear();
             }
         }
-        skeleton.index_edges(self.cloud.len());
-        Ok(minimisers)
+        self.value_edges(&pairs, &mut layer)?;
+        layer.sort();
+        Ok(layer)
     }
 
-    fn value_edges(
-        &mut self,
-        pairs: &[[u32; 2]],
-        skeleton: &mut Skeleton,
-        minimisers: &mut Vec<Vector3<f64>>,
-    ) -> Result<(), Error> {
-        for (pair, valued) in pairs.iter().zip(map(pairs, |pair| self.value_edge(*pair))) {
-            if let Some((value, minimiser)) = valued {
-                self.count(1)?;
-                skeleton.edges.push(*pair);
-                skeleton.edge_values.push(value);
-                minimisers.push(minimiser);
+    fn value_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
+        // A vertex in a crowd may have more neighbours than the limit allows edges.
+        for pairs in pairs.chunks(BATCH) {
+            let valued = map(pairs, |pair| self.value_edge(*pair));
+            for (pair, valued) in pairs.iter().zip(valued) {
+                if let Some((value, minimiser)) = valued {
+                    self.count(1)?;
+                    layer.push(*pair, *pair, value, Some(minimiser));
+                }
             }
         }
         Ok(())
     }
 
     fn value_edge(&self, [i, j]: [u32; 2]) -> Option<Valued> {
-        let (a, b) = (self.cloud[i as usize], self.cloud[j as usize]);
+        let cloud = self.vertices.cloud;
+        let (a, b) = (cloud[i as usize], cloud[j as usize]);
         if let Orientation::Separate { min_cosine } = self.options.orientation
             && a.normal.dot(&b.normal) < min_cosine
         {
@@ -141,16 +199,23 @@ impl Builder<'_> {
         (solved.value <= cutoff).then_some((solved.value, solved.minimiser.coords))
     }
 
-    fn triangles(
-        &mut self,
-        skeleton: &mut Skeleton,
-        edge_points: &[Vector3<f64>],
-    ) -> Result<Vec<Vector3<f64>>, Error> {
-        let mut minimisers = Vec::new();
+    /// Vertices that can be the first of a simplex with a changed vertex: changed themselves, or joined to a later one that is.
+    fn affected(&self, skeleton: &Skeleton) -> Vec<u32> {
+        let joined_later = |i: u32| {
+            let later = &skeleton.edges[run(&skeleton.edge_runs, i)];
+            later.iter().any(|edge| self.vertices.any_changed(edge))
+        };
+        let count = self.vertices.cloud.len() as u32;
+        (0..count).filter(|&i| joined_later(i)).collect()
+    }
+
+    /// All triangles with a changed vertex, in order.
+    fn triangles(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<3>, Error> {
+        let mut layer = Layer::default();
         let mut batch: Vec<Candidate<3>> = Vec::new();
         // Edge from the current first vertex to a given one.
-        let mut edge_to = vec![u32::MAX; self.cloud.len()];
-        for i in 0..self.cloud.len() as u32 {
+        let mut edge_to = vec![u32::MAX; self.vertices.cloud.len()];
+        for &i in affected {
             let from_i = run(&skeleton.edge_runs, i);
             for e in from_i.clone() {
                 edge_to[skeleton.edges[e][1] as usize] = e as u32;
@@ -160,7 +225,7 @@ impl Builder<'_> {
                 for jk in run(&skeleton.edge_runs, j) {
                     let k = skeleton.edges[jk][1];
                     let ik = edge_to[k as usize];
-                    if ik != u32::MAX {
+                    if ik != u32::MAX && self.vertices.any_changed(&[i, j, k]) {
                         batch.push(Candidate {
                             vertices: [i, j, k],
                             facets: [ij as u32, ik, jk as u32],
@@ -171,59 +236,108 @@ impl Builder<'_> {
             for e in from_i {
                 edge_to[skeleton.edges[e][1] as usize] = u32::MAX;
             }
-            if batch.len() >= BATCH || i as usize + 1 == self.cloud.len() {
-                let valued = map(&batch, |c| {
-                    self.value(c, &skeleton.edge_values, edge_points)
-                });
-                for (candidate, valued) in batch.iter().zip(valued) {
-                    if let Some((value, minimiser)) = valued {
-                        self.count(1)?;
-                        skeleton.triangles.push(candidate.vertices);
-                        skeleton.triangle_edges.push(candidate.facets);
-                        skeleton.triangle_values.push(value);
-                        minimisers.push(minimiser);
-                    }
-                }
+            if batch.len() >= BATCH {
+                self.value_triangles(&batch, skeleton, &mut layer)?;
                 batch.clear();
             }
         }
-        skeleton.index_triangles();
-        Ok(minimisers)
+        self.value_triangles(&batch, skeleton, &mut layer)?;
+        Ok(layer)
     }
 
-    fn tetrahedra(
+    fn value_triangles(
         &mut self,
-        skeleton: &mut Skeleton,
-        triangle_points: &[Vector3<f64>],
+        batch: &[Candidate<3>],
+        skeleton: &Skeleton,
+        layer: &mut Layer<3>,
     ) -> Result<(), Error> {
-        let mut batch: Vec<Candidate<4>> = Vec::new();
-        for ijk in 0..skeleton.triangles.len() {
-            push_tetrahedra(skeleton, ijk, &mut batch);
-            if batch.len() >= BATCH || ijk + 1 == skeleton.triangles.len() {
-                let valued = map(&batch, |c| {
-                    self.value(c, &skeleton.triangle_values, triangle_points)
-                });
-                for (candidate, valued) in batch.iter().zip(valued) {
-                    if let Some((value, _)) = valued {
-                        self.count(1)?;
-                        skeleton.tetrahedra.push(candidate.vertices);
-                        skeleton.tetrahedron_triangles.push(candidate.facets);
-                        skeleton.tetrahedron_values.push(value);
-                    }
+        let facets = (&skeleton.edge_values[..], &skeleton.edge_points[..]);
+        for batch in batch.chunks(BATCH) {
+            let valued = map(batch, |candidate| self.value(candidate, facets));
+            for (candidate, valued) in batch.iter().zip(valued) {
+                if let Some((value, minimiser)) = valued {
+                    self.count(1)?;
+                    layer.push(candidate.vertices, candidate.facets, value, Some(minimiser));
                 }
-                batch.clear();
             }
         }
-        skeleton.index_tetrahedra();
         Ok(())
+    }
+
+    /// All tetrahedra with a changed vertex, in order.
+    fn tetrahedra(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<4>, Error> {
+        let mut layer = Layer::default();
+        let mut batch: Vec<Candidate<4>> = Vec::new();
+        for &i in affected {
+            for ij in run(&skeleton.edge_runs, i) {
+                for ijk in run(&skeleton.triangle_runs, ij as u32) {
+                    self.push_tetrahedra(skeleton, ijk, &mut batch);
+                    if batch.len() >= BATCH {
+                        self.value_tetrahedra(&batch, skeleton, &mut layer)?;
+                        batch.clear();
+                    }
+                }
+            }
+        }
+        self.value_tetrahedra(&batch, skeleton, &mut layer)?;
+        Ok(layer)
+    }
+
+    fn value_tetrahedra(
+        &mut self,
+        batch: &[Candidate<4>],
+        skeleton: &Skeleton,
+        layer: &mut Layer<4>,
+    ) -> Result<(), Error> {
+        let facets = (&skeleton.triangle_values[..], &skeleton.triangle_points[..]);
+        let valued = map(batch, |candidate| self.value(candidate, facets));
+        for (candidate, valued) in batch.iter().zip(valued) {
+            if let Some((value, _)) = valued {
+                self.count(1)?;
+                layer.push(candidate.vertices, candidate.facets, value, None);
+            }
+        }
+        Ok(())
+    }
+
+    /// Candidates whose first triangle is `ijk`: the fourth vertex closes a triangle with each of its three edges.
+    fn push_tetrahedra(&self, skeleton: &Skeleton, ijk: usize, batch: &mut Vec<Candidate<4>>) {
+        let [i, j, k] = skeleton.triangles[ijk];
+        let [ij, ik, jk] = skeleton.triangle_edges[ijk];
+        let every = self.vertices.any_changed(&[i, j, k]);
+        let with_ij = ijk + 1..run(&skeleton.triangle_runs, ij).end;
+        let mut with_ik = run(&skeleton.triangle_runs, ik);
+        let mut with_jk = run(&skeleton.triangle_runs, jk);
+        let last = |t: usize| skeleton.triangles[t][2];
+        for ijl in with_ij {
+            let l = last(ijl);
+            if !every && !self.vertices.any_changed(&[l]) {
+                continue;
+            }
+            while with_ik.start < with_ik.end && last(with_ik.start) < l {
+                with_ik.start += 1;
+            }
+            while with_jk.start < with_jk.end && last(with_jk.start) < l {
+                with_jk.start += 1;
+            }
+            if with_ik.is_empty() || with_jk.is_empty() {
+                return;
+            }
+            if last(with_ik.start) == l && last(with_jk.start) == l {
+                let [ikl, jkl] = [with_ik.start as u32, with_jk.start as u32];
+                batch.push(Candidate {
+                    vertices: [i, j, k, l],
+                    facets: [ijk as u32, ijl as u32, ikl, jkl],
+                });
+            }
+        }
     }
 
     /// Value of a triangle or tetrahedron from the values and minimisers of its facets.
     fn value<const N: usize>(
         &self,
         candidate: &Candidate<N>,
-        facet_values: &[f64],
-        facet_points: &[Vector3<f64>],
+        (facet_values, facet_points): (&[f64], &[Vector3<f64>]),
     ) -> Option<Valued> {
         let mut latest = 0;
         for f in 1..N {
@@ -236,7 +350,7 @@ impl Builder<'_> {
         let facet = candidate.facets[latest] as usize;
         let (floor, minimiser) = (facet_values[facet], facet_points[facet]);
         // Facet `f` leaves out the vertex `N − 1 − f`.
-        let opposite = &self.cloud[candidate.vertices[N - 1 - latest] as usize];
+        let opposite = &self.vertices.cloud[candidate.vertices[N - 1 - latest] as usize];
         let (half, radius) = (self.cylinder.half_height(), self.cylinder.radius());
         let inside = gauge(
             &(minimiser - opposite.point),
@@ -248,7 +362,7 @@ impl Builder<'_> {
             return Some((floor, minimiser));
         }
         let cutoff = self.options.max_scale;
-        let simplex = candidate.vertices.map(|v| self.cloud[v as usize]);
+        let simplex = candidate.vertices.map(|v| self.vertices.cloud[v as usize]);
         let solved = solve(&simplex, self.cylinder, Some(&minimiser), cutoff);
         let value = if solved.lower <= floor {
             floor
@@ -256,39 +370,6 @@ impl Builder<'_> {
             solved.value
         };
         (value <= cutoff).then_some((value, solved.minimiser.coords))
-    }
-}
-
-/// Tetrahedra whose first triangle is `ijk`: the fourth vertex closes a triangle with each of its three edges.
-fn push_tetrahedra(skeleton: &Skeleton, ijk: usize, batch: &mut Vec<Candidate<4>>) {
-    let [i, j, k] = skeleton.triangles[ijk];
-    let [ij, ik, jk] = skeleton.triangle_edges[ijk];
-    let with_ij = ijk + 1..run(&skeleton.triangle_runs, ij).end;
-    let mut with_ik = run(&skeleton.triangle_runs, ik);
-    let mut with_jk = run(&skeleton.triangle_runs, jk);
-    let last = |t: usize| skeleton.triangles[t][2];
-    for ijl in with_ij {
-        let l = last(ijl);
-        while with_ik.start < with_ik.end && last(with_ik.start) < l {
-            with_ik.start += 1;
-        }
-        while with_jk.start < with_jk.end && last(with_jk.start) < l {
-            with_jk.start += 1;
-        }
-        if with_ik.is_empty() || with_jk.is_empty() {
-            return;
-        }
-        if last(with_ik.start) == l && last(with_jk.start) == l {
-            batch.push(Candidate {
-                vertices: [i, j, k, l],
-                facets: [
-                    ijk as u32,
-                    ijl as u32,
-                    with_ik.start as u32,
-                    with_jk.start as u32,
-                ],
-            });
-        }
     }
 }
 

@@ -4,6 +4,8 @@
 //! are the triangles that start with an edge and the tetrahedra that start with a triangle. Three offset tables turn this
 //! into constant-time look-up downward; facets are stored by index.
 
+use nalgebra::Vector3;
+
 /// Offsets of runs: `runs[i]..runs[i + 1]` are the items whose (ascending) key is `i`.
 pub(crate) fn runs(keys: impl Iterator<Item = u32>, count: usize) -> Vec<u32> {
     let mut offsets = vec![0u32; count + 1];
@@ -21,16 +23,22 @@ pub(crate) fn run(offsets: &[u32], i: u32) -> std::ops::Range<usize> {
     offsets[i as usize] as usize..offsets[i as usize + 1] as usize
 }
 
+/// No index.
+const NONE: u32 = u32::MAX;
+
 /// Simplices of dimension 1 to 3 with values, facets and offsets.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Skeleton {
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) edge_values: Vec<f64>,
+    /// Where the value of an edge is attained: the first guess for its cofaces, now and after later changes.
+    pub(crate) edge_points: Vec<Vector3<f64>>,
     pub(crate) edge_runs: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Edges `01`, `02`, `12` of a triangle.
     pub(crate) triangle_edges: Vec<[u32; 3]>,
     pub(crate) triangle_values: Vec<f64>,
+    pub(crate) triangle_points: Vec<Vector3<f64>>,
     pub(crate) triangle_runs: Vec<u32>,
     pub(crate) tetrahedra: Vec<[u32; 4]>,
     /// Triangles `012`, `013`, `023`, `123` of a tetrahedron.
@@ -40,19 +48,50 @@ pub(crate) struct Skeleton {
 }
 
 impl Skeleton {
-    pub(crate) fn index_edges(&mut self, vertices: usize) {
-        self.edge_runs = runs(self.edges.iter().map(|e| e[0]), vertices);
+    pub(crate) fn set_edges(&mut self, edges: Layer<2>, vertices: usize) {
+        self.edge_runs = runs(edges.simplices.iter().map(|e| e[0]), vertices);
+        (self.edges, self.edge_values) = (edges.simplices, edges.values);
+        self.edge_points = edges.points;
     }
 
-    pub(crate) fn index_triangles(&mut self) {
-        self.triangle_runs = runs(self.triangle_edges.iter().map(|t| t[0]), self.edges.len());
+    pub(crate) fn set_triangles(&mut self, triangles: Layer<3>) {
+        self.triangle_runs = runs(triangles.facets.iter().map(|t| t[0]), self.edges.len());
+        (self.triangles, self.triangle_edges) = (triangles.simplices, triangles.facets);
+        (self.triangle_values, self.triangle_points) = (triangles.values, triangles.points);
     }
 
-    pub(crate) fn index_tetrahedra(&mut self) {
-        self.tetrahedron_runs = runs(
-            self.tetrahedron_triangles.iter().map(|t| t[0]),
-            self.triangles.len(),
-        );
+    pub(crate) fn set_tetrahedra(&mut self, tetrahedra: Layer<4>) {
+        let first_facets = tetrahedra.facets.iter().map(|t| t[0]);
+        self.tetrahedron_runs = runs(first_facets, self.triangles.len());
+        (self.tetrahedra, self.tetrahedron_triangles) = (tetrahedra.simplices, tetrahedra.facets);
+        self.tetrahedron_values = tetrahedra.values;
+    }
+
+    pub(crate) fn edge_layer(&self) -> LayerRef<'_, 2> {
+        LayerRef {
+            simplices: &self.edges,
+            facets: &self.edges,
+            values: &self.edge_values,
+            points: &self.edge_points,
+        }
+    }
+
+    pub(crate) fn triangle_layer(&self) -> LayerRef<'_, 3> {
+        LayerRef {
+            simplices: &self.triangles,
+            facets: &self.triangle_edges,
+            values: &self.triangle_values,
+            points: &self.triangle_points,
+        }
+    }
+
+    pub(crate) fn tetrahedron_layer(&self) -> LayerRef<'_, 4> {
+        LayerRef {
+            simplices: &self.tetrahedra,
+            facets: &self.tetrahedron_triangles,
+            values: &self.tetrahedron_values,
+            points: &[],
+        }
     }
 
     /// Index of the edge `[a, b]`, in either order.
@@ -65,63 +104,131 @@ impl Skeleton {
 
     /// The part that survives when the marked edges go with all their cofaces; order is kept.
     pub(crate) fn without(&self, edge_cut: &[bool], vertices: usize) -> Self {
-        let keep_edge: Vec<bool> = edge_cut.iter().map(|cut| !cut).collect();
-        let keep_triangle = survivors(&self.triangle_edges, &keep_edge);
-        let keep_tetrahedron = survivors(&self.tetrahedron_triangles, &keep_triangle);
-        let (edge_names, triangle_names) = (renumber(&keep_edge), renumber(&keep_triangle));
-        let mut rest = Self {
-            edges: kept(&self.edges, &keep_edge),
-            edge_values: kept(&self.edge_values, &keep_edge),
-            triangles: kept(&self.triangles, &keep_triangle),
-            triangle_edges: renamed(&self.triangle_edges, &keep_triangle, &edge_names),
-            triangle_values: kept(&self.triangle_values, &keep_triangle),
-            tetrahedra: kept(&self.tetrahedra, &keep_tetrahedron),
-            tetrahedron_triangles: renamed(
-                &self.tetrahedron_triangles,
-                &keep_tetrahedron,
-                &triangle_names,
-            ),
-            tetrahedron_values: kept(&self.tetrahedron_values, &keep_tetrahedron),
-            ..Self::default()
-        };
-        rest.index_edges(vertices);
-        rest.index_triangles();
-        rest.index_tetrahedra();
+        let mut rest = Self::default();
+        let keep = |edge: usize| !edge_cut[edge];
+        let (edges, _, names) = self.edge_layer().merge(Layer::default(), |v| v, keep);
+        rest.set_edges(edges, vertices);
+        let name = |edge: u32| names[edge as usize];
+        let (triangles, _, names) = self
+            .triangle_layer()
+            .merge(Layer::default(), name, |_| true);
+        rest.set_triangles(triangles);
+        let name = |triangle: u32| names[triangle as usize];
+        let (tetrahedra, ..) = self
+            .tetrahedron_layer()
+            .merge(Layer::default(), name, |_| true);
+        rest.set_tetrahedra(tetrahedra);
         rest
     }
 }
 
-/// A simplex survives if all its facets do.
-fn survivors<const N: usize>(facets: &[[u32; N]], kept: &[bool]) -> Vec<bool> {
-    facets
-        .iter()
-        .map(|f| f.iter().all(|&i| kept[i as usize]))
-        .collect()
+/// Simplices of one dimension with `N` vertices each, in the making.
+#[derive(Default)]
+pub(crate) struct Layer<const N: usize> {
+    simplices: Vec<[u32; N]>,
+    /// Indices of the facets in the layer below (of an edge: its vertices).
+    facets: Vec<[u32; N]>,
+    values: Vec<f64>,
+    /// Minimisers; none for tetrahedra, which have no cofaces.
+    points: Vec<Vector3<f64>>,
 }
 
-fn kept<T: Copy>(items: &[T], keep: &[bool]) -> Vec<T> {
-    items
-        .iter()
-        .zip(keep)
-        .filter(|(_, keep)| **keep)
-        .map(|(item, _)| *item)
-        .collect()
+impl<const N: usize> Layer<N> {
+    pub(crate) fn len(&self) -> usize {
+        self.simplices.len()
+    }
+
+    pub(crate) fn push(
+        &mut self,
+        simplex: [u32; N],
+        facets: [u32; N],
+        value: f64,
+        point: Option<Vector3<f64>>,
+    ) {
+        self.simplices.push(simplex);
+        self.facets.push(facets);
+        self.values.push(value);
+        self.points.extend(point);
+    }
+
+    fn push_from(&mut self, other: &LayerRef<N>, i: usize, facets: [u32; N]) {
+        let (simplex, point) = (other.simplices[i], other.points.get(i).copied());
+        self.push(simplex, facets, other.values[i], point);
+    }
+
+    /// Brings the simplices into lexicographic order.
+    pub(crate) fn sort(&mut self) {
+        if self.simplices.is_sorted() {
+            return;
+        }
+        let mut order: Vec<usize> = (0..self.len()).collect();
+        order.sort_unstable_by_key(|&i| self.simplices[i]);
+        let mut sorted = Self::with_capacity(self.len(), !self.points.is_empty());
+        for i in order {
+            sorted.push_from(&self.view(), i, self.facets[i]);
+        }
+        *self = sorted;
+    }
+
+    fn with_capacity(count: usize, points: bool) -> Self {
+        Self {
+            simplices: Vec::with_capacity(count),
+            facets: Vec::with_capacity(count),
+            values: Vec::with_capacity(count),
+            points: Vec::with_capacity(if points { count } else { 0 }),
+        }
+    }
+
+    fn view(&self) -> LayerRef<'_, N> {
+        LayerRef {
+            simplices: &self.simplices,
+            facets: &self.facets,
+            values: &self.values,
+            points: &self.points,
+        }
+    }
 }
 
-/// New index of every kept item.
-fn renumber(keep: &[bool]) -> Vec<u32> {
-    let mut next = 0;
-    let name = |keep: &bool| {
-        let name = next;
-        next += u32::from(*keep);
-        name
-    };
-    keep.iter().map(name).collect()
+/// Simplices of one dimension, in lexicographic order.
+pub(crate) struct LayerRef<'a, const N: usize> {
+    simplices: &'a [[u32; N]],
+    facets: &'a [[u32; N]],
+    values: &'a [f64],
+    points: &'a [Vector3<f64>],
 }
 
-fn renamed<const N: usize>(facets: &[[u32; N]], keep: &[bool], names: &[u32]) -> Vec<[u32; N]> {
-    kept(facets, keep)
-        .into_iter()
-        .map(|f| f.map(|i| names[i as usize]))
-        .collect()
+impl<const N: usize> LayerRef<'_, N> {
+    /// Those of its simplices that are to be kept and whose facets all still have a name, together with `fresh` ones, in order.
+    /// Returns also how many were kept, and the new index of every simplex.
+    pub(crate) fn merge(
+        &self,
+        fresh: Layer<N>,
+        facet_name: impl Fn(u32) -> u32,
+        keep: impl Fn(usize) -> bool,
+    ) -> (Layer<N>, usize, Vec<u32>) {
+        let count = self.simplices.len();
+        if count == 0 {
+            return (fresh, 0, Vec::new());
+        }
+        let mut merged = Layer::with_capacity(count + fresh.len(), !self.points.is_empty());
+        let (mut names, mut kept) = (vec![NONE; count], 0);
+        let mut next = 0;
+        for i in 0..count {
+            let facets = self.facets[i].map(&facet_name);
+            if facets.contains(&NONE) || !keep(i) {
+                continue;
+            }
+            while next < fresh.len() && fresh.simplices[next] < self.simplices[i] {
+                merged.push_from(&fresh.view(), next, fresh.facets[next]);
+                next += 1;
+            }
+            names[i] = merged.len() as u32;
+            merged.push_from(self, i, facets);
+            kept += 1;
+        }
+        for i in next..fresh.len() {
+            merged.push_from(&fresh.view(), i, fresh.facets[i]);
+        }
+        (merged, kept, names)
+    }
 }
