@@ -5,24 +5,25 @@
 //!                                      b: where v projects into it
 //! ```
 //!
-//! A vertex is watched against triangles that are far along the surface (none of their corners within two rings of it) and near in space.
+//! A vertex is watched against triangles that are far along the surface and near in space. Far means: no corner within two rings
+//! of it, nor within `π δ` along the edges (a smooth sheet that comes back to itself at a distance `δ` has gone round that much).
 //! The side is that of the last live positions, which were feasible: this is what tells a vertex that has just passed through a
 //! sheet from one that belongs there.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Point3, Vector3};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector as Corner;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
-use crate::dual::Row;
+use crate::rows::{Key, Row};
 
 /// How far outside a triangle, in barycentric units, a projection still counts: neighbouring triangles then overlap and
 /// a vertex over their common edge is not missed by both.
 const OVERLAP: f64 = 0.1;
 
-/// The triangles with, for every vertex, the vertices within two rings.
+/// The triangles with, for every vertex, the vertices near it along the surface.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
     triangles: Vec<[u32; 3]>,
@@ -32,17 +33,17 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// The same surface if the triangles are the same, a new one otherwise.
-    pub fn renewed(self, triangles: &[[u32; 3]], vertices: usize) -> Self {
-        if self.triangles == triangles && self.starts.len() == vertices + 1 {
+    /// The same surface if the triangles are the same, a new one otherwise; distances along it are those at rest.
+    pub fn renewed(self, triangles: &[[u32; 3]], rest: &[Point3<f64>], separation: f64) -> Self {
+        if self.triangles == triangles && self.starts.len() == rest.len() + 1 {
             self
         } else {
-            Self::new(triangles, vertices)
+            Self::new(triangles, rest, std::f64::consts::PI * separation)
         }
     }
 
-    fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
-        let mut ring: Vec<Vec<u32>> = vec![vec![]; vertices];
+    fn new(triangles: &[[u32; 3]], rest: &[Point3<f64>], length: f64) -> Self {
+        let mut ring: Vec<Vec<u32>> = vec![vec![]; rest.len()];
         for t in triangles {
             for a in 0..3 {
                 ring[t[a] as usize].extend([t[(a + 1) % 3], t[(a + 2) % 3]]);
@@ -53,28 +54,14 @@ impl Surface {
             r.dedup();
         }
         let (mut starts, mut near) = (vec![0], vec![]);
-        for (v, r) in ring.iter().enumerate() {
-            let first = near.len();
-            near.push(v as u32);
-            near.extend(r);
-            near.extend(r.iter().flat_map(|&n| &ring[n as usize]));
-            near[first..].sort_unstable();
-            // Deduplicated in place: the tail beyond `first` belongs to this vertex alone.
-            let mut tail = near.split_off(first);
-            tail.dedup();
-            near.extend(tail);
+        for v in 0..rest.len() as u32 {
+            near.extend(around(v, &ring, rest, length));
             starts.push(near.len());
         }
-        let corners = triangles
-            .iter()
-            .flatten()
-            .copied()
-            .collect::<BTreeSet<_>>()
-            .into_iter()
-            .collect();
+        let corners: BTreeSet<u32> = triangles.iter().flatten().copied().collect();
         Self {
             triangles: triangles.to_vec(),
-            corners,
+            corners: corners.into_iter().collect(),
             starts,
             near,
         }
@@ -151,18 +138,39 @@ impl Surface {
         let gap = separation - side * height;
         // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
         (was.abs() > 1e-9 && gap > -separation).then(|| {
-            let terms = std::iter::once((vertex, 1.0))
-                .chain(triangle.iter().zip(weights).map(|(&k, b)| (k, -b)));
+            let direction = normal * side;
+            let terms = std::iter::once((vertex, direction))
+                .chain(triangle.iter().zip(weights).map(|(&k, b)| (k, direction * -b)));
             (
                 gap,
                 Row {
+                    key: Key::Contact(vertex),
                     terms: terms.collect(),
-                    direction: normal * side,
                     bound: separation,
                 },
             )
         })
     }
+}
+
+/// Vertices within two rings of `from` or within `length` along the edges, sorted.
+fn around(from: u32, ring: &[Vec<u32>], rest: &[Point3<f64>], length: f64) -> Vec<u32> {
+    // Path lengths by label correction: the neighbourhoods are a few dozen vertices, a heap would cost more.
+    let mut reached = BTreeMap::from([(from, (0.0, 0u32))]);
+    let mut queue = std::collections::VecDeque::from([from]);
+    while let Some(v) = queue.pop_front() {
+        let (so_far, rings) = reached[&v];
+        for &n in &ring[v as usize] {
+            let path = so_far + (rest[n as usize] - rest[v as usize]).norm();
+            let old = reached.get(&n).copied().unwrap_or((f64::INFINITY, u32::MAX));
+            let better = (path.min(old.0), (rings + 1).min(old.1));
+            if better != old && (better.0 <= length || better.1 <= 2) {
+                reached.insert(n, better);
+                queue.push_back(n);
+            }
+        }
+    }
+    reached.into_keys().collect()
 }
 
 /// Signed height over a triangle's plane, its unit normal and the barycentric weights of the foot.
@@ -189,9 +197,4 @@ fn over(
         normal,
         [1.0 - second - third, second, third],
     ))
-}
-
-/// Largest lack of separation among the rows, 0 if none.
-pub(crate) fn deepest_gap(rows: &[Row], positions: &[Point3<f64>]) -> f64 {
-    rows.iter().map(|r| r.gap(positions)).fold(0.0, f64::max)
 }

@@ -1,234 +1,209 @@
-//! Rows of the projection and their small dense dual.
+//! Forces of the rows: a quadratic programme with bounds, solved without ever forming its matrix.
 //!
 //! ```text
-//! min ½ λᵀ G λ − gᵀ λ   s.t. λ ≥ 0              λ: forces, g: how far each row is violated without them
-//! optimal:  λ ≥ 0,  Gλ ≥ g,  λᵀ(Gλ − g) = 0
+//! min ½ λᵀ G λ − gᵀ λ   s.t. λ ≥ 0              G = A S⁻¹ Aᵀ + ς I,  g: gaps without forces
+//! gradient q = Gλ − g;  free part φ: q where λ > 0;  chopped part β: min(q, 0) where λ = 0
+//! ‖β‖ ≤ ‖φ‖:  conjugate gradients among the rows that push;  a step that would make forces negative is cut at zero
+//! ‖β‖ > ‖φ‖:  a steepest descent step along β lets further rows push
 //! ```
 //!
-//! Solved by block principal pivoting: every wrong row changes sides at once, and when that stops making progress, the last
-//! wrong one alone (Júdice and Pires 1994, after Kostreva): fast where it is easy, and it does not cycle where two sheets
-//! watch each other and their rows nearly repeat. What it cannot settle in the steps allowed, clarabel's interior point does.
+//! This is the modified proportioning with gradient projections (Dostál, *Optimal Quadratic Programming Algorithms*, 2009, ch. 5),
+//! with the projected conjugate gradient as expansion step: the cost falls in every step, so it cannot cycle where two
+//! sheets watch each other and their rows nearly repeat. A product with `G` is one sparse solve however many rows there are, where
+//! a dense `G` costs a solve per row. Among the pushing rows the steps are preconditioned by `A S Aᵀ`, the stiffness
+//! that the rows feel with everything else held (lumped preconditioner of domain decomposition).
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettingsBuilder, DefaultSolver, IPSolver, SupportedConeT};
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::{
-    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
-};
-use faer::linalg::cholesky::llt::solve::solve_in_place;
-use faer::{MatMut, Par, Spec};
-use nalgebra::{DMatrix, DVector, Point3, Vector3};
-
-use crate::Error;
-
-/// Pivots before clarabel is asked.
-const STEPS: usize = 40;
-/// Most rows for which clarabel is asked: a dense dual of this size takes it a fifth of a second, of twice the size, eight times that.
-const DENSE: usize = 300;
-/// Block pivots without progress before single ones.
-const PATIENCE: usize = 3;
-/// Softness relative to the largest diagonal entry: rows that nearly repeat each other would make `G` singular. A row that
-/// is 1 mm violated keeps about 1e-8 m of it.
-const SOFT: f64 = 1e-5;
-/// A row lacking less than this is left alone, m: below [`crate::project`]'s own threshold, so the two never disagree.
-const SLACK: f64 = 1e-9;
-
-/// `direction · Σ coefficient · x_vertex ≥ bound`.
-#[derive(Clone, Debug)]
-pub(crate) struct Row {
-    pub terms: Vec<(u32, f64)>,
-    pub direction: Vector3<f64>,
-    pub bound: f64,
+/// The programme; closures, because the system behind them needs its working memory.
+pub(crate) struct Dual<'a> {
+    /// Gaps without forces, m.
+    pub gaps: &'a [f64],
+    /// Softness `ς`: rows that repeat or contradict each other would make `G` singular.
+    pub soft: f64,
+    /// Gradient entries below this count as zero, m.
+    pub tolerance: f64,
+    /// Most products with `G`.
+    pub allowance: usize,
 }
 
-impl Row {
-    /// How far the row is violated; negative where it holds.
-    pub fn gap(&self, positions: &[Point3<f64>]) -> f64 {
-        let sum: Vector3<f64> = self
-            .terms
-            .iter()
-            .map(|&(v, c)| positions[v as usize].coords * c)
-            .sum();
-        self.bound - self.direction.dot(&sum)
-    }
-
-    /// `cᵀ v`.
-    pub fn dot(&self, v: &[f64]) -> f64 {
-        self.terms.iter().map(|&(i, c)| v[i as usize] * c).sum()
-    }
+/// Forces, and whether they are optimal within the tolerance.
+pub(crate) struct Forces {
+    pub values: Vec<f64>,
+    pub settled: bool,
+    pub products: usize,
 }
 
-/// Forces of the rows.
-pub(crate) struct Dual {
-    pub forces: Vec<f64>,
-    /// Whether they are optimal; if not, they are those of the last pivot.
-    pub exact: bool,
-}
-
-/// Solves the dual; `start` says which rows probably push.
-pub(crate) fn solve_dual(gram: &DMatrix<f64>, gaps: &[f64], start: &[bool]) -> Result<Dual, Error> {
-    if gaps.is_empty() {
-        return Ok(Dual {
-            forces: vec![],
-            exact: true,
-        });
-    }
-    let soft = SOFT * gram.diagonal().max().max(f64::MIN_POSITIVE);
-    let dual = block_pivots(gram, gaps, start, soft)?;
-    if dual.exact || gaps.len() > DENSE {
-        Ok(dual)
-    } else {
-        interior_point(gram, gaps, soft)
-    }
-}
-
-fn block_pivots(
-    gram: &DMatrix<f64>,
-    gaps: &[f64],
-    start: &[bool],
-    soft: f64,
-) -> Result<Dual, Error> {
-    let mut active = start.to_vec();
-    let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
-    let mut steps = 0;
-    loop {
-        steps += 1;
-        let forces =
-            DVector::from_vec(forces_of(gram, gaps, &active, soft).ok_or(Error::Factorisation)?);
-        let reached = gram * &forces;
-        // Rounding of the largest force decides what counts as a pull.
-        let pull = -1e-9 * forces.amax();
-        let wrong: Vec<usize> = (0..gaps.len())
-            .filter(|&k| {
-                if active[k] {
-                    forces[k] < pull
-                } else {
-                    reached[k] < gaps[k] - SLACK
-                }
-            })
-            .collect();
-        let clipped = || forces.iter().map(|f| f.max(0.0)).collect();
-        let Some(&last) = wrong.last() else {
-            return Ok(Dual {
-                forces: clipped(),
-                exact: true,
-            });
+impl Dual<'_> {
+    /// Descends from the forces of `start`. `compliance` multiplies by `A S⁻¹ Aᵀ`, `stiffness` by the preconditioner.
+    pub fn solve(
+        &self,
+        start: Vec<f64>,
+        mut compliance: impl FnMut(&[f64]) -> Vec<f64>,
+        stiffness: impl Fn(&[f64]) -> Vec<f64>,
+    ) -> Forces {
+        let mut products = 0;
+        let mut multiply = |v: &[f64]| {
+            products += 1;
+            let mut product = compliance(v);
+            for (p, v) in product.iter_mut().zip(v) {
+                *p += self.soft * v;
+            }
+            (product, products)
         };
-        if steps == STEPS {
-            return Ok(Dual {
-                forces: clipped(),
-                exact: false,
-            });
-        }
-        if wrong.len() < fewest {
-            (fewest, patience) = (wrong.len(), PATIENCE);
-        } else {
-            patience = patience.saturating_sub(1);
-        }
-        if patience > 0 {
-            for &k in &wrong {
-                active[k] = !active[k];
+        let mut state = State::at(start, self.gaps, &mut multiply);
+        // Direction and its product, while the set of pushing rows stands.
+        let mut previous: Option<(Vec<f64>, Vec<f64>)> = None;
+        while state.products < self.allowance && state.defect() > self.tolerance {
+            let (free, chopped) = state.split();
+            if dot(&chopped, &chopped) > dot(&free, &free) {
+                state.step_along(&chopped, &mut multiply);
+                previous = None;
+                continue;
             }
-        } else {
-            active[last] = !active[last];
+            let mut direction = stiffness(&free);
+            for (d, f) in direction.iter_mut().zip(&state.forces) {
+                if *f <= 0.0 {
+                    *d = 0.0;
+                }
+            }
+            if let Some((p, gp)) = &previous {
+                let share = dot(&direction, gp) / dot(p, gp);
+                for (d, p) in direction.iter_mut().zip(p) {
+                    *d -= share * p;
+                }
+            }
+            previous = state.conjugate_step(direction, self.gaps, &mut multiply);
+        }
+        Forces {
+            settled: state.defect() <= self.tolerance,
+            values: state.forces,
+            products: state.products,
         }
     }
 }
 
-/// Forces that close the gaps of the active rows exactly.
-fn forces_of(gram: &DMatrix<f64>, gaps: &[f64], active: &[bool], soft: f64) -> Option<Vec<f64>> {
-    let chosen: Vec<usize> = (0..gaps.len()).filter(|&k| active[k]).collect();
-    let count = chosen.len();
-    let mut part = Vec::with_capacity(count * count);
-    for &l in &chosen {
-        part.extend(
-            chosen
-                .iter()
-                .map(|&k| gram[(k, l)] + if k == l { soft } else { 0.0 }),
-        );
-    }
-    let mut solved: Vec<f64> = chosen.iter().map(|&k| gaps[k]).collect();
-    let mut memory = MemBuffer::try_new(cholesky_in_place_scratch::<f64>(
-        count,
-        Par::Seq,
-        Spec::default(),
-    ))
-    .ok()?;
-    let stack = MemStack::new(&mut memory);
-    let mut square = MatMut::from_column_major_slice_mut(&mut part, count, count);
-    cholesky_in_place(
-        square.as_mut(),
-        LltRegularization::default(),
-        Par::Seq,
-        stack,
-        Spec::default(),
-    )
-    .ok()?;
-    let rhs = MatMut::from_column_major_slice_mut(&mut solved, count, 1);
-    solve_in_place(square.as_ref(), rhs, Par::Seq, stack);
-    let mut forces = vec![0.0; gaps.len()];
-    for (&k, force) in chosen.iter().zip(solved) {
-        forces[k] = force;
-    }
-    Some(forces)
+struct State {
+    forces: Vec<f64>,
+    gradient: Vec<f64>,
+    products: usize,
 }
 
-fn interior_point(gram: &DMatrix<f64>, gaps: &[f64], soft: f64) -> Result<Dual, Error> {
-    let count = gaps.len();
-    // In units of the largest entry and the largest gap: clarabel's tolerances are absolute.
-    let scale = gram.diagonal().max().max(f64::MIN_POSITIVE);
-    let depth = gaps.iter().fold(f64::MIN_POSITIVE, |a, g| a.max(g.abs()));
-    let (mut starts, mut rows, mut values) = (vec![0], vec![], vec![]);
-    for l in 0..count {
-        for k in 0..=l {
-            let g = gram[(k, l)] + if k == l { soft } else { 0.0 };
-            if g != 0.0 {
-                rows.push(k);
-                values.push(g / scale);
-            }
+impl State {
+    fn at(
+        forces: Vec<f64>,
+        gaps: &[f64],
+        multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize),
+    ) -> Self {
+        let (mut gradient, products) = multiply(&forces);
+        for (q, g) in gradient.iter_mut().zip(gaps) {
+            *q -= g;
         }
-        starts.push(rows.len());
-    }
-    let quadratic = CscMatrix::new(count, count, starts, rows, values);
-    let linear: Vec<f64> = gaps.iter().map(|g| -g / depth).collect();
-    let minus: CscMatrix = CscMatrix::new(
-        count,
-        count,
-        (0..=count).collect(),
-        (0..count).collect(),
-        vec![-1.0; count],
-    );
-    let settings = DefaultSettingsBuilder::default()
-        .verbose(false)
-        .max_threads(1)
-        .tol_gap_abs(1e-10)
-        .tol_gap_rel(1e-10)
-        .tol_feas(1e-10)
-        .build()
-        .map_err(|_| Error::Factorisation)?;
-    let cone = [SupportedConeT::NonnegativeConeT(count)];
-    let mut solver = DefaultSolver::new(
-        &quadratic,
-        &linear,
-        &minus,
-        &vec![0.0; count],
-        &cone,
-        settings,
-    )
-    .map_err(|_| Error::Factorisation)?;
-    solver.solve();
-    let forces: Vec<f64> = solver
-        .solution
-        .x
-        .iter()
-        .map(|f| f.max(0.0) * depth / scale)
-        .collect();
-    if forces.iter().all(|f| f.is_finite()) {
-        Ok(Dual {
+        Self {
             forces,
-            exact: true,
-        })
-    } else {
-        Err(Error::Factorisation)
+            gradient,
+            products,
+        }
     }
+
+    /// `½ λᵀGλ − gᵀλ = ½ λᵀ(q − g)`.
+    fn cost(&self, gaps: &[f64]) -> f64 {
+        let terms = self.forces.iter().zip(&self.gradient).zip(gaps);
+        0.5 * terms.map(|((f, q), g)| f * (q - g)).sum::<f64>()
+    }
+
+    /// Largest gradient entry that a change of the forces could lower.
+    fn defect(&self) -> f64 {
+        let one = |(f, q): (&f64, &f64)| if *f > 0.0 { q.abs() } else { -q.min(0.0) };
+        self.forces
+            .iter()
+            .zip(&self.gradient)
+            .map(one)
+            .fold(0.0, f64::max)
+    }
+
+    /// Free and chopped part of the gradient.
+    fn split(&self) -> (Vec<f64>, Vec<f64>) {
+        let pairs = || self.forces.iter().zip(&self.gradient);
+        (
+            pairs()
+                .map(|(f, q)| if *f > 0.0 { *q } else { 0.0 })
+                .collect(),
+            pairs()
+                .map(|(f, q)| if *f > 0.0 { 0.0 } else { q.min(0.0) })
+                .collect(),
+        )
+    }
+
+    /// Steepest descent along the chopped gradient: forces grow from zero.
+    fn step_along(&mut self, d: &[f64], multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize)) {
+        let (product, products) = multiply(d);
+        self.products = products;
+        let length = dot(&self.gradient, d) / dot(d, &product);
+        self.advance(length, d, &product);
+    }
+
+    fn advance(&mut self, length: f64, d: &[f64], product: &[f64]) {
+        for ((f, q), (d, p)) in self
+            .forces
+            .iter_mut()
+            .zip(&mut self.gradient)
+            .zip(d.iter().zip(product))
+        {
+            *f -= length * d;
+            *q -= length * p;
+        }
+    }
+
+    /// A conjugate gradient step; where it would make forces negative, the cut one. Returns what the next direction is
+    /// made conjugate to, nothing after a cut.
+    fn conjugate_step(
+        &mut self,
+        direction: Vec<f64>,
+        gaps: &[f64],
+        multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize),
+    ) -> Option<(Vec<f64>, Vec<f64>)> {
+        let (product, products) = multiply(&direction);
+        self.products = products;
+        let full = dot(&self.gradient, &direction) / dot(&direction, &product);
+        let (room, first) = self.room(&direction);
+        if full <= room {
+            self.advance(full, &direction, &product);
+            return Some((direction, product));
+        }
+        let cut: Vec<f64> = self
+            .forces
+            .iter()
+            .zip(&direction)
+            .map(|(f, d)| (f - full * d).max(0.0))
+            .collect();
+        let there = Self::at(cut, gaps, multiply);
+        if there.cost(gaps) < self.cost(gaps) {
+            *self = there;
+        } else {
+            // Only as far as the first force that vanishes: the cost falls all along the way.
+            self.advance(room, &direction, &product);
+            self.products = there.products;
+            if let Some(first) = first {
+                self.forces[first] = 0.0;
+            }
+            for f in &mut self.forces {
+                *f = f.max(0.0);
+            }
+        }
+        None
+    }
+
+    /// How far a step may go before the first force vanishes, and which that is.
+    fn room(&self, direction: &[f64]) -> (f64, Option<usize>) {
+        let mut nearest = (f64::INFINITY, None);
+        for (k, (f, d)) in self.forces.iter().zip(direction).enumerate() {
+            if *d > 0.0 && f / d < nearest.0 {
+                nearest = (f / d, Some(k));
+            }
+        }
+        nearest
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

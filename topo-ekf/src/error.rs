@@ -22,7 +22,7 @@ pub enum Error {
     /// A coordinate is NaN or infinite, or so large that squares overflow.
     #[error("{what} {index} is not a usable point: {value:?}")]
     NonFinitePoint {
-        /// Which list: `rest`, `live` or `observation`.
+        /// Which list: `rest`, `live`, `truth`, `observation` or `coefficient of inequality`.
         what: &'static str,
         /// Position in that list.
         index: usize,
@@ -42,7 +42,7 @@ pub enum Error {
     /// An index points past the end of the vertices.
     #[error("{what} {index} names vertex {vertex}, there are {vertices}")]
     VertexOutOfRange {
-        /// Which list: `edge`, `observation`, `triangle` or `keep`.
+        /// Which list: `edge`, `observation`, `triangle`, `inequality` or `keep`.
         what: &'static str,
         /// Position in that list.
         index: usize,

@@ -1,19 +1,28 @@
 //! The filter: predict, update, project.
-
-use std::collections::HashSet;
+//!
+//! ```text
+//! state      live x̃, rotations R, data information d with the place y where the data put each vertex
+//! predict    x⁻, ΔR from the motion of what is seen;  y ← x⁻ + ΔR (y − x̃);  d ← d/(1 + q d)
+//! update     S = diag(d + r + a) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ,   S x̂ = d y + r z + a x⁻ + shape(R)
+//! project    x̃ = argmin (x − x̂)ᵀ (S ⊗ I₃) (x − x̂) over the constraints
+//! keep       x̃, R;  d ← d + r,  y ← (d y + r z)/(d + r)
+//! ```
+//!
+//! Data and shape are kept apart: `(d, y)` is what was measured, the shape memory is a standing prior that enters each
+//! frame once. Pulling to the last estimate instead of `y` would count the shape again in every frame.
 
 use nalgebra::{Point3, Rotation3};
 
-use crate::contact::{Surface, deepest_gap};
-use crate::dual::Row;
-use crate::graph::{Graph, check_points, check_vertex};
+use crate::consistency::Consistency;
+use crate::contact::Surface;
+use crate::graph::{Graph, check_points};
 use crate::marginal::variances;
-use crate::memory::{Memory, fit_rotations};
-use crate::motion::{Motion, predict};
+use crate::memory::{Memory, Relaxed};
+use crate::motion::{Moved, predict};
 use crate::observability::Observability;
-use crate::observation::{Frame, Seen};
-use crate::options::Options;
-use crate::project::{Projected, Projection, Status, Warm, deepest, split_planes};
+use crate::observation::{Frame, Observation, Seen};
+use crate::options::{Motion, Options};
+use crate::project::Warm;
 use crate::report::StepReport;
 use crate::rotation::clean;
 use crate::system::{Factor, System};
@@ -30,37 +39,58 @@ use crate::{Error, columns};
 /// # Limits
 /// Shape memory of a surface graph resists stretch and, by the overlap of neighbouring rotations, bending over about two edges. A
 /// hollow shell that is unseen on one half keeps that half's bulge only as well as that; edges through the body stiffen it.
+///
+/// Covariances are those of the linearised model: they take the predicted motion and the fitted rotations for given. See
+/// [`Filter::innovation_statistic`] and [`Filter::error_statistic`] for how honest that is on your data.
 pub struct Filter {
     pub(crate) options: Options,
     pub(crate) graph: Graph,
     pub(crate) system: System,
-    rest: Vec<Point3<f64>>,
-    live: Vec<Point3<f64>>,
-    rotations: Vec<Rotation3<f64>>,
+    pub(crate) rest: Vec<Point3<f64>>,
+    pub(crate) live: Vec<Point3<f64>>,
+    /// Estimate before the constraints.
+    pub(crate) estimate: Vec<Point3<f64>>,
+    /// Where the data of all frames put every vertex, carried along by the motion.
+    pub(crate) evidence: Vec<Point3<f64>>,
+    pub(crate) rotations: Vec<Rotation3<f64>>,
     /// Data information of every vertex, 1/m²: what was measured, less what time has taken.
     pub(crate) information: Vec<f64>,
     /// Vertices measured in the last step.
     pub(crate) seen: Vec<bool>,
-    warm: Warm,
-    surface: Surface,
+    pub(crate) warm: Warm,
+    pub(crate) surface: Surface,
+    /// What the statistics of the last step need.
+    pub(crate) last: Option<Prior>,
 }
 
-/// Most times the contacts are linearised. Two are the rule; where two sheets are pressed hard onto each other, the triangle
-/// under a vertex changes with the push and five have been seen.
-const LINEARISATIONS: usize = 6;
-/// What a row asks for beyond the separation, m: the triangle turns while it is pushed, and this much of second order is
-/// then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
-const SPARE: f64 = 2e-5;
-/// Lack of separation that is left standing, m.
-const SEPARATED: f64 = 1e-6;
+/// The prior of the last update and what was weighed in against it.
+pub(crate) struct Prior {
+    seen: Seen,
+    /// Data information before the update.
+    information: Vec<f64>,
+    /// Predicted places, the origin of `pull`.
+    origin: Vec<Point3<f64>>,
+    /// Right-hand side of the prior alone, for displacements from the origin.
+    pull: Vec<f64>,
+}
 
-/// Everything a successful step replaces.
-struct Posterior {
-    live: Vec<Point3<f64>>,
+/// Everything the prediction hands to the update.
+struct Prediction {
+    seen: Seen,
+    positions: Vec<Point3<f64>>,
     rotations: Vec<Rotation3<f64>>,
     information: Vec<f64>,
-    seen: Vec<bool>,
-    warm: Warm,
+    evidence: Vec<Point3<f64>>,
+}
+
+/// The unconstrained posterior.
+pub(crate) struct Update {
+    /// Lower triangle of the information matrix.
+    pub values: Vec<f64>,
+    pub factor: Factor,
+    pub relaxed: Relaxed,
+    weights: Vec<f64>,
+    information: Vec<f64>,
 }
 
 impl Filter {
@@ -81,17 +111,25 @@ impl Filter {
             system,
             rest: rest.to_vec(),
             live: rest.to_vec(),
+            estimate: rest.to_vec(),
+            evidence: rest.to_vec(),
             rotations: vec![Rotation3::identity(); rest.len()],
             information: vec![options.initial_sigma.powi(-2); rest.len()],
             seen: vec![false; rest.len()],
             warm: Warm::default(),
             surface: Surface::default(),
+            last: None,
         })
     }
 
     /// Live positions.
     pub fn live(&self) -> &[Point3<f64>] {
         &self.live
+    }
+
+    /// Estimate of the last step before the constraints; equal to [`Filter::live`] where nothing was violated. The covariance is its.
+    pub fn unconstrained(&self) -> &[Point3<f64>] {
+        &self.estimate
     }
 
     /// Rest positions.
@@ -142,125 +180,8 @@ impl Filter {
             });
         }
         self.graph.stiffness.copy_from_slice(stiffness);
+        self.last = None;
         Ok(())
-    }
-
-    /// Replaces the graph: vertices added, removed, joined otherwise, or with relaxed rest positions.
-    ///
-    /// `keep[i]` is the old vertex that new vertex `i` continues; it hands on its information and, unless `rotations` gives
-    /// others, its rotation. Vertices without one get [`Options::initial_sigma`] and the rotation that fits their edges.
-    ///
-    /// # Errors
-    /// Lists of different lengths, unusable points or rotations, indices out of range; the filter then keeps its graph.
-    ///
-    /// # Complexity
-    /// As [`Filter::new`].
-    pub fn set_graph(
-        &mut self,
-        rest: &[Point3<f64>],
-        live: &[Point3<f64>],
-        rotations: Option<&[Rotation3<f64>]>,
-        edges: &[[u32; 2]],
-        keep: &[Option<u32>],
-    ) -> Result<(), Error> {
-        let graph = Graph::new(rest, edges)?;
-        let expected = rest.len();
-        for (what, found) in [
-            ("live", live.len()),
-            ("keep", keep.len()),
-            (
-                "rotations",
-                rotations.map_or(expected, <[Rotation3<f64>]>::len),
-            ),
-        ] {
-            if found != expected {
-                return Err(Error::Length {
-                    what,
-                    found,
-                    expected,
-                });
-            }
-        }
-        check_points("live", live)?;
-        for (index, old) in keep.iter().enumerate() {
-            if let &Some(old) = old {
-                check_vertex("keep", index, old, self.rest.len())?;
-            }
-        }
-        let rotations = match rotations {
-            Some(given) => checked_rotations(given)?,
-            None => self.continued_rotations(&graph, live, keep),
-        };
-        let system = System::new(rest.len(), edges)?;
-        let new = self.options.initial_sigma.powi(-2);
-        self.information = keep
-            .iter()
-            .map(|k| k.map_or(new, |k| self.information[k as usize]))
-            .collect();
-        self.seen = keep
-            .iter()
-            .map(|k| k.is_some_and(|k| self.seen[k as usize]))
-            .collect();
-        // Active sets only warm up the next projection, so dropping them is safe.
-        self.warm = Warm::default();
-        self.rest = rest.to_vec();
-        self.live = live.to_vec();
-        self.rotations = rotations;
-        self.graph = graph;
-        self.system = system;
-        Ok(())
-    }
-
-    /// Rotations of kept vertices; new ones take the mean of their kept neighbours' as guess and prior of a fit.
-    fn continued_rotations(
-        &self,
-        graph: &Graph,
-        live: &[Point3<f64>],
-        keep: &[Option<u32>],
-    ) -> Vec<Rotation3<f64>> {
-        let mut known: Vec<Option<Rotation3<f64>>> = keep
-            .iter()
-            .map(|k| k.map(|k| self.rotations[k as usize]))
-            .collect();
-        let weights = vec![1.0; graph.edges.len()];
-        // Outward from the kept ones, a ring at a time; what is never reached starts unrotated.
-        loop {
-            let mut sums = vec![None; live.len()];
-            for &[i, j] in &graph.edges {
-                for (to, from) in [(i as usize, j as usize), (j as usize, i as usize)] {
-                    if let (None, Some(r)) = (known[to], known[from]) {
-                        *sums[to].get_or_insert_with(nalgebra::Matrix3::zeros) += r.matrix();
-                    }
-                }
-            }
-            let mut spread = false;
-            for (k, sum) in known.iter_mut().zip(sums) {
-                if let Some(sum) = sum {
-                    *k = Some(crate::rotation::nearest_rotation(
-                        &sum,
-                        &Rotation3::identity(),
-                    ));
-                    spread = true;
-                }
-            }
-            if !spread {
-                break;
-            }
-        }
-        let guess: Vec<_> = known.into_iter().map(Option::unwrap_or_default).collect();
-        let fitted = fit_rotations(
-            graph,
-            &weights,
-            live,
-            &guess,
-            &guess,
-            self.options.rotation_memory,
-        );
-        keep.iter()
-            .zip(guess)
-            .zip(fitted)
-            .map(|((k, g), f)| if k.is_some() { g } else { clean(&f) })
-            .collect()
     }
 
     /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape memory and the
@@ -272,9 +193,12 @@ impl Filter {
     /// # Complexity
     /// One factorisation and one selected inverse, about 6 ms at 2,000 vertices: ask for it every few frames.
     pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
+        Ok(self.variances()?.into_iter().map(f64::sqrt).collect())
+    }
+
+    fn variances(&self) -> Result<Vec<f64>, Error> {
         let values = self.values(&self.information, &self.weights());
-        let variances = variances(&self.system.pattern, self.system.simplicial()?, &values)?;
-        Ok(variances.into_iter().map(f64::sqrt).collect())
+        variances(&self.system.pattern, self.system.simplicial()?, &values)
     }
 
     /// What the last step determined, by connection; [`Filter::marginal_sigmas`] says how well.
@@ -282,39 +206,169 @@ impl Filter {
         Observability::new(&self.seen, &self.graph.component, self.graph.components)
     }
 
+    /// Normalised innovation squared of the last step: what was seen against what data, shape and motion foretold, one innovation
+    /// per seen vertex. `None` before the first step and after a change of graph or stiffness.
+    ///
+    /// Exact for [`Motion::Still`]. With [`Motion::Spread`] the motion was estimated from the same observations, so the statistic
+    /// reads low; how low, the README says.
+    ///
+    /// # Errors
+    /// As [`Filter::step`].
+    ///
+    /// # Complexity
+    /// One factorisation and one solve.
+    pub fn innovation_statistic(&mut self) -> Result<Option<Consistency>, Error> {
+        let Some(last) = &self.last else {
+            return Ok(None);
+        };
+        let values = self.values(&last.information, &self.weights());
+        let factor = self.system.factorise(&values)?;
+        let mut expected = last.pull.clone();
+        self.system.solve(&factor, &mut expected);
+        let expected = columns::read(&expected);
+        let (mut squared, mut count) = (0.0, 0);
+        for i in 0..self.live.len() {
+            let r = last.seen.information[i];
+            if r > 0.0 {
+                let innovation = last.seen.position[i] - (last.origin[i] + expected[i]);
+                let residual = last.seen.position[i] - self.estimate[i];
+                squared += r * innovation.dot(&residual);
+                count += 1;
+            }
+        }
+        Ok(Some(Consistency::new(squared, 3 * count)))
+    }
+
+    /// Normalised estimation error squared of the live positions, where the truth is known: in simulations.
+    ///
+    /// # Errors
+    /// A truth of another length or with unusable points.
+    pub fn error_statistic(&self, truth: &[Point3<f64>]) -> Result<Consistency, Error> {
+        let (found, expected) = (truth.len(), self.live.len());
+        if found != expected {
+            return Err(Error::Length {
+                what: "truth",
+                found,
+                expected,
+            });
+        }
+        check_points("truth", truth)?;
+        let values = self.values(&self.information, &self.weights());
+        let along = |axis: usize| {
+            let error: Vec<f64> = self
+                .live
+                .iter()
+                .zip(truth)
+                .map(|(x, t)| x[axis] - t[axis])
+                .collect();
+            let pulled = self.system.pattern.multiply(&values, &error);
+            error.iter().zip(&pulled).map(|(e, p)| e * p).sum::<f64>()
+        };
+        Ok(Consistency::new((0..3).map(along).sum(), 3 * expected))
+    }
+
+    /// What the last step left of each of its observations, in the standard deviations that an honest residual has:
+    /// `‖z − x̂‖ / √(3 (σ² − P))`, `P` the marginal variance. About 1 is ordinary, 3 and more is an outlier.
+    ///
+    /// # Errors
+    /// Unusable observations; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    pub fn normalised_residuals(&self, observations: &[Observation]) -> Result<Vec<f64>, Error> {
+        Frame::new(observations).check(self.live.len())?;
+        let variances = self.variances()?;
+        let of = |o: &Observation| {
+            let i = o.vertex as usize;
+            // A vertex that nothing but this observation holds leaves no residual, and no variance of one: 0, not 0/0.
+            let left = (o.sigma * o.sigma - variances[i]).max(1e-12 * o.sigma * o.sigma);
+            (o.position - self.estimate[i]).norm() / (3.0 * left).sqrt()
+        };
+        Ok(observations.iter().map(of).collect())
+    }
+
     /// One frame: predict, update, project.
     ///
     /// # Errors
-    /// Unusable observations, planes or triangles; information too far apart to be factorised. The filter is left as it was.
+    /// Unusable observations, planes, triangles or inequalities; information too far apart to be factorised. The filter is left as
+    /// it was.
     ///
     /// # Complexity
-    /// Three numeric factorisations and `rotation_iterations + 2` solves without contact: 6 to 10 ms at 2,000 vertices.
+    /// Three numeric factorisations (one for [`Motion::Still`]) and `rotation_iterations + 2` solves; a touched table costs two to four
+    /// factorisations more, contacts some tens of solves.
     pub fn step(&mut self, frame: &Frame) -> Result<StepReport, Error> {
         frame.check(self.live.len())?;
-        let (posterior, report) = self.posterior(frame)?;
-        self.live = posterior.live;
-        self.rotations = posterior.rotations;
-        self.information = posterior.information;
-        self.seen = posterior.seen;
-        self.warm = posterior.warm;
+        let prediction = self.predict(frame)?;
+        let update = self.update(&prediction)?;
+        let constrained = self.constrain(frame, &update)?;
+        let rotations = match self.options.motion {
+            Motion::Still => prediction.rotations.clone(),
+            Motion::Spread => self
+                .memory(&prediction, &update.weights, &[])
+                .fit(
+                    &constrained.positions,
+                    &update.relaxed.rotations,
+                    self.options.rotation_memory,
+                )
+                .iter()
+                .map(clean)
+                .collect(),
+        };
+        let mut report = constrained.report;
+        report.iterations = update.relaxed.iterations;
+        report.last_move = update.relaxed.last_move;
+        // From here on nothing can fail.
+        let seen = &prediction.seen;
+        self.seen = seen.information.iter().map(|&r| r > 0.0).collect();
+        self.evidence = (0..self.live.len())
+            .map(|i| {
+                let (y, z) = (prediction.evidence[i], seen.position[i]);
+                y + (z - y) * (seen.information[i] / update.information[i])
+            })
+            .collect();
+        self.live = constrained.positions;
+        self.rotations = rotations;
+        self.information = update.information;
+        self.warm = constrained.warm;
+        self.surface = constrained.surface;
+        self.last = Some(Prior {
+            pull: prior_pull(update.relaxed.pull, &prediction),
+            seen: prediction.seen,
+            information: prediction.information,
+            origin: prediction.positions,
+        });
+        self.estimate = update.relaxed.positions;
         Ok(report)
     }
 
-    fn posterior(&mut self, frame: &Frame) -> Result<(Posterior, StepReport), Error> {
-        // Predict.
+    /// Carries everything to this frame.
+    fn predict(&mut self, frame: &Frame) -> Result<Prediction, Error> {
         let seen = Seen::gather(frame.observations, &self.live);
-        let motion = predict(
-            &self.graph,
-            &mut self.system,
-            &self.live,
-            &seen,
-            &self.options,
-        )?;
-        let decayed = self.decayed(frame.dt_frames);
-        let innovations = innovations(frame, &motion, &decayed);
+        let moved = match self.options.motion {
+            Motion::Still => Moved::still(&self.live),
+            Motion::Spread => predict(
+                &self.graph,
+                &mut self.system,
+                &self.live,
+                &seen,
+                &self.options,
+            )?,
+        };
+        let turned = |(turn, r): (&Rotation3<f64>, &Rotation3<f64>)| turn * r;
+        let carried = |i: usize| {
+            moved.positions[i] + moved.turns[i] * (self.evidence[i] - self.live[i])
+        };
+        Ok(Prediction {
+            rotations: moved.turns.iter().zip(&self.rotations).map(turned).collect(),
+            evidence: (0..self.live.len()).map(carried).collect(),
+            information: self.decayed(frame.dt_frames),
+            positions: moved.positions,
+            seen,
+        })
+    }
 
-        // Update.
-        let information: Vec<f64> = decayed
+    /// Weighs the observations in.
+    fn update(&mut self, prediction: &Prediction) -> Result<Update, Error> {
+        let seen = &prediction.seen;
+        let information: Vec<f64> = prediction
+            .information
             .iter()
             .zip(&seen.information)
             .map(|(d, r)| d + r)
@@ -322,52 +376,43 @@ impl Filter {
         let weights = self.weights();
         let values = self.values(&information, &weights);
         let factor = self.system.factorise(&values)?;
-        let predicted: Vec<_> = motion
-            .turns
-            .iter()
-            .zip(&self.rotations)
-            .map(|(turn, r)| turn * r)
-            .collect();
         let mut data = vec![0.0; 3 * self.live.len()];
         for i in 0..self.live.len() {
-            let pull = (seen.position[i] - motion.positions[i]) * seen.information[i];
+            let origin = prediction.positions[i];
+            let pull = (seen.position[i] - origin) * seen.information[i]
+                + (prediction.evidence[i] - origin) * prediction.information[i];
             columns::add(&mut data, i, &pull);
         }
         let memory = Memory {
             graph: &self.graph,
             weights: &weights,
-            predicted: &predicted,
-            origin: &motion.positions,
+            predicted: &prediction.rotations,
+            origin: &prediction.positions,
             data: &data,
         };
         let relaxed = memory.relax(&mut self.system, &factor, &self.options)?;
-
-        // Project.
-        let (projected, warm, mut report) =
-            self.project(frame, &values, &factor, &relaxed.positions)?;
-        let memory = Memory {
-            graph: &self.graph,
-            weights: &weights,
-            predicted: &predicted,
-            origin: &motion.positions,
-            data: &data,
-        };
-        let rotations = memory.fit(
-            &projected.positions,
-            &relaxed.rotations,
-            self.options.rotation_memory,
-        );
-        report.iterations = relaxed.iterations;
-        report.last_move = relaxed.last_move;
-        report.innovations = innovations;
-        let posterior = Posterior {
-            live: projected.positions,
-            rotations: rotations.iter().map(clean).collect(),
+        Ok(Update {
+            values,
+            factor,
+            relaxed,
+            weights,
             information,
-            seen: seen.information.iter().map(|&r| r > 0.0).collect(),
-            warm,
-        };
-        Ok((posterior, report))
+        })
+    }
+
+    fn memory<'a>(
+        &'a self,
+        prediction: &'a Prediction,
+        weights: &'a [f64],
+        data: &'a [f64],
+    ) -> Memory<'a> {
+        Memory {
+            graph: &self.graph,
+            weights,
+            predicted: &prediction.rotations,
+            origin: &prediction.positions,
+            data,
+        }
     }
 
     /// `d/(1 + q d)`: the information of a vertex that walked at random with variance `q`.
@@ -376,122 +421,27 @@ impl Filter {
         self.information.iter().map(|d| d / (1.0 + q * d)).collect()
     }
 
-    pub(crate) fn weights(&self) -> Vec<f64> {
+    fn weights(&self) -> Vec<f64> {
         let unit = self.options.edge_sigma.powi(-2);
         self.graph.stiffness.iter().map(|s| s * unit).collect()
     }
 
     /// Lower triangle of the information matrix.
-    pub(crate) fn values(&self, information: &[f64], weights: &[f64]) -> Vec<f64> {
+    fn values(&self, information: &[f64], weights: &[f64]) -> Vec<f64> {
         let anchor = self.options.anchor_sigma.powi(-2);
         let diagonal: Vec<f64> = information.iter().map(|d| d + anchor).collect();
         self.system
             .pattern
             .assemble(&diagonal, &self.graph.edges, |e| weights[e])
     }
+}
 
-    fn project(
-        &mut self,
-        frame: &Frame,
-        values: &[f64],
-        factor: &Factor,
-        estimate: &[Point3<f64>],
-    ) -> Result<(Projected, Warm, StepReport), Error> {
-        let (plane, planes) = split_planes(frame.planes, estimate);
-        let surface = std::mem::take(&mut self.surface).renewed(frame.triangles, estimate.len());
-        let watch = |now: &[Point3<f64>]| {
-            surface.watch(
-                &self.live,
-                now,
-                self.options.separation + SPARE,
-                self.options.contact_reach,
-            )
-        };
-        let mut contacts = watch(estimate);
-        let before = (deepest_gap(&contacts, estimate) - SPARE).max(0.0);
-        let mut warm = self.warm.clone();
-        let (mut passes, mut rounds, mut factorisations) = (0, 0, 0);
-        let (projected, left, watched) = loop {
-            let rows: Vec<_> = planes.iter().chain(&contacts).cloned().collect();
-            let projection = Projection {
-                values,
-                factor,
-                estimate,
-                plane,
-                rows: &rows,
-            };
-            let projected = projection.solve(&mut self.system, &warm)?;
-            warm = Warm::of(&projected, &rows);
-            rounds += projected.rounds;
-            factorisations += projected.factorisations;
-            passes += 1;
-            // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
-            let again = watch(&projected.positions);
-            let left = (deepest_gap(&again, &projected.positions) - SPARE).max(0.0);
-            if left <= SEPARATED || passes == LINEARISATIONS {
-                break (projected, left, contacts.len());
-            }
-            contacts = merged(contacts, again);
-        };
-        self.surface = surface;
-        if let Some(vertex) = projected
-            .positions
-            .iter()
-            .position(|p| !p.iter().all(|c| c.is_finite()))
-        {
-            return Err(Error::Overflow { vertex });
-        }
-        let status = match projected.status {
-            Status::Constrained if left > SEPARATED => Status::Unsettled,
-            status => status,
-        };
-        let report = StepReport {
-            status,
-            iterations: 0,
-            last_move: 0.0,
-            plane_depth: [
-                deepest(frame.planes, estimate),
-                deepest(frame.planes, &projected.positions),
-            ],
-            contact_depth: [before, left],
-            resting: projected.resting.clone(),
-            pushing: projected.pushing.len(),
-            watched,
-            rounds,
-            factorisations,
-            innovations: vec![],
-        };
-        Ok((projected, warm, report))
+/// The right-hand side of the update without this frame's observations.
+fn prior_pull(mut pull: Vec<f64>, prediction: &Prediction) -> Vec<f64> {
+    let seen = &prediction.seen;
+    for (i, origin) in prediction.positions.iter().enumerate() {
+        let measured = (seen.position[i] - origin) * seen.information[i];
+        columns::add(&mut pull, i, &-measured);
     }
-}
-
-/// The rows of the newer linearisation, and of the older one for the vertices that the newer does not watch.
-fn merged(old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
-    let watched: HashSet<u32> = new.iter().map(|r| r.terms[0].0).collect();
-    let mut rows = new;
-    rows.extend(old.into_iter().filter(|r| !watched.contains(&r.terms[0].0)));
-    rows
-}
-
-fn checked_rotations(given: &[Rotation3<f64>]) -> Result<Vec<Rotation3<f64>>, Error> {
-    for (index, r) in given.iter().enumerate() {
-        let defect = (r.matrix().tr_mul(r.matrix()) - nalgebra::Matrix3::identity()).norm();
-        // Written so that NaN is refused too.
-        if !(defect < 1e-6 && r.matrix().determinant() > 0.0) {
-            return Err(Error::NotARotation { index });
-        }
-    }
-    Ok(given.iter().map(clean).collect())
-}
-
-fn innovations(frame: &Frame, motion: &Motion, information: &[f64]) -> Vec<f64> {
-    frame
-        .observations
-        .iter()
-        .map(|o| {
-            let i = o.vertex as usize;
-            let variance = o.sigma * o.sigma + 1.0 / information[i];
-            (o.position - motion.positions[i]).norm() / (3.0 * variance).sqrt()
-        })
-        .collect()
+    pull
 }

@@ -10,7 +10,7 @@ use nalgebra::{Point3, Vector3};
 use crate::Error;
 
 /// Coordinates beyond this have squares that cost the digits of everything else.
-const FARTHEST: f64 = 1e9;
+pub(crate) const FARTHEST: f64 = 1e9;
 
 /// Undirected graph over the vertices. Parallel edges are allowed and add their stiffness.
 #[derive(Clone, Debug)]

@@ -1,8 +1,8 @@
 //! Shape memory: every edge keeps its rest vector up to the rotation of its ends (as rigid as possible).
 //!
 //! ```text
-//! min over x, R   Σ_i d_i ‖x_i − x⁻_i‖² + Σ_i r_i ‖x_i − z_i‖² + Σ_e w_e ‖x_i − x_j − ½(R_i + R_j) E_e‖²
-//! global   S x = d x⁻ + r z + Σ_e w_e ½(R_i + R_j) E_e         S = diag(d + r) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ
+//! min over x, R   Σ_i d_i ‖x_i − y_i‖² + Σ_i r_i ‖x_i − z_i‖² + Σ_e w_e ‖x_i − x_j − ½(R_i + R_j) E_e‖²
+//! global   S x = d y + r z + Σ_e w_e ½(R_i + R_j) E_e         S = diag(d + r) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ
 //! local    R_i = argmax tr(Rᵀ M_i),   M_i = Σ_{e∋i} w_e (x_i − x_j) E_eᵀ + δ tr · R⁻_i
 //! ```
 //!
@@ -14,7 +14,7 @@
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 use crate::graph::Graph;
-use crate::options::Options;
+use crate::options::{Motion, Options};
 use crate::rotation::nearest_rotation;
 use crate::system::{Factor, System};
 use crate::{Error, columns};
@@ -25,6 +25,8 @@ pub(crate) struct Relaxed {
     pub rotations: Vec<Rotation3<f64>>,
     pub iterations: usize,
     pub last_move: f64,
+    /// Right-hand side of the last global step, for displacements from the origin.
+    pub pull: Vec<f64>,
 }
 
 /// Everything the alternations hold fixed.
@@ -36,7 +38,7 @@ pub(crate) struct Memory<'a> {
     pub predicted: &'a [Rotation3<f64>],
     /// Predicted positions `x⁻`; the unknowns are displacements from them.
     pub origin: &'a [Point3<f64>],
-    /// Data side of the right-hand side, `r (z − x⁻)`, column-major.
+    /// Data side of the right-hand side, `r (z − x⁻) + d (y − x⁻)`, column-major.
     pub data: &'a [f64],
 }
 
@@ -51,23 +53,45 @@ impl Memory<'_> {
         let mut positions = self.origin.to_vec();
         let mut rotations = self.predicted.to_vec();
         let (mut iterations, mut last_move) = (0, f64::INFINITY);
+        let mut pull = vec![];
         while iterations < options.rotation_iterations && last_move > options.tolerance {
-            let next = self.solve(system, factor, &rotations)?;
+            pull = self.pull(&rotations);
+            let next = self.solve(system, factor, &pull)?;
             last_move = positions
                 .iter()
                 .zip(&next)
                 .map(|(a, b)| (a - b).norm())
                 .fold(0.0, f64::max);
             positions = next;
-            rotations = self.fit(&positions, &rotations, options.rotation_memory);
             iterations += 1;
+            match options.motion {
+                Motion::Still => break,
+                Motion::Spread => {
+                    rotations = self.fit(&positions, &rotations, options.rotation_memory);
+                }
+            }
         }
         Ok(Relaxed {
             positions,
             rotations,
             iterations,
             last_move,
+            pull,
         })
+    }
+
+    /// Right-hand side of the global step: data and turned rest edges.
+    fn pull(&self, rotations: &[Rotation3<f64>]) -> Vec<f64> {
+        let mut pull = self.data.to_vec();
+        for (e, &[i, j]) in self.graph.edges.iter().enumerate() {
+            let (i, j) = (i as usize, j as usize);
+            let rest = self.graph.vectors[e];
+            let turned = (rotations[i] * rest + rotations[j] * rest) * 0.5;
+            let force = (turned - (self.origin[i] - self.origin[j])) * self.weights[e];
+            columns::add(&mut pull, i, &force);
+            columns::add(&mut pull, j, &-force);
+        }
+        pull
     }
 
     /// Global step.
@@ -75,19 +99,11 @@ impl Memory<'_> {
         &self,
         system: &mut System,
         factor: &Factor,
-        rotations: &[Rotation3<f64>],
+        pull: &[f64],
     ) -> Result<Vec<Point3<f64>>, Error> {
-        let mut rhs = self.data.to_vec();
-        for (e, &[i, j]) in self.graph.edges.iter().enumerate() {
-            let (i, j) = (i as usize, j as usize);
-            let rest = self.graph.vectors[e];
-            let turned = (rotations[i] * rest + rotations[j] * rest) * 0.5;
-            let pull = (turned - (self.origin[i] - self.origin[j])) * self.weights[e];
-            columns::add(&mut rhs, i, &pull);
-            columns::add(&mut rhs, j, &-pull);
-        }
-        system.solve(factor, &mut rhs);
-        if let Some(at) = rhs.iter().position(|v| !v.is_finite()) {
+        let mut shift = pull.to_vec();
+        system.solve(factor, &mut shift);
+        if let Some(at) = shift.iter().position(|v| !v.is_finite()) {
             return Err(Error::Overflow {
                 vertex: at % self.origin.len(),
             });
@@ -95,7 +111,7 @@ impl Memory<'_> {
         Ok(self
             .origin
             .iter()
-            .zip(columns::read(&rhs))
+            .zip(columns::read(&shift))
             .map(|(p, d)| p + d)
             .collect())
     }

@@ -46,9 +46,19 @@ impl Rigid {
 }
 
 /// Turn and place of every vertex as the motion predicts them.
-pub(crate) struct Motion {
+pub(crate) struct Moved {
     pub turns: Vec<Rotation3<f64>>,
     pub positions: Vec<Point3<f64>>,
+}
+
+impl Moved {
+    /// Nothing moves.
+    pub fn still(live: &[Point3<f64>]) -> Self {
+        Self {
+            turns: vec![Rotation3::identity(); live.len()],
+            positions: live.to_vec(),
+        }
+    }
 }
 
 /// Predicts from last frame's positions and this frame's observations.
@@ -58,7 +68,7 @@ pub(crate) fn predict(
     live: &[Point3<f64>],
     seen: &Seen,
     options: &Options,
-) -> Result<Motion, Error> {
+) -> Result<Moved, Error> {
     let rigid = rigid_motions(graph, live, seen, options);
     let carried: Vec<_> = live
         .iter()
@@ -71,7 +81,7 @@ pub(crate) fn predict(
         .map(|(w, &c)| Rotation3::new(*w) * rigid[c as usize].rotation)
         .collect::<Vec<_>>();
     let positions = place(graph, system, live, &carried, &turns, seen, options)?;
-    Ok(Motion { turns, positions })
+    Ok(Moved { turns, positions })
 }
 
 /// One weighted Kabsch fit per component that is seen.

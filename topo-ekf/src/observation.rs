@@ -1,9 +1,9 @@
 //! What a frame brings: measured vertices, planes that nothing passes, the surface for self-intersection.
 
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 
 use crate::Error;
-use crate::graph::{check_vertex, usable_point};
+use crate::graph::{FARTHEST, check_vertex, usable_point};
 use crate::options::usable_sigma;
 
 /// A vertex measured at a position, with the same standard deviation in every direction.
@@ -36,6 +36,17 @@ impl Plane {
     }
 }
 
+/// A linear inequality of the caller's own, `Σ_v a_v · x_v ≥ bound`, over any few vertices.
+///
+/// Feasible to 1e-6 times the largest `‖a_v‖`: with unit vectors, to a micrometre.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Inequality {
+    /// Vertices with their coefficient vectors `a_v`; a vertex named twice counts with the sum.
+    pub terms: Vec<(u32, Vector3<f64>)>,
+    /// Lower bound, metres times the unit of the coefficients.
+    pub bound: f64,
+}
+
 /// Everything one step is given.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
@@ -45,6 +56,8 @@ pub struct Frame<'a> {
     pub planes: &'a [Plane],
     /// Triangles of the surface, for self-intersection; may be empty.
     pub triangles: &'a [[u32; 3]],
+    /// Linear inequalities of the caller's own; may be empty.
+    pub inequalities: &'a [Inequality],
     /// Frame periods since the last step: scales the process noise. 1 when no frame was dropped.
     pub dt_frames: f64,
 }
@@ -56,6 +69,7 @@ impl<'a> Frame<'a> {
             observations,
             planes: &[],
             triangles: &[],
+            inequalities: &[],
             dt_frames: 1.0,
         }
     }
@@ -74,36 +88,30 @@ impl<'a> Frame<'a> {
         self
     }
 
+    /// Adds linear inequalities.
+    #[must_use]
+    pub fn with_inequalities(mut self, inequalities: &'a [Inequality]) -> Self {
+        self.inequalities = inequalities;
+        self
+    }
+
+    /// Sets the frame periods since the last step.
+    #[must_use]
+    pub fn with_dt_frames(mut self, dt_frames: f64) -> Self {
+        self.dt_frames = dt_frames;
+        self
+    }
+
     /// Refuses anything that has no meaning for a filter of this many vertices.
     pub(crate) fn check(&self, vertices: usize) -> Result<(), Error> {
         for (index, o) in self.observations.iter().enumerate() {
-            check_vertex("observation", index, o.vertex, vertices)?;
-            if !usable_point(&o.position) {
-                return Err(Error::NonFinitePoint {
-                    what: "observation",
-                    index,
-                    value: o.position.coords.into(),
-                });
-            }
-            if !usable_sigma(o.sigma) {
-                let must = "between 1e-9 and 1e3";
-                return Err(Error::Value {
-                    what: "sigma of observation",
-                    index,
-                    value: o.sigma,
-                    must,
-                });
-            }
+            o.check(index, vertices)?;
         }
         for (index, p) in self.planes.iter().enumerate() {
-            let unit = (p.normal.norm() - 1.0).abs() < 1e-6;
-            if !unit || !p.offset.is_finite() {
-                return Err(Error::Plane {
-                    index,
-                    normal: p.normal.into_inner().into(),
-                    offset: p.offset,
-                });
-            }
+            p.check(index)?;
+        }
+        for (index, row) in self.inequalities.iter().enumerate() {
+            row.check(index, vertices)?;
         }
         for (index, t) in self.triangles.iter().enumerate() {
             for &vertex in t {
@@ -120,6 +128,82 @@ impl<'a> Frame<'a> {
             });
         }
         Ok(())
+    }
+}
+
+impl Observation {
+    fn check(&self, index: usize, vertices: usize) -> Result<(), Error> {
+        check_vertex("observation", index, self.vertex, vertices)?;
+        if !usable_point(&self.position) {
+            return Err(Error::NonFinitePoint {
+                what: "observation",
+                index,
+                value: self.position.coords.into(),
+            });
+        }
+        if !usable_sigma(self.sigma) {
+            let must = "between 1e-9 and 1e3";
+            return Err(Error::Value {
+                what: "sigma of observation",
+                index,
+                value: self.sigma,
+                must,
+            });
+        }
+        Ok(())
+    }
+}
+
+impl Plane {
+    fn check(&self, index: usize) -> Result<(), Error> {
+        let unit = (self.normal.norm() - 1.0).abs() < 1e-6;
+        // Written so that NaN is refused too.
+        if unit && self.offset.abs() <= FARTHEST {
+            return Ok(());
+        }
+        Err(Error::Plane {
+            index,
+            normal: self.normal.into_inner().into(),
+            offset: self.offset,
+        })
+    }
+}
+
+impl Inequality {
+    fn check(&self, index: usize, vertices: usize) -> Result<(), Error> {
+        for &(vertex, a) in &self.terms {
+            check_vertex("inequality", index, vertex, vertices)?;
+            if !usable_point(&Point3::from(a)) {
+                return Err(Error::NonFinitePoint {
+                    what: "coefficient of inequality",
+                    index,
+                    value: a.into(),
+                });
+            }
+        }
+        let largest = self.largest();
+        if largest < 1e-9 {
+            return Err(Error::Value {
+                what: "largest coefficient of inequality",
+                index,
+                value: largest,
+                must: "at least 1e-9",
+            });
+        }
+        if !(self.bound.abs() <= FARTHEST) {
+            return Err(Error::Value {
+                what: "bound of inequality",
+                index,
+                value: self.bound,
+                must: "finite, at most 1e9 in size",
+            });
+        }
+        Ok(())
+    }
+
+    /// `max ‖a_v‖`.
+    pub(crate) fn largest(&self) -> f64 {
+        self.terms.iter().map(|(_, a)| a.norm()).fold(0.0, f64::max)
     }
 }
 

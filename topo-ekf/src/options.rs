@@ -44,6 +44,35 @@ pub struct Options {
     pub contact_reach: f64,
     /// What a component of the graph does in a frame that shows nothing of it.
     pub unseen: Unseen,
+    /// How the next frame is predicted.
+    pub motion: Motion,
+    /// In which metric an estimate that violates a constraint is put back.
+    pub projection: Projection,
+}
+
+/// What is predicted before a frame's observations are weighed in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Motion {
+    /// The motion of the seen side is spread over the graph, rotations follow the edges: objects that are handled.
+    Spread,
+    /// Nothing moves and nothing turns but by the process noise: one linear Kalman update per frame with the rest shape as
+    /// standing prior. For objects that lie still, and for comparison with the textbook.
+    Still,
+}
+
+/// Which of Simon's projections puts a violating estimate back (IET Control Theory and Applications 2010, sections 2.4 and 2.5).
+///
+/// The example `projections` compares them; the README has its figures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Projection {
+    /// Estimate projection with the information as metric: the most probable state that keeps the constraints. A constraint
+    /// that binds moves the vertices around it too.
+    Estimate,
+    /// Gain projection: the gain nearest to Kalman's whose estimate keeps the constraints. It equals the Euclidean projection
+    /// of the estimate, so it moves the violating vertices alone and tears them from their neighbours.
+    Gain,
 }
 
 /// What a component without any observation does.
@@ -72,6 +101,8 @@ impl Default for Options {
             separation: 1e-3,
             contact_reach: 5e-3,
             unseen: Unseen::Hold,
+            motion: Motion::Spread,
+            projection: Projection::Estimate,
         }
     }
 }
@@ -104,6 +135,8 @@ setters! {
     with_separation separation: f64,
     with_contact_reach contact_reach: f64,
     with_unseen unseen: Unseen,
+    with_motion motion: Motion,
+    with_projection projection: Projection,
 }
 
 /// Range in which a standard deviation squares and inverts without leaving `f64`'s comfortable part: the ratio of the

@@ -1,43 +1,47 @@
 //! The estimate nearest to the unconstrained one, in the metric of its information, that keeps the constraints.
 //!
 //! ```text
-//! min ½ (x − x̂)ᵀ (S ⊗ I₃) (x − x̂)      s.t.   n·x_i + c ≥ 0  for every i,      m_k·Σ_v c_kv x_v ≥ b_k  for every row k
+//! min ½ (x − x̂)ᵀ (W ⊗ I₃) (x − x̂)      s.t.   n·x_i + c ≥ 0  for every i,      Σ_v a_kv·x_v ≥ b_k  for every row k
 //! ```
 //!
-//! The metric is the same in every direction, so the table touches the heights `n·x` alone: a bound-constrained problem with the
-//! scalar matrix `S`, solved by a primal-dual active set (resting vertices are struck from `S`, the pattern and its symbolic
-//! factor stay). Rows (self-contact, further planes) go through the Schur complement
+//! `W = S` is estimate projection, `W = I` gain projection ([`crate::Projection`]). The metric is the same in every direction, so
+//! the main plane touches the heights `n·x` alone: a bound-constrained problem with the scalar matrix `W`, solved by a primal-dual
+//! active set ([`crate::table`]). Rows (self-contact, further planes, the caller's) push with forces found in the
+//! dual ([`crate::dual`]), and the two alternate until neither changes. The optimum of a strictly convex problem is
+//! unique, so the starting set changes the time and not the answer. What has not settled after the rounds allowed is
+//! handed to an interior point method ([`crate::interior`]).
 //!
-//! ```text
-//! G_kl = (m_k·m_l − m_kn m_ln) c_kᵀ S⁻¹ c_l  +  m_kn m_ln c_kᵀ S_free⁻¹ c_l
-//! ```
-//!
-//! and the two alternate until neither set changes. The optimum of a strictly convex problem is unique, so the starting
-//! set changes the time and not the answer. The projected mean is kept by the filter; the set of active constraints is a
-//! property of this estimate and never becomes information (that would make the filter overconfident by an order of
-//! magnitude, since the same table would be measured anew in every frame).
+//! The projected mean is kept by the filter; the set of active constraints is a property of this estimate and never becomes
+//! information (that would make the filter overconfident by an order of magnitude, since the same table would be measured anew in
+//! every frame).
 
-use std::collections::HashSet;
+use std::collections::HashMap;
+use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
-use crate::Error;
-use crate::active::Active;
-use crate::dual::Row;
+use crate::dual::{Dual, Forces};
+use crate::interior::interior_point;
 use crate::observation::Plane;
+use crate::rows::{Key, Row, Stack, plane_rows};
 use crate::system::{Factor, System};
+use crate::table::Table;
+use crate::{Error, columns};
 
-/// Alternations between the two active sets before everything goes into the dual, where rows are only added.
-const ROUNDS: usize = 15;
-/// The same without rows: `S` is then an M-matrix and the active set monotone, so that it ends by itself; a sheet that
-/// peels off the table takes a round for every few rings of vertices.
-const ROUNDS_ALONE: usize = 60;
-/// Most resting vertices and pushing rows for which the plane may go into the dense dual.
-const DENSE: usize = 400;
+/// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
+/// of vertices.
+const ROUNDS: usize = 40;
+/// Products with the compliance of the rows that one alternation may take.
+const PRODUCTS: usize = 400;
 /// Height up to which a vertex that rested last time is taken to rest again, m.
 const NEAR: f64 = 1e-3;
-/// A row violated by more than this enters the dual. It leaves a hundredfold reserve to the 1e-6 m that is promised.
+/// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
 const ROW_DEPTH: f64 = 1e-8;
+/// While the table still changes, forces need not be better than this share of the largest gap.
+const COARSE: f64 = 1e-2;
+/// Softness of a row relative to what it would give with everything around it held. A single row that is 1 mm violated keeps about
+/// 1e-9 m of it; rows that contradict each other share what is left by least squares.
+const SOFT: f64 = 2e-5;
 
 /// How the projection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,10 +51,10 @@ pub enum Status {
     Free,
     /// Constraints hold and the estimate is the nearest that keeps them.
     Constrained,
-    /// The active set or the linearised contacts had not settled: the first plane holds, a contact may lack some separation
+    /// The linearised contacts had not settled: planes and inequalities hold, a contact may lack some separation
     /// (see [`StepReport::contact_depth`](crate::StepReport)).
     Unsettled,
-    /// The constraints contradict each other: the first plane holds, the rest is violated as little as possible.
+    /// The constraints contradict each other: the first plane holds, the rest is violated as little as possible (least squares).
     Infeasible,
 }
 
@@ -58,16 +62,17 @@ pub enum Status {
 pub(crate) struct Projected {
     pub positions: Vec<Point3<f64>>,
     pub status: Status,
-    /// Vertices resting on the main plane.
-    pub resting: Vec<u32>,
+    pub warm: Warm,
     /// Rows that push.
-    pub pushing: Vec<usize>,
+    pub pushing: usize,
     pub rounds: usize,
+    pub solves: usize,
     pub factorisations: usize,
 }
 
-/// The plane handled by striking vertices; everything else is a row.
-pub(crate) struct Projection<'a> {
+/// The main plane is handled by striking vertices; everything else is a row.
+pub(crate) struct Problem<'a> {
+    /// Lower triangle of the metric.
     pub values: &'a [f64],
     pub factor: &'a Factor,
     pub estimate: &'a [Point3<f64>],
@@ -75,35 +80,16 @@ pub(crate) struct Projection<'a> {
     pub rows: &'a [Row],
 }
 
-/// Active sets to start from: those of the last frame or of the last linearisation.
+/// What to start from: the last frame's or the last linearisation's.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Warm {
     /// Vertices that rested on the plane.
     pub resting: Vec<u32>,
-    /// Vertices whose separation from a triangle pushed.
-    pub pushed: HashSet<u32>,
+    /// Forces of the rows that pushed.
+    pub forces: HashMap<Key, f64>,
 }
 
-impl Warm {
-    pub fn of(projected: &Projected, rows: &[Row]) -> Self {
-        let pushed = projected
-            .pushing
-            .iter()
-            .map(|&k| &rows[k])
-            .filter(|r| r.terms.len() > 1)
-            .map(|r| r.terms[0].0);
-        Self {
-            resting: projected.resting.clone(),
-            pushed: pushed.collect(),
-        }
-    }
-
-    fn pushes(&self, row: &Row) -> bool {
-        row.terms.len() > 1 && self.pushed.contains(&row.terms[0].0)
-    }
-}
-
-impl Projection<'_> {
+impl Problem<'_> {
     /// Solves from the active sets of `warm`.
     pub fn solve(&self, system: &mut System, warm: &Warm) -> Result<Projected, Error> {
         let heights: Vec<f64> = self
@@ -111,8 +97,8 @@ impl Projection<'_> {
             .iter()
             .map(|p| self.plane.map_or(f64::INFINITY, |plane| plane.height(p)))
             .collect();
-        let mut rows = self.violated(self.estimate);
-        if rows.is_empty() && heights.iter().all(|&h| h >= 0.0) {
+        let gaps: Vec<f64> = self.rows.iter().map(|r| r.gap(self.estimate)).collect();
+        if gaps.iter().all(|&g| g <= ROW_DEPTH) && heights.iter().all(|&h| h >= 0.0) {
             return Ok(self.unchanged());
         }
         let mut struck: Vec<bool> = heights.iter().map(|&h| h < 0.0).collect();
@@ -120,46 +106,152 @@ impl Projection<'_> {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
-        let held = |k: &usize| self.rows[*k].gap(self.estimate) <= ROW_DEPTH;
-        rows.extend(
-            (0..self.rows.len())
-                .filter(held)
-                .filter(|&k| warm.pushes(&self.rows[k])),
-        );
-        let mut active = Active::new(self, heights, struck);
-        active.admit(&rows, system);
-        let projected = self.alternate(system, active)?;
-        match self.plane {
-            Some(plane) if projected.status == Status::Unsettled => {
-                self.rows_only(system, &plane, projected)
-            }
-            _ => Ok(projected),
-        }
+        self.alternate(system, Table::new(heights, struck), &gaps, warm)
     }
 
-    /// The two nested active sets.
-    fn alternate(&self, system: &mut System, mut active: Active) -> Result<Projected, Error> {
+    /// The two active sets, turn and turn about.
+    fn alternate(
+        &self,
+        system: &mut System,
+        mut table: Table,
+        gaps: &[f64],
+        warm: &Warm,
+    ) -> Result<Projected, Error> {
+        let basis = self.basis();
+        let stack = Stack::new(self.rows, &basis);
+        let soft = SOFT * self.held_compliance(&stack, system);
+        let fine = ROW_DEPTH;
+        let mut tolerance = gaps.iter().fold(fine, |a, g| a.max(COARSE * g));
+        let mut forces: Vec<f64> = self
+            .rows
+            .iter()
+            .map(|r| warm.forces.get(&r.key).copied().unwrap_or(0.0))
+            .collect();
+        let (mut rounds, mut solves) = (0, 0);
+        let mut settled = false;
         let mut shift = vec![];
-        let (mut rounds, mut settled) = (0, false);
-        while !settled
-            && rounds
-                < if active.has_rows() {
-                    ROUNDS
-                } else {
-                    ROUNDS_ALONE
-                }
-        {
+        while !settled && rounds < ROUNDS {
             rounds += 1;
-            active.refactor(system)?;
-            let push = active.push(system)?;
-            settled = !active.update(&push, system) && push.exact;
-            shift = push.shift;
+            table.refactor(self.values, system)?;
+            let lift = table.lift(self.values, system);
+            let found = self.forces(system, &table, &stack, gaps, &lift, tolerance, soft, forces);
+            solves += found.products;
+            forces = found.values;
+            let push = stack.push(&forces, self.estimate.len());
+            shift.clone_from(&push);
+            table.respond(self.factor, system, &mut shift);
+            for (s, l) in shift[2 * lift.len()..].iter_mut().zip(&lift) {
+                *s += l;
+            }
+            let changed = table.update(self.values, system, &shift, &push);
+            settled = !changed && tolerance <= fine && found.settled;
+            if !changed {
+                tolerance = fine;
+            }
         }
+        if !settled {
+            (shift, forces) = interior_point(self, &stack, gaps, soft, system, &mut table)?;
+        }
+        Ok(self.finish(&basis, &shift, &forces, &table, (rounds, solves)))
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "one call, one place")]
+    fn forces(
+        &self,
+        system: &mut System,
+        table: &Table,
+        stack: &Stack,
+        gaps: &[f64],
+        lift: &[f64],
+        tolerance: f64,
+        soft: f64,
+        start: Vec<f64>,
+    ) -> Forces {
+        let size = lift.len();
+        if stack.len() == 0 {
+            return Forces {
+                values: start,
+                settled: true,
+                products: 0,
+            };
+        }
+        let mut lifted = vec![0.0; 3 * size];
+        lifted[2 * size..].copy_from_slice(lift);
+        let left: Vec<f64> = gaps
+            .iter()
+            .zip(stack.reach(&lifted))
+            .map(|(g, r)| g - r)
+            .collect();
+        let dual = Dual {
+            gaps: &left,
+            soft,
+            tolerance,
+            allowance: PRODUCTS,
+        };
+        let pattern = Arc::clone(&system.pattern);
+        let compliance = |v: &[f64]| {
+            let mut block = stack.push(v, size);
+            table.respond(self.factor, system, &mut block);
+            stack.reach(&block)
+        };
+        let stiffness = |v: &[f64]| {
+            let scaled: Vec<f64> = v.iter().zip(&stack.squares).map(|(v, s)| v / s).collect();
+            let mut block = stack.push(&scaled, size);
+            table.hold(&mut block);
+            let mut pulled = Vec::with_capacity(3 * size);
+            for column in block.chunks_exact(size) {
+                pulled.extend(pattern.multiply(self.values, column));
+            }
+            table.hold(&mut pulled);
+            let reached = stack.reach(&pulled);
+            // A tenth of a single row's own stiffness for what the rows around cancel.
+            let own = 0.1 * SOFT / soft;
+            (0..v.len())
+                .map(|k| reached[k] / stack.squares[k] + own * v[k])
+                .collect()
+        };
+        dual.solve(start, compliance, stiffness)
+    }
+
+    /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.
+    fn held_compliance(&self, stack: &Stack, system: &System) -> f64 {
+        let diagonal = |v: u32| self.values[system.pattern.diagonal[v as usize]];
+        let of = |k: usize| {
+            let terms = stack.row(k).iter();
+            terms
+                .map(|(v, a)| a.norm_squared() / diagonal(*v))
+                .sum::<f64>()
+        };
+        (0..stack.len()).map(of).sum::<f64>() / stack.len().max(1) as f64
+    }
+
+    /// Into the frame whose third axis is the normal of the main plane.
+    fn basis(&self) -> Matrix3<f64> {
+        let Some(plane) = self.plane else {
+            return Matrix3::identity();
+        };
+        let normal = plane.normal.into_inner();
+        Rotation3::rotation_between(&normal, &Vector3::z()).map_or_else(
+            // Straight down: half a turn about any horizontal axis.
+            || Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0)),
+            Rotation3::into_inner,
+        )
+    }
+
+    fn finish(
+        &self,
+        basis: &Matrix3<f64>,
+        shift: &[f64],
+        forces: &[f64],
+        table: &Table,
+        (rounds, solves): (usize, usize),
+    ) -> Projected {
+        let back = basis.transpose();
         let mut positions: Vec<_> = self
             .estimate
             .iter()
-            .zip(&shift)
-            .map(|(p, d)| p + d)
+            .zip(columns::read(shift))
+            .map(|(p, d)| p + back * d)
             .collect();
         if let Some(plane) = &self.plane {
             lift_above(&mut positions, plane);
@@ -169,75 +261,36 @@ impl Projection<'_> {
             .iter()
             .map(|r| r.gap(&positions))
             .fold(0.0, f64::max);
-        let status = match (settled, left > 1e-6) {
-            (true, true) => Status::Infeasible,
-            (true, false) => Status::Constrained,
-            (false, _) => Status::Unsettled,
-        };
-        let (resting, pushing) = (active.resting(), active.pushing());
-        Ok(Projected {
+        let pushing = |(r, f): (&Row, &f64)| (*f > 0.0).then_some((r.key, *f));
+        let forces: HashMap<_, _> = self.rows.iter().zip(forces).filter_map(pushing).collect();
+        Projected {
             positions,
-            status,
-            resting,
-            pushing,
+            status: if left > 1e-6 {
+                Status::Infeasible
+            } else {
+                Status::Constrained
+            },
+            pushing: forces.len(),
+            warm: Warm {
+                resting: table.resting(),
+                forces,
+            },
             rounds,
-            factorisations: active.factorisations,
-        })
-    }
-
-    /// The plane too as rows: vertices that were struck and freed again and again are then only ever added, which ends.
-    /// Its dense dual is dear, so a set too large for it keeps what was reached, feasible for the plane.
-    fn rows_only(
-        &self,
-        system: &mut System,
-        plane: &Plane,
-        reached: Projected,
-    ) -> Result<Projected, Error> {
-        if reached.resting.len() + reached.pushing.len() > DENSE {
-            return Ok(reached);
+            solves,
+            factorisations: table.factorisations,
         }
-        let own = self.rows.len();
-        let rows: Vec<_> = self
-            .rows
-            .iter()
-            .cloned()
-            .chain(plane_rows(plane, self.estimate.len()))
-            .collect();
-        let all = Projection {
-            plane: None,
-            rows: &rows,
-            ..*self
-        };
-        let mut projected = all.solve(system, &Warm::default())?;
-        projected.rounds += reached.rounds;
-        projected.factorisations += reached.factorisations;
-        projected.resting = projected
-            .pushing
-            .iter()
-            .filter_map(|k| k.checked_sub(own))
-            .map(|i| i as u32)
-            .collect();
-        projected.pushing.retain(|k| *k < own);
-        lift_above(&mut projected.positions, plane);
-        Ok(projected)
     }
 
     fn unchanged(&self) -> Projected {
         Projected {
             positions: self.estimate.to_vec(),
             status: Status::Free,
-            resting: vec![],
-            pushing: vec![],
+            warm: Warm::default(),
+            pushing: 0,
             rounds: 0,
+            solves: 0,
             factorisations: 0,
         }
-    }
-
-    /// Rows that do not hold at these positions.
-    pub fn violated(&self, positions: &[Point3<f64>]) -> Vec<usize> {
-        (0..self.rows.len())
-            .filter(|&k| self.rows[k].gap(positions) > ROW_DEPTH)
-            .collect()
     }
 }
 
@@ -273,17 +326,7 @@ pub(crate) fn split_planes(
         .iter()
         .enumerate()
         .filter(|&(k, _)| k != main)
-        .flat_map(|(_, plane)| plane_rows(plane, estimate.len()))
+        .flat_map(|(k, plane)| plane_rows(plane, k, estimate.len()))
         .collect();
     (Some(planes[main]), rows)
-}
-
-/// A plane as one row per vertex.
-fn plane_rows(plane: &Plane, vertices: usize) -> impl Iterator<Item = Row> + use<> {
-    let (direction, bound) = (plane.normal.into_inner(), -plane.offset);
-    (0..vertices as u32).map(move |v| Row {
-        terms: vec![(v, 1.0)],
-        direction,
-        bound,
-    })
 }

@@ -16,18 +16,19 @@ pub struct StepReport {
     pub plane_depth: [f64; 2],
     /// Largest lack of separation between a vertex and a triangle far along the surface, before and after, m.
     pub contact_depth: [f64; 2],
+    /// Largest violation of a further plane or of the caller's inequalities (those divided by their largest coefficient), before
+    /// and after, m.
+    pub inequality_depth: [f64; 2],
     /// Vertices resting on the plane that most vertices touch.
     pub resting: Vec<u32>,
     /// Number of pushing rows: self-contacts and touches of further planes.
     pub pushing: usize,
     /// Pairs of vertex and triangle that were watched.
     pub watched: usize,
-    /// Rounds of the two nested active sets.
+    /// Rounds of the two alternating active sets, over all linearisations.
     pub rounds: usize,
-    /// Factorisations beyond the three that every step needs.
+    /// Sparse solves that the forces of the rows took.
+    pub solves: usize,
+    /// Factorisations beyond those that every step needs.
     pub factorisations: usize,
-    /// Distance of every observation from the prediction, in standard deviations:
-    /// `‖z − x⁻‖ / √(3 (σ² + 1/d⁻))`. The prediction's own information `d⁻` leaves out what the neighbours tell, so the
-    /// values are on the low side; about 1 or less is ordinary, 3 and more is an outlier.
-    pub innovations: Vec<f64>,
 }

@@ -7,7 +7,7 @@
 //! The pattern and the fill-reducing order depend on the graph alone: they are found once and every factorisation
 //! after it is numeric only.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
@@ -124,7 +124,7 @@ impl Pattern {
 
 /// Pattern, order and working memory; a numeric factor is a plain vector made by [`System::factorise`].
 pub(crate) struct System {
-    pub pattern: Pattern,
+    pub pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
     memory: MemBuffer,
     /// Column-by-column analysis for the selected inverse, made when first asked for.
@@ -148,7 +148,7 @@ impl System {
             .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
         let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
         Ok(Self {
-            pattern,
+            pattern: Arc::new(pattern),
             symbolic,
             memory,
             simplicial: OnceLock::new(),

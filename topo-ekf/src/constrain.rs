@@ -1,0 +1,183 @@
+//! The constraints of a frame: planes, inequalities and contacts, the last linearised until they stand.
+
+use std::collections::HashSet;
+
+use nalgebra::Point3;
+
+use crate::Error;
+use crate::contact::Surface;
+use crate::filter::{Filter, Update};
+use crate::observation::Frame;
+use crate::options::Projection;
+use crate::project::{Problem, Projected, Status, Warm, deepest, split_planes};
+use crate::report::StepReport;
+use crate::rows::{Key, Row, deepest_gap};
+use crate::system::Factor;
+
+/// Most times the contacts are linearised. Two are the rule; where two sheets are pressed hard onto each other, the triangle
+/// under a vertex changes with the push and five have been seen.
+const LINEARISATIONS: usize = 8;
+/// What a row asks for beyond the separation, m: the triangle turns while it is pushed, and this much of second order is
+/// then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
+const SPARE: f64 = 2e-5;
+/// Lack of separation that is left standing, m.
+const SEPARATED: f64 = 1e-6;
+
+/// A constrained estimate with what the next frame starts from.
+pub(crate) struct Constrained {
+    pub positions: Vec<Point3<f64>>,
+    pub warm: Warm,
+    pub surface: Surface,
+    pub report: StepReport,
+}
+
+/// The metric of the projection.
+enum Metric<'a> {
+    Information(&'a Update),
+    Euclidean(Vec<f64>, Factor),
+}
+
+impl Metric<'_> {
+    fn parts(&self) -> (&[f64], &Factor) {
+        match self {
+            Self::Information(update) => (&update.values, &update.factor),
+            Self::Euclidean(values, factor) => (values, factor),
+        }
+    }
+}
+
+impl Filter {
+    /// Puts the estimate back among the constraints.
+    pub(crate) fn constrain(
+        &mut self,
+        frame: &Frame,
+        update: &Update,
+    ) -> Result<Constrained, Error> {
+        let estimate = &update.relaxed.positions;
+        let (plane, planes) = split_planes(frame.planes, estimate);
+        let own = frame.inequalities.iter().enumerate();
+        let fixed: Vec<Row> = planes
+            .into_iter()
+            .chain(own.map(|(k, row)| Row::of(row, k)))
+            .collect();
+        let surface =
+            self.surface
+                .clone()
+                .renewed(frame.triangles, &self.rest, self.options.separation);
+        let metric = self.metric(update)?;
+        let (values, factor) = metric.parts();
+        let mut contacts = self.watch(&surface, estimate);
+        let before = [
+            deepest_gap(&fixed, estimate),
+            lack(&contacts, estimate),
+        ];
+        let mut warm = self.warm.clone();
+        let mut work = Work::default();
+        let (projected, left, watched) = loop {
+            let rows: Vec<_> = fixed.iter().chain(&contacts).cloned().collect();
+            let problem = Problem {
+                values,
+                factor,
+                estimate,
+                plane,
+                rows: &rows,
+            };
+            let projected = problem.solve(&mut self.system, &warm)?;
+            warm.clone_from(&projected.warm);
+            work.add(&projected);
+            // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
+            let again = self.watch(&surface, &projected.positions);
+            let left = lack(&again, &projected.positions);
+            if left <= SEPARATED || work.linearisations == LINEARISATIONS {
+                break (projected, left, contacts.len());
+            }
+            contacts = merged(contacts, again);
+        };
+        if let Some(vertex) = first_infinite(&projected.positions) {
+            return Err(Error::Overflow { vertex });
+        }
+        let status = match projected.status {
+            Status::Constrained if left > SEPARATED => Status::Unsettled,
+            status => status,
+        };
+        let report = StepReport {
+            status,
+            iterations: 0,
+            last_move: 0.0,
+            plane_depth: [
+                deepest(frame.planes, estimate),
+                deepest(frame.planes, &projected.positions),
+            ],
+            contact_depth: [before[1], left],
+            inequality_depth: [before[0], deepest_gap(&fixed, &projected.positions)],
+            resting: warm.resting.clone(),
+            pushing: projected.pushing,
+            watched,
+            rounds: work.rounds,
+            solves: work.solves,
+            factorisations: work.factorisations,
+        };
+        Ok(Constrained {
+            positions: projected.positions,
+            warm,
+            surface,
+            report,
+        })
+    }
+
+    fn metric<'a>(&mut self, update: &'a Update) -> Result<Metric<'a>, Error> {
+        Ok(match self.options.projection {
+            Projection::Estimate => Metric::Information(update),
+            Projection::Gain => {
+                let values = self.system.pattern.assemble(
+                    &vec![1.0; self.rest.len()],
+                    &self.graph.edges,
+                    |_| 0.0,
+                );
+                let factor = self.system.factorise(&values)?;
+                Metric::Euclidean(values, factor)
+            }
+        })
+    }
+
+    fn watch(&self, surface: &Surface, now: &[Point3<f64>]) -> Vec<Row> {
+        let separation = self.options.separation + SPARE;
+        surface.watch(&self.live, now, separation, self.options.contact_reach)
+    }
+}
+
+#[derive(Default)]
+struct Work {
+    linearisations: usize,
+    rounds: usize,
+    solves: usize,
+    factorisations: usize,
+}
+
+impl Work {
+    fn add(&mut self, projected: &Projected) {
+        self.linearisations += 1;
+        self.rounds += projected.rounds;
+        self.solves += projected.solves;
+        self.factorisations += projected.factorisations;
+    }
+}
+
+/// Lack of separation beyond the spare.
+fn lack(contacts: &[Row], positions: &[Point3<f64>]) -> f64 {
+    (deepest_gap(contacts, positions) - SPARE).max(0.0)
+}
+
+/// The rows of the newer linearisation, and of the older one for the vertices that the newer does not watch.
+fn merged(old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
+    let watched: HashSet<Key> = new.iter().map(|r| r.key).collect();
+    let mut rows = new;
+    rows.extend(old.into_iter().filter(|r| !watched.contains(&r.key)));
+    rows
+}
+
+fn first_infinite(positions: &[Point3<f64>]) -> Option<usize> {
+    positions
+        .iter()
+        .position(|p| !p.iter().all(|c| c.is_finite()))
+}

@@ -1,0 +1,157 @@
+//! The whole projection at once by clarabel's interior point method, for what the active sets did not settle.
+//!
+//! ```text
+//! min ½ dᵀ (W ⊗ I₃) d + ‖s‖²/(2ς)     s.t.   A d + s ≥ g,   h + d_n ≥ 0        d: displacement, s: what contradiction leaves
+//! ```
+//!
+//! The same programme as that of [`crate::project`], its softness `ς` included: at the optimum `s = ς λ`. Posed in displacements,
+//! because the constant of the other form swallows the solver's relative gap. Seconds at 2,000 vertices; it always ends.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{
+    DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+};
+
+use crate::Error;
+use crate::project::Problem;
+use crate::rows::Stack;
+use crate::system::{Pattern, System};
+use crate::table::Table;
+
+/// Relative tolerance: 1e-11 of the deepest violation.
+const TOLERANCE: f64 = 1e-11;
+
+/// Displacement as a block in the frame of the plane, and the forces of the rows. The table takes over who rests.
+pub(crate) fn interior_point(
+    problem: &Problem,
+    stack: &Stack,
+    gaps: &[f64],
+    soft: f64,
+    system: &System,
+    table: &mut Table,
+) -> Result<(Vec<f64>, Vec<f64>), Error> {
+    let (size, rows) = (problem.estimate.len(), stack.len());
+    // In units of the deepest violation and of the largest information: clarabel's tolerances are absolute.
+    let deepest = gaps
+        .iter()
+        .copied()
+        .chain(table.heights().iter().map(|h| -h))
+        .fold(f64::MIN_POSITIVE, f64::max);
+    let unit = problem.values.iter().copied().fold(0.0, f64::max);
+    let slack = 1.0 / (soft * unit).max(f64::MIN_POSITIVE);
+    let quadratic = quadratic(&system.pattern, problem.values, unit, slack, rows);
+    let bounds = bounds(stack, size, problem.plane.is_some());
+    let right: Vec<f64> = gaps
+        .iter()
+        .map(|g| -g / deepest)
+        .chain(
+            table
+                .heights()
+                .iter()
+                .filter(|h| h.is_finite())
+                .map(|h| h / deepest),
+        )
+        .collect();
+    let cone = [SupportedConeT::NonnegativeConeT(right.len())];
+    let settings = DefaultSettingsBuilder::default()
+        .verbose(false)
+        .max_threads(1)
+        .tol_gap_abs(TOLERANCE)
+        .tol_gap_rel(TOLERANCE)
+        .tol_feas(TOLERANCE)
+        .build()
+        .map_err(|_| Error::Factorisation)?;
+    let zero = vec![0.0; 3 * size + rows];
+    let mut solver = DefaultSolver::new(&quadratic, &zero, &bounds, &right, &cone, settings)
+        .map_err(|_| Error::Factorisation)?;
+    solver.solve();
+    let found = &solver.solution;
+    let usable = matches!(
+        found.status,
+        SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress
+    );
+    if !usable || !found.x.iter().all(|v| v.is_finite()) {
+        return Err(Error::Factorisation);
+    }
+    if problem.plane.is_some() {
+        // Strict complementarity: who rests has the larger multiplier than distance.
+        let rests = |i: usize| found.z[rows + i] > found.s[rows + i];
+        table.set_resting((0..size).map(rests).collect());
+    }
+    let shift = found.x[..3 * size].iter().map(|d| d * deepest).collect();
+    let forces = (0..rows)
+        .map(|k| if found.z[k] > found.s[k] { found.z[k] * deepest * unit } else { 0.0 })
+        .collect();
+    Ok((shift, forces))
+}
+
+/// `diag(W, W, W, I/ς)`, upper triangle in compressed columns.
+fn quadratic(
+    pattern: &Pattern,
+    values: &[f64],
+    unit: f64,
+    slack: f64,
+    rows: usize,
+) -> CscMatrix<f64> {
+    let size = pattern.size();
+    let mut columns: Vec<Vec<(usize, f64)>> = vec![vec![]; size];
+    for column in 0..size {
+        for at in pattern.starts[column]..pattern.starts[column + 1] {
+            // The lower triangle by columns is the upper one by rows.
+            columns[pattern.rows[at]].push((column, values[at] / unit));
+        }
+    }
+    let whole = 3 * size + rows;
+    let (mut starts, mut at, mut entries) = (vec![0], vec![], vec![]);
+    for axis in 0..3 {
+        for column in &columns {
+            at.extend(column.iter().map(|(i, _)| axis * size + i));
+            entries.extend(column.iter().map(|(_, v)| v));
+            starts.push(at.len());
+        }
+    }
+    for k in 0..rows {
+        at.push(3 * size + k);
+        entries.push(slack);
+        starts.push(at.len());
+    }
+    CscMatrix::new(whole, whole, starts, at, entries)
+}
+
+/// `−A d − s ≤ −g` over `−d_n ≤ h`.
+fn bounds(stack: &Stack, size: usize, plane: bool) -> CscMatrix<f64> {
+    let rows = stack.len();
+    let mut columns: Vec<Vec<(usize, f64)>> = vec![vec![]; 3 * size];
+    for k in 0..rows {
+        for (v, a) in stack.row(k) {
+            for axis in 0..3 {
+                let column = &mut columns[axis * size + *v as usize];
+                match column.last_mut() {
+                    // A vertex named twice in one row.
+                    Some((row, value)) if *row == k => *value -= a[axis],
+                    _ => column.push((k, -a[axis])),
+                }
+            }
+        }
+    }
+    if plane {
+        for i in 0..size {
+            columns[2 * size + i].push((rows + i, -1.0));
+        }
+    }
+    let (mut starts, mut at, mut entries) = (vec![0], vec![], vec![]);
+    for column in columns {
+        for (row, value) in column {
+            at.push(row);
+            entries.push(value);
+        }
+        starts.push(at.len());
+    }
+    for k in 0..rows {
+        at.push(k);
+        entries.push(-1.0);
+        starts.push(at.len());
+    }
+    let height = rows + if plane { size } else { 0 };
+    CscMatrix::new(height, 3 * size + rows, starts, at, entries)
+}

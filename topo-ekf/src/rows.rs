@@ -1,0 +1,136 @@
+//! Rows of the projection: half-spaces over a few vertices, in the frame of the main plane.
+//!
+//! ```text
+//! row k      Σ_v a_kv · x_v ≥ b_k                gap   g_k = b_k − Σ_v a_kv · x̂_v
+//! forces     f = Aᵀ λ                            reach A d: what a displacement d closes of the gaps
+//! ```
+//!
+//! Displacements and forces are blocks of three columns: two along the main plane and, last, its normal.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use crate::observation::{Inequality, Plane};
+
+/// What a row stands for: by it, its force is found again in the next linearisation and in the next frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(crate) enum Key {
+    /// A vertex against the surface.
+    Contact(u32),
+    /// A vertex against a plane (position in the list).
+    Plane(u32, u32),
+    /// An inequality of the caller's (position in the list).
+    Own(u32),
+}
+
+/// `Σ a · x_vertex ≥ bound`.
+#[derive(Clone, Debug)]
+pub(crate) struct Row {
+    pub key: Key,
+    pub terms: Vec<(u32, Vector3<f64>)>,
+    pub bound: f64,
+}
+
+impl Row {
+    /// How far the row is violated; negative where it holds.
+    pub fn gap(&self, positions: &[Point3<f64>]) -> f64 {
+        let sum: f64 = self
+            .terms
+            .iter()
+            .map(|&(v, a)| a.dot(&positions[v as usize].coords))
+            .sum();
+        self.bound - sum
+    }
+
+    /// The caller's inequality in metres: divided by its largest coefficient.
+    pub fn of(inequality: &Inequality, index: usize) -> Self {
+        let unit = 1.0 / inequality.largest();
+        Self {
+            key: Key::Own(index as u32),
+            terms: inequality
+                .terms
+                .iter()
+                .map(|&(v, a)| (v, a * unit))
+                .collect(),
+            bound: inequality.bound * unit,
+        }
+    }
+}
+
+/// A plane as one row per vertex.
+pub(crate) fn plane_rows(
+    plane: &Plane,
+    index: usize,
+    vertices: usize,
+) -> impl Iterator<Item = Row> + use<> {
+    let (direction, bound, index) = (plane.normal.into_inner(), -plane.offset, index as u32);
+    (0..vertices as u32).map(move |v| Row {
+        key: Key::Plane(index, v),
+        terms: vec![(v, direction)],
+        bound,
+    })
+}
+
+/// Largest violation among the rows, 0 if none.
+pub(crate) fn deepest_gap(rows: &[Row], positions: &[Point3<f64>]) -> f64 {
+    rows.iter().map(|r| r.gap(positions)).fold(0.0, f64::max)
+}
+
+/// The rows one after the other, turned into the frame of the main plane.
+pub(crate) struct Stack {
+    starts: Vec<usize>,
+    terms: Vec<(u32, Vector3<f64>)>,
+    /// `‖a_k‖²`.
+    pub squares: Vec<f64>,
+}
+
+impl Stack {
+    /// `basis` turns into the frame whose third axis is the normal of the main plane.
+    pub fn new(rows: &[Row], basis: &Matrix3<f64>) -> Self {
+        let (mut starts, mut terms, mut squares) = (vec![0], vec![], vec![]);
+        for row in rows {
+            terms.extend(row.terms.iter().map(|&(v, a)| (v, basis * a)));
+            squares.push(row.terms.iter().map(|(_, a)| a.norm_squared()).sum());
+            starts.push(terms.len());
+        }
+        Self {
+            starts,
+            terms,
+            squares,
+        }
+    }
+
+    pub fn len(&self) -> usize {
+        self.squares.len()
+    }
+
+    /// Terms of row `k`.
+    pub fn row(&self, k: usize) -> &[(u32, Vector3<f64>)] {
+        &self.terms[self.starts[k]..self.starts[k + 1]]
+    }
+
+    /// `Aᵀ λ` for `size` vertices.
+    pub fn push(&self, forces: &[f64], size: usize) -> Vec<f64> {
+        let mut block = vec![0.0; 3 * size];
+        for (k, &force) in forces.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+            for (v, a) in self.row(k) {
+                let v = *v as usize;
+                block[v] += force * a.x;
+                block[size + v] += force * a.y;
+                block[2 * size + v] += force * a.z;
+            }
+        }
+        block
+    }
+
+    /// `A d`.
+    pub fn reach(&self, block: &[f64]) -> Vec<f64> {
+        let size = block.len() / 3;
+        let dot = |&(v, a): &(u32, Vector3<f64>)| {
+            let v = v as usize;
+            a.x * block[v] + a.y * block[size + v] + a.z * block[2 * size + v]
+        };
+        (0..self.len())
+            .map(|k| self.row(k).iter().map(dot).sum())
+            .collect()
+    }
+}

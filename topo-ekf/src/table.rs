@@ -1,0 +1,133 @@
+//! The main plane as bounds on heights: which vertices rest on it.
+//!
+//! ```text
+//! struck vertices   h_i = 0,  force of the table  (W δh)_i − f_i ≥ 0      else they are freed        f: normal forces of the rows
+//! other vertices    h_i ≥ 0                                               else they are struck
+//! ```
+//!
+//! All that are wrong change sides at once: a primal-dual active set, that is a semismooth Newton method (Hintermüller, Ito, Kunisch
+//! 2002). Struck vertices are taken out of `W` by zeroing their rows, so the pattern and its symbolic factor stay. Without
+//! rows `W` is an M-matrix and the sets are monotone.
+
+use crate::Error;
+use crate::system::{Factor, System};
+
+/// A vertex lower than this is struck, m; it is then put exactly on the plane.
+const DEPTH: f64 = 1e-9;
+
+/// Resting vertices and the factor of the others.
+pub(crate) struct Table {
+    /// Heights of the unconstrained estimate over the plane; infinite without a plane.
+    heights: Vec<f64>,
+    struck: Vec<bool>,
+    /// For which struck vertices `free` was made.
+    factored: Vec<bool>,
+    free: Option<Factor>,
+    pub factorisations: usize,
+}
+
+impl Table {
+    pub fn new(heights: Vec<f64>, struck: Vec<bool>) -> Self {
+        let factored = vec![false; struck.len()];
+        Self {
+            heights,
+            struck,
+            factored,
+            free: None,
+            factorisations: 0,
+        }
+    }
+
+    /// Heights of the unconstrained estimate.
+    pub fn heights(&self) -> &[f64] {
+        &self.heights
+    }
+
+    /// Vertices on the plane.
+    pub fn resting(&self) -> Vec<u32> {
+        (0..self.struck.len() as u32)
+            .filter(|&i| self.struck[i as usize])
+            .collect()
+    }
+
+    /// Takes over a set found elsewhere.
+    pub fn set_resting(&mut self, struck: Vec<bool>) {
+        self.struck = struck;
+    }
+
+    /// Brings the factor of the free vertices up to date.
+    pub fn refactor(&mut self, values: &[f64], system: &mut System) -> Result<(), Error> {
+        if self.factored != self.struck {
+            self.factored.clone_from(&self.struck);
+            self.free = None;
+            if self.struck.contains(&true) {
+                self.factorisations += 1;
+                self.free =
+                    Some(system.factorise(&system.pattern.strike(values, &self.struck))?);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the normal component of resting vertices out of a block.
+    pub fn hold(&self, block: &mut [f64]) {
+        let size = self.struck.len();
+        for (v, &s) in block[2 * size..].iter_mut().zip(&self.struck) {
+            if s {
+                *v = 0.0;
+            }
+        }
+    }
+
+    /// Displacement under a block of forces, resting vertices held along the normal.
+    pub fn respond(&self, full: &Factor, system: &mut System, block: &mut [f64]) {
+        let size = self.struck.len();
+        if let Some(free) = &self.free {
+            self.hold(block);
+            system.solve(full, &mut block[..2 * size]);
+            system.solve(free, &mut block[2 * size..]);
+        } else {
+            system.solve(full, block);
+        }
+    }
+
+    /// Height changes with the struck vertices on the plane and nothing else pushing.
+    pub fn lift(&self, values: &[f64], system: &mut System) -> Vec<f64> {
+        let Some(free) = &self.free else {
+            return vec![0.0; self.struck.len()];
+        };
+        let held: Vec<f64> = self
+            .struck
+            .iter()
+            .zip(&self.heights)
+            .map(|(&s, &h)| if s { -h } else { 0.0 })
+            .collect();
+        let mut lift = system.pattern.multiply(values, &held);
+        for (l, &s) in lift.iter_mut().zip(&self.struck) {
+            *l = if s { 0.0 } else { -*l };
+        }
+        system.solve(free, &mut lift);
+        for (l, h) in lift.iter_mut().zip(&held) {
+            *l += h;
+        }
+        lift
+    }
+
+    /// Next set, from the displacement and the forces of the rows (blocks); `true` if it changed.
+    pub fn update(&mut self, values: &[f64], system: &System, shift: &[f64], push: &[f64]) -> bool {
+        let size = self.struck.len();
+        let (risen, pushed) = (&shift[2 * size..], &push[2 * size..]);
+        let needed = system.pattern.multiply(values, risen);
+        let mut changed = false;
+        for i in 0..size {
+            let next = if self.struck[i] {
+                needed[i] - pushed[i] > 0.0
+            } else {
+                self.heights[i] + risen[i] < -DEPTH
+            };
+            changed |= next != self.struck[i];
+            self.struck[i] = next;
+        }
+        changed
+    }
+}
