@@ -11,10 +11,10 @@
 
 use crate::optimality::{MAX_ACTIVE, PROXIMAL, System};
 use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-/// Outer steps: three to five suffice wherever the method works at all.
-const MAX_STEPS: usize = 10;
+/// Outer steps: three to five suffice on surfaces; a valley along the rim of nearly parallel stacks may take twenty.
+const MAX_STEPS: usize = 30;
 
 /// Exchanges of a piece inside one step.
 const MAX_EXCHANGES: usize = 12;
@@ -22,6 +22,10 @@ const MAX_EXCHANGES: usize = 12;
 const NEARLY_ACTIVE: f64 = 0.6;
 /// Where the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not worth computing.
 const MODEL_TRUSTED: f64 = 1e-3;
+/// Steps of the second-order correction.
+const CORRECTIONS: usize = 8;
+/// Steps below this are never refused: the maximum then differs by less than the model knows.
+const SHORT: f64 = 1e-3;
 /// All points lie in the unit ball, and so does the search.
 const LONGEST_STEP: f64 = 1.0;
 
@@ -111,9 +115,12 @@ pub(crate) fn refine<const N: usize>(
         if length > LONGEST_STEP {
             step *= LONGEST_STEP / length;
         }
-        let next_y = y + step;
-        let next = problem.pieces(&next_y);
-        let there = next.max();
+        let (mut next_y, mut next) = (y + step, problem.pieces(&(y + step)));
+        let mut there = next.max();
+        if there > here && length >= SHORT {
+            (next_y, next) = level_off(problem, active, here, next_y, next);
+            there = next.max();
+        }
         bracket.improve_upper(there, &next_y);
         if there - level <= MODEL_TRUSTED * there || level > cutoff {
             bracket.improve_lower(problem.lower_bound(next.forces(&active.multipliers)));
@@ -121,13 +128,41 @@ pub(crate) fn refine<const N: usize>(
         if bracket.settled(tolerance, cutoff) {
             return;
         }
-        if there <= here || length < 1e-3 {
+        if there <= here || length < SHORT {
             (y, pieces, here) = (next_y, next, there);
             damping = (0.1 * damping).max(PROXIMAL);
         } else {
             damping = (10.0 * damping).max(0.1);
         }
     }
+}
+
+/// Second-order correction: the shortest steps that bring all active pieces back to one level, until the maximum is below `goal`. A long
+/// step along the rim of a tube leaves its circle and would look like a failure where the gain along the rim is small (Maratos
+/// effect): stacked cylinders whose normals are nearly parallel.
+fn level_off<const N: usize>(
+    problem: &Problem<N>,
+    active: &ActiveSet,
+    goal: f64,
+    mut y: Vector3<f64>,
+    mut pieces: Pieces<N>,
+) -> (Vector3<f64>, Pieces<N>) {
+    let round = Matrix3::identity();
+    for _ in 0..CORRECTIONS {
+        let system = System::new(&pieces, active, &round, &[0.0; MAX_PIECES]);
+        let Some((step, _)) = system.and_then(|system| system.unloaded().solve()) else {
+            break;
+        };
+        let corrected = problem.pieces(&(y + step));
+        if corrected.max() > pieces.max() {
+            break;
+        }
+        (y, pieces) = (y + step, corrected);
+        if pieces.max() <= goal {
+            break;
+        }
+    }
+    (y, pieces)
 }
 
 /// Solves the quadratic problem at one point, updating the active set and its multipliers; `None` if it is singular or cycles.
@@ -173,27 +208,46 @@ fn quadratic_step<const N: usize>(
 fn equality_step<const N: usize>(
     pieces: &Pieces<N>,
     active: &ActiveSet,
-    hessian: &nalgebra::Matrix3<f64>,
+    hessian: &Matrix3<f64>,
     previous: &[f64; MAX_PIECES],
 ) -> Option<(Vector3<f64>, f64, [f64; MAX_ACTIVE])> {
-    let (&first, others) = active.pieces[..active.len].split_first()?;
-    let mut system = System {
-        hessian,
-        gradient: pieces.gradient(first),
-        rows: [Vector3::zeros(); MAX_ACTIVE - 1],
-        gaps: [0.0; MAX_ACTIVE - 1],
-        previous: [0.0; MAX_ACTIVE - 1],
-        others: others.len(),
-    };
-    for (row, &j) in others.iter().enumerate() {
-        system.rows[row] = pieces.gradient(j) - system.gradient;
-        system.gaps[row] = pieces.value(first) - pieces.value(j);
-        system.previous[row] = previous[j];
-    }
-    let (step, of_others) = system.solve()?;
+    let first = *active.pieces[..active.len].first()?;
+    let (step, of_others) = System::new(pieces, active, hessian, previous)?.solve()?;
     let mut multipliers = [0.0; MAX_ACTIVE];
     multipliers[1..].copy_from_slice(&of_others);
     multipliers[0] = 1.0 - of_others.iter().sum::<f64>();
-    let level = pieces.value(first) + system.gradient.dot(&step);
+    let level = pieces.value(first) + pieces.gradient(first).dot(&step);
     Some((step, level, multipliers))
+}
+
+impl<'a> System<'a> {
+    /// The system of the active pieces at one point.
+    fn new<const N: usize>(
+        pieces: &Pieces<N>,
+        active: &ActiveSet,
+        hessian: &'a Matrix3<f64>,
+        previous: &[f64; MAX_PIECES],
+    ) -> Option<Self> {
+        let (&first, others) = active.pieces[..active.len].split_first()?;
+        let mut system = System {
+            hessian,
+            gradient: pieces.gradient(first),
+            rows: [Vector3::zeros(); MAX_ACTIVE - 1],
+            gaps: [0.0; MAX_ACTIVE - 1],
+            previous: [0.0; MAX_ACTIVE - 1],
+            others: others.len(),
+        };
+        for (row, &j) in others.iter().enumerate() {
+            system.rows[row] = pieces.gradient(j) - system.gradient;
+            system.gaps[row] = pieces.value(first) - pieces.value(j);
+            system.previous[row] = previous[j];
+        }
+        Some(system)
+    }
+
+    /// Without an objective: the shortest step in the metric of the Hessian.
+    fn unloaded(mut self) -> Self {
+        self.gradient = Vector3::zeros();
+        self
+    }
 }

@@ -9,6 +9,7 @@
 //! Working upward in cohomology rather than downward in homology leaves as columns that reduce to zero only the essential classes,
 //! and spares the tetrahedra altogether.
 
+use crate::persistence::Order;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -45,6 +46,38 @@ impl Coboundary {
         Self {
             offsets,
             rows,
+            row_count: facets.len(),
+        }
+    }
+
+    /// From the facets of every row in any order, and the ranks of both: needs no second copy of the facets.
+    pub(crate) fn ranked<const N: usize>(
+        columns: &Order,
+        rows: &Order,
+        facets: &[[u32; N]],
+    ) -> Self {
+        let by_simplex = crate::skeleton::runs(facets.iter().flatten().copied(), columns.at.len());
+        let size = |&simplex: &u32| crate::skeleton::run(&by_simplex, simplex).len() as u32;
+        let mut offsets = Vec::with_capacity(columns.at.len() + 1);
+        let mut next = vec![0; columns.at.len()];
+        let mut end = 0;
+        offsets.push(end);
+        for simplex in &columns.at {
+            next[*simplex as usize] = end;
+            end += size(simplex);
+            offsets.push(end);
+        }
+        let mut entries = vec![0; end as usize];
+        for (rank, &row) in rows.at.iter().enumerate() {
+            for facet in facets[row as usize] {
+                let slot = &mut next[facet as usize];
+                entries[*slot as usize] = rank as u32;
+                *slot += 1;
+            }
+        }
+        Self {
+            offsets,
+            rows: entries,
             row_count: facets.len(),
         }
     }

@@ -78,8 +78,6 @@ impl Barcode {
 pub(crate) struct Order {
     /// Simplex at each rank.
     pub(crate) at: Vec<u32>,
-    /// Rank of each simplex.
-    pub(crate) rank: Vec<u32>,
 }
 
 impl Order {
@@ -107,18 +105,8 @@ impl Order {
         for range in runs.windows(2) {
             keyed[range[0] as usize..range[1] as usize].sort_unstable();
         }
-        let at: Vec<u32> = keyed.into_iter().map(|(_, simplex)| simplex).collect();
-        let mut rank = vec![0; at.len()];
-        for (r, &simplex) in at.iter().enumerate() {
-            rank[simplex as usize] = r as u32;
-        }
-        Self { at, rank }
-    }
-
-    /// Facets of every coface in rank order, named by rank.
-    fn facets<const N: usize>(&self, cofaces: &Order, facets: &[[u32; N]]) -> Vec<[u32; N]> {
-        let ranked = |&t: &u32| facets[t as usize].map(|facet| self.rank[facet as usize]);
-        cofaces.at.iter().map(ranked).collect()
+        let at = keyed.into_iter().map(|(_, simplex)| simplex).collect();
+        Self { at }
     }
 }
 
@@ -126,15 +114,12 @@ impl Order {
 pub(crate) fn barcode(skeleton: &Skeleton, present: &[bool]) -> Barcode {
     let edges = Order::new(&skeleton.edge_values);
     let triangles = Order::new(&skeleton.triangle_values);
-    let tetrahedra = Order::new(&skeleton.tetrahedron_values);
     let mut barcode = Barcode::default();
 
     let joins = components(skeleton, present, &edges, &mut barcode);
-    let d1 = Coboundary::new(
-        edges.at.len(),
-        &edges.facets(&triangles, &skeleton.triangle_edges),
-    );
+    let d1 = Coboundary::ranked(&edges, &triangles, &skeleton.triangle_edges);
     let loops = reduce(&d1, |edge| joins[edge as usize]);
+    drop(d1);
     let columns = (&edges, &skeleton.edge_values[..]);
     record(
         1,
@@ -144,8 +129,8 @@ pub(crate) fn barcode(skeleton: &Skeleton, present: &[bool]) -> Barcode {
         &mut barcode,
     );
 
-    let facets = triangles.facets(&tetrahedra, &skeleton.tetrahedron_triangles);
-    let d2 = Coboundary::new(triangles.at.len(), &facets);
+    let tetrahedra = Order::new(&skeleton.tetrahedron_values);
+    let d2 = Coboundary::ranked(&triangles, &tetrahedra, &skeleton.tetrahedron_triangles);
     let cavities = reduce(&d2, |triangle| {
         loops.column_of_row[triangle as usize] != NONE
     });

@@ -48,19 +48,22 @@ pub(crate) struct Skeleton {
 }
 
 impl Skeleton {
-    pub(crate) fn set_edges(&mut self, edges: Layer<2>, vertices: usize) {
+    pub(crate) fn set_edges(&mut self, mut edges: Layer<2>, vertices: usize) {
+        edges.shrink();
         self.edge_runs = runs(edges.simplices.iter().map(|e| e[0]), vertices);
         (self.edges, self.edge_values) = (edges.simplices, edges.values);
         self.edge_points = edges.points;
     }
 
-    pub(crate) fn set_triangles(&mut self, triangles: Layer<3>) {
+    pub(crate) fn set_triangles(&mut self, mut triangles: Layer<3>) {
+        triangles.shrink();
         self.triangle_runs = runs(triangles.facets.iter().map(|t| t[0]), self.edges.len());
         (self.triangles, self.triangle_edges) = (triangles.simplices, triangles.facets);
         (self.triangle_values, self.triangle_points) = (triangles.values, triangles.points);
     }
 
-    pub(crate) fn set_tetrahedra(&mut self, tetrahedra: Layer<4>) {
+    pub(crate) fn set_tetrahedra(&mut self, mut tetrahedra: Layer<4>) {
+        tetrahedra.shrink();
         let first_facets = tetrahedra.facets.iter().map(|t| t[0]);
         self.tetrahedron_runs = runs(first_facets, self.triangles.len());
         (self.tetrahedra, self.tetrahedron_triangles) = (tetrahedra.simplices, tetrahedra.facets);
@@ -177,6 +180,14 @@ impl<const N: usize> Layer<N> {
             values: Vec::with_capacity(count),
             points: Vec::with_capacity(if points { count } else { 0 }),
         }
+    }
+
+    /// Gives back what growing has reserved in advance.
+    fn shrink(&mut self) {
+        self.simplices.shrink_to_fit();
+        self.facets.shrink_to_fit();
+        self.values.shrink_to_fit();
+        self.points.shrink_to_fit();
     }
 
     fn view(&self) -> LayerRef<'_, N> {

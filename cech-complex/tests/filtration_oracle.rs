@@ -11,7 +11,6 @@ use cech_complex::{Cylinder, filtration_value};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT,
-    SolverStatus,
 };
 use proptest::prelude::*;
 use rand::{Rng, SeedableRng};
@@ -20,8 +19,12 @@ use rand_chacha::ChaCha8Rng;
 type Simplex = (Vec<Point3<f64>>, Vec<UnitVector3<f64>>);
 
 /// `min s` subject to `|n·(y − p)| ≤ s·h/2` and `‖Tᵀ(y − p)‖ ≤ s·r`, unknowns `(y, s)`; clarabel wants `b − A x` in the cone.
-fn cone_program((points, normals): &Simplex, radius: f64, half: f64) -> f64 {
+///
+/// What comes back is a bracket that does not trust clarabel's digits either: the largest gauge at its primal `y`, and weak duality,
+/// `−Σ w·p / Σ (h/2·|n·w| + r·‖Tᵀw‖)`, with the forces `w` of its dual.
+fn cone_program((points, normals): &Simplex, radius: f64, half: f64) -> (f64, f64) {
     let (mut rows, mut b, mut cones) = (Vec::new(), Vec::new(), Vec::new());
+    let mut frames = Vec::new();
     for (p, n) in points.iter().zip(normals) {
         for sign in [1.0, -1.0] {
             rows.push([sign * n.x, sign * n.y, sign * n.z, -half]);
@@ -43,25 +46,44 @@ fn cone_program((points, normals): &Simplex, radius: f64, half: f64) -> f64 {
             b.push(-tangent.dot(&p.coords));
         }
         cones.push(SecondOrderConeT(3));
+        frames.push((p.coords, n.into_inner(), t, u));
     }
     let a = CscMatrix::from(rows.iter());
     let settings = DefaultSettingsBuilder::default()
         .verbose(false)
         .max_threads(1)
-        .tol_gap_abs(1e-11)
-        .tol_gap_rel(1e-11)
-        .tol_feas(1e-11)
+        .tol_gap_abs(1e-13)
+        .tol_gap_rel(1e-13)
+        .tol_feas(1e-13)
         .build()
         .unwrap();
     let zero = CscMatrix::zeros((4, 4));
     let mut solver =
         DefaultSolver::new(&zero, &[0.0, 0.0, 0.0, 1.0], &a, &b, &cones, settings).unwrap();
     solver.solve();
-    assert!(matches!(
-        solver.solution.status,
-        SolverStatus::Solved | SolverStatus::AlmostSolved
-    ));
-    solver.solution.x[3]
+    let y = Vector3::from_column_slice(&solver.solution.x[..3]);
+    let gauge = |(p, n, t, u): &(Vector3<f64>, Vector3<f64>, Vector3<f64>, Vector3<f64>)| {
+        let d = y - p;
+        (n.dot(&d).abs() / half).max(t.dot(&d).hypot(u.dot(&d)) / radius)
+    };
+    let upper = frames.iter().map(gauge).fold(0.0, f64::max);
+    let mut forces: Vec<Vector3<f64>> = frames
+        .iter()
+        .zip(solver.solution.z.chunks(5))
+        .map(|((_, n, t, u), z)| n * (z[0] - z[1]) - t * z[3] - u * z[4])
+        .collect();
+    // The duals balance up to rounding; the largest force takes the rest.
+    let rest: Vector3<f64> = forces.iter().sum();
+    let largest = (0..forces.len())
+        .max_by(|&i, &j| forces[i].norm().total_cmp(&forces[j].norm()))
+        .unwrap();
+    forces[largest] -= rest;
+    let (mut work, mut support) = (0.0, 0.0);
+    for ((p, n, t, u), w) in frames.iter().zip(&forces) {
+        work -= w.dot(p);
+        support += half * n.dot(w).abs() + radius * t.dot(w).hypot(u.dot(w));
+    }
+    (work / support, upper)
 }
 
 fn direction(rng: &mut ChaCha8Rng) -> UnitVector3<f64> {
@@ -91,14 +113,16 @@ fn random_simplex(rng: &mut ChaCha8Rng, count: usize, scatter: f64) -> Simplex {
     )
 }
 
-/// Value and oracle within 1e-7 (the accuracy clarabel has shown on these problems is 1e-9, once 3e-8), bracket within `gap`.
-fn agree(simplex: &Simplex, radius: f64, height: f64, gap: f64) {
+/// The value lies in the bracket of the oracle, up to the rounding of coordinates of size 2 and the certificate's own gap, and its own
+/// bracket is closed to `gap`. Returns the relative width of the oracle's bracket.
+fn agree(simplex: &Simplex, radius: f64, height: f64, gap: f64) -> f64 {
     let cylinder = Cylinder::new(radius, height).unwrap();
     let f = filtration_value(&simplex.0, &simplex.1, cylinder).unwrap();
-    let oracle = cone_program(simplex, radius, 0.5 * height);
+    let (lower, upper) = cone_program(simplex, radius, 0.5 * height);
+    let slack = gap * f.value + 1e-13 / radius.min(0.5 * height);
     assert!(
-        (f.value - oracle).abs() <= 1e-7 * oracle.max(1e-3),
-        "{f:?} {oracle} {simplex:?}"
+        lower - slack <= f.value && f.value <= upper + slack,
+        "{f:?} not in {lower}..{upper}: {simplex:?} r {radius} h {height}"
     );
     assert!(
         f.gap() <= gap,
@@ -113,21 +137,47 @@ fn agree(simplex: &Simplex, radius: f64, height: f64, gap: f64) {
         .fold(0.0, f64::max);
     // The minimiser is rounded to the frame of the caller: a few units in the last place of coordinates of size 2.
     assert!((attained - f.value).abs() <= 1e-13 * (1.0 + f.value) / radius.min(height));
+    (upper - lower) / upper.max(1e-3)
 }
 
+/// More than ten thousand tuples. Value and oracle lie in the same bracket, so its width bounds their difference: 1e-9 but for those, fewer
+/// than one in a hundred, that clarabel does not solve that well.
 #[test]
 fn agrees_with_the_cone_program_in_every_regime() {
     let mut rng = ChaCha8Rng::seed_from_u64(7);
+    let (mut count_all, mut wide) = (0, 0);
+    for scatter in [1.0, 0.1, 1e-2, 1e-3, 1e-5, 0.0] {
+        for (radius, height) in [(1.0, 1.0), (1.0, 0.1), (0.1, 2.0)] {
+            for count in [2, 3, 4] {
+                for _ in 0..200 {
+                    let simplex = random_simplex(&mut rng, count, scatter);
+                    let width = agree(&simplex, radius, height, 2e-12);
+                    count_all += 1;
+                    wide += usize::from(width > 1e-9);
+                }
+            }
+        }
+    }
+    assert!(count_all >= 10_000);
+    assert!(wide <= count_all / 100, "{wide} of {count_all}");
+}
+
+/// Stacked cylinders whose normals differ by little more than rounding: a point on the rim decides, found along a valley as flat as the
+/// angle. Clarabel is good to about the angle here, the certificate to 1e-12, or 1e-9 below an angle of 1e-7.
+#[test]
+fn nearly_parallel_stacks_are_certified() {
+    let mut rng = ChaCha8Rng::seed_from_u64(70);
     for (scatter, gap) in [
-        (1.0, 2e-12),
-        (0.1, 2e-12),
-        (1e-3, 2e-12),
-        (1e-8, 1e-6),
-        (0.0, 2e-12),
+        (1e-6, 2e-12),
+        (1e-7, 2e-12),
+        (1e-8, 1e-9),
+        (1e-9, 1e-9),
+        (1e-10, 1e-9),
+        (1e-11, 1e-9),
     ] {
         for (radius, height) in [(1.0, 1.0), (1.0, 0.1), (0.1, 2.0)] {
             for count in [2, 3, 4] {
-                for _ in 0..12 {
+                for _ in 0..100 {
                     let simplex = random_simplex(&mut rng, count, scatter);
                     agree(&simplex, radius, height, gap);
                 }
