@@ -18,7 +18,7 @@ pub enum Error {
         found: usize,
     },
     /// A coordinate is not finite, or beyond 1e60, where its square would overflow.
-    #[error("{what} {index} has coordinate {value}, which is not finite or beyond 1e60")]
+    #[error("{what} {index} has coordinate {value:e}, which is not finite or beyond 1e60")]
     BadCoordinate {
         /// Which slice.
         what: &'static str,
@@ -50,13 +50,18 @@ pub enum Error {
 /// Largest coordinate whose products up to degree four still fit an `f64`.
 const LARGEST: f64 = 1e60;
 
+/// Whether a coordinate is finite and small enough to square.
+pub(crate) fn is_sound(coordinate: f64) -> bool {
+    coordinate.abs() <= LARGEST
+}
+
 /// Refuses coordinates that are not finite or too large to square.
 pub(crate) fn check_coordinates<'a>(
     what: &'static str,
     triples: impl Iterator<Item = &'a nalgebra::Vector3<f64>>,
 ) -> Result<(), Error> {
     for (index, v) in triples.enumerate() {
-        if let Some(&value) = v.iter().find(|c| c.is_nan() || c.abs() > LARGEST) {
+        if let Some(&value) = v.iter().find(|c| !is_sound(**c)) {
             return Err(Error::BadCoordinate { what, index, value });
         }
     }

@@ -8,12 +8,26 @@
 //! q ← q + h₀ n                               until |h₀| is negligible
 //! ```
 //!
-//! A linear fit would pull every curved surface inward by about `κ ρ²/10`; the quadratic one follows the curvature and leaves only
-//! the fourth-order terms. Where the points do not carry a quadratic (fewer than nine, or on a line) it falls
-//! back to the weighted mean plane.
+//! Where the points do not carry a quadratic (fewer than nine, or on a line) the fit falls back to the weighted mean plane.
+//!
+//! # Bias on a sphere
+//! Seen from a point of a sphere of radius `r`, with `a² = s² + t²` and densely and evenly sampled,
+//!
+//! ```text
+//! h(a) = −a²/(2r) − a⁴/(8r³) − …                    m_k = ∫₀¹ W(x) x^{k+1} dx:   1/14, 5/504, 1/396, 1/1144  for k = 0, 2, 4, 6
+//! plane        h₀ = ⟨h⟩ = −(m₂/m₀) ρ²/(2r) = −(5/72) ρ²/r
+//! quadratic    h₀ = −c/(8r³),   a⁴ ≈ c + c′a² in the weighted least-squares sense:
+//!              c = ρ⁴ (m₄² − m₂m₆)/(m₀m₄ − m₂²) = −(917/32747) ρ⁴
+//!              h₀ = + (917/261976) ρ⁴/r³ ≈ 0.0035 ρ⁴/r³
+//! ```
+//!
+//! (the weights are Wendland's C2; `c < 0` by the inequality of Cauchy and Schwarz, for every weight). The fixed point of the iteration lies
+//! where `h₀ = 0`, which is as far off the sphere. So the plane eats a sphere at every pass, and the quadratic does not shrink it at all: it
+//! grows by [`sphere_bias`], 0.6 µm for `r` = 50 mm and `ρ` = 12 mm, 300 times less than the plane takes.
 
 use nalgebra::{Matrix6, Point3, Unit, UnitVector3, Vector3, Vector6};
 
+use crate::batch::map_indexed;
 use crate::error::{Error, check_coordinates, check_length};
 use crate::tree::{Neighbour, Tree};
 use crate::weight::Weight;
@@ -70,7 +84,6 @@ pub fn project(
     normals: &[UnitVector3<f64>],
     radius: f64,
 ) -> Result<Projection, Error> {
-    check_coordinates("query", std::iter::once(&point.coords))?;
     Surface::new(points, normals, radius)?.project(point)
 }
 
@@ -87,15 +100,20 @@ pub fn smooth(
     radius: f64,
 ) -> Result<Smoothed, Error> {
     let surface = Surface::new(points, normals, radius)?;
-    let projected: Vec<Projection> = points
-        .iter()
-        .enumerate()
-        .map(|(index, p)| surface.project_indexed(p, index))
-        .collect::<Result<_, _>>()?;
+    // All first, then the first error by index, whichever thread met one first.
+    let projected = map_indexed(points.len(), |i| surface.project_indexed(&points[i], i))
+        .into_iter()
+        .collect::<Result<Vec<Projection>, _>>()?;
     Ok(Smoothed {
         points: projected.iter().map(|s| s.point).collect(),
         normals: projected.iter().map(|s| s.normal).collect(),
     })
+}
+
+/// By how much a sphere of radius `sphere_radius` grows when densely sampled and drawn onto its smooth surface with reach `radius`: the
+/// leading order, `917/261976 ρ⁴/r³`, in m. The derivation stands at the head of this module.
+pub fn sphere_bias(radius: f64, sphere_radius: f64) -> f64 {
+    917.0 / 261_976.0 * radius.powi(4) / sphere_radius.powi(3)
 }
 
 /// The smooth surface of a cloud, ready for many projections.
@@ -131,15 +149,16 @@ impl<'a> Surface<'a> {
             points,
             normals,
             radius,
-            tree: Tree::new(points).ok_or(Error::NoNodes)?,
+            tree: Tree::over(points).ok_or(Error::NoNodes)?,
         })
     }
 
     /// Projects `point`.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] if no point of the cloud is within the radius.
+    /// A query that is not finite, or [`Error::Unsupported`] if no point of the cloud is within the radius.
     pub fn project(&self, point: &Point3<f64>) -> Result<Projection, Error> {
+        check_coordinates("query", std::iter::once(&point.coords))?;
         self.project_indexed(point, 0)
     }
 
@@ -166,20 +185,17 @@ impl<'a> Surface<'a> {
 
     fn nearest_normal(&self, near: &[Neighbour]) -> Option<UnitVector3<f64>> {
         near.iter()
-            .min_by(|a, b| a.distance.total_cmp(&b.distance))
+            .min_by(|a, b| a.squared.total_cmp(&b.squared))
             .map(|n| self.normals[n.index])
     }
 
     /// The height polynomial over `q`; nothing if no point is within the radius.
     fn local_fit(&self, q: &Point3<f64>) -> Option<LocalFit> {
-        if !q.coords.amax().is_finite() {
-            return None;
-        }
         let near = self.tree.within(q, self.radius);
         let weight = |distance: f64| Weight::WendlandC2.value(distance / self.radius);
         let blend: Vector3<f64> = near
             .iter()
-            .map(|n| weight(n.distance) * self.normals[n.index].as_ref())
+            .map(|n| weight(n.distance()) * self.normals[n.index].as_ref())
             .sum();
         // Opposite normals cancel: then the nearest point decides the side.
         let normal = Unit::try_new(blend, 1e-9).or_else(|| self.nearest_normal(&near))?;
@@ -190,7 +206,7 @@ impl<'a> Surface<'a> {
         for n in &near {
             // In units of the radius, so that the damping below has one meaning at every scale.
             let d = (self.points[n.index] - q) / self.radius;
-            let (w, a, b, h) = (weight(n.distance), d.dot(&s), d.dot(&t), d.dot(&normal));
+            let (w, a, b, h) = (weight(n.distance()), d.dot(&s), d.dot(&t), d.dot(&normal));
             let row = Vector6::new(1.0, a, b, a * a, a * b, b * b);
             normal_matrix += w * row * row.transpose();
             right += w * h * row;

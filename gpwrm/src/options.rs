@@ -27,7 +27,8 @@ pub struct FieldOptions {
     /// Radial weight. Default: [`Weight::WendlandC2`].
     pub weight: Weight,
     /// `ε`: how strongly a gradient is drawn to the local rotation, relative to the spread of the neighbours.
-    /// Default .003, for displacements that are exact; .01 suits a node noise of 3 % of the spacing.
+    /// Default .003, for displacements that are exact; .01 suits a node noise of 3 % of the spacing. Along an axis with the share `λ` of
+    /// the spread (about ½ within a surface) it takes `ε/(λ + ε)` of a strain, and nothing of a rotation.
     pub shrinkage: f64,
 }
 
@@ -75,11 +76,12 @@ impl FieldOptions {
 /// What the nodes around a point say about the gradient there (Lemma 2 of the method).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Determinacy {
-    /// Fewer than three nodes, or all on a line: even the rotation is a guess (the least one).
+    /// Fewer than three nodes, or all on a line: their roll is a guess, that of the nearest node that knows its own or else
+    /// none.
     Undetermined,
-    /// The nodes spread within a surface: the rotation is known, the strain across the surface is not.
+    /// Three nodes or more that spread within a surface: the rotation is known, the strain across the surface is not.
     Partly,
-    /// The nodes spread in all directions: the whole gradient comes from data.
+    /// Four nodes or more that spread in all directions: the whole gradient comes from data.
     Determined,
 }
 
@@ -94,4 +96,7 @@ pub struct Sample {
     pub determinacy: Determinacy,
     /// Distance to the nearest node, in m: how far the value is extrapolated.
     pub extrapolation: f64,
+    /// Whether the point lies outside the support of every node: none of the given reach surrounds it, and the value is
+    /// continued from the nearest ones.
+    pub extrapolated: bool,
 }

@@ -8,7 +8,7 @@
 //!
 //! `Σ φ = 1` always. `φ` is the same for every component and every displacement, which is what registration, filter and
 //! planner need: `u(p) = Φ(p) U` is linear in `U`. The price is that the direction across a flat neighbourhood is damped
-//! by `κ`, so use these on the surface and [`Field::evaluate`](crate::Field::evaluate) off it.
+//! by `κ`, so use these on the surface and [`Field::shape`](crate::Field::shape) off it.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -55,7 +55,7 @@ impl ShapeFunctions {
         }
         Ok(Self {
             nodes: nodes.to_vec(),
-            tree: Tree::new(nodes).ok_or(Error::NoNodes)?,
+            tree: Tree::over(nodes).ok_or(Error::NoNodes)?,
             count,
         })
     }
@@ -67,25 +67,22 @@ impl ShapeFunctions {
 }
 
 /// `φ` over the `count` nearest nodes. The support ends at the next node, so that `φ` is continuous in `p`.
-pub(crate) fn linear(
+fn linear(
     nodes: &[Point3<f64>],
     tree: &Tree,
     p: &Point3<f64>,
     count: usize,
 ) -> Vec<(usize, f64)> {
-    if !p.coords.amax().is_finite() {
-        return Vec::new();
-    }
     let mut near = tree.nearest_n(p, count.saturating_add(1).min(nodes.len()));
     let Some(last) = near.last().copied() else {
         return Vec::new();
     };
     let radius = if near.len() > count {
         near.pop();
-        last.distance
+        last.distance()
     } else {
         // Every node takes part; reach beyond the last so that it counts too.
-        1.5 * last.distance
+        1.5 * last.distance()
     };
     let weights = normalised_weights(&near, radius);
     let offset = |k: usize| nodes[near[k].index] - p;
@@ -112,7 +109,7 @@ pub(crate) fn linear(
 fn normalised_weights(near: &[Neighbour], radius: f64) -> Vec<f64> {
     let raw: Vec<f64> = near
         .iter()
-        .map(|n| weight_at(Weight::WendlandC2, n.distance, radius))
+        .map(|n| weight_at(Weight::WendlandC2, n.distance(), radius))
         .collect();
     let total: f64 = raw.iter().sum();
     if total > 1e-200 {

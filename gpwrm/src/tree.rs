@@ -6,23 +6,59 @@ use std::sync::Arc;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 
-/// A node and how far it is.
+use crate::error::{Error, check_coordinates, is_sound};
+
+/// A point of a [`Tree`] and how far it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Neighbour {
+pub struct Neighbour {
+    /// Index of the point in the slice the tree was built from.
     pub index: usize,
-    pub distance: f64,
+    /// Squared distance, in m².
+    pub squared: f64,
 }
 
-/// k-d tree over points already known to be finite.
+impl Neighbour {
+    /// Distance, in m.
+    pub fn distance(&self) -> f64 {
+        self.squared.sqrt()
+    }
+}
+
+/// The k-d tree that field, shape functions and surface search: public, because whoever registers, filters or plans on the
+/// same nodes asks the same questions of them.
+///
+/// A clone shares the tree. Ties are broken by the tree alone: the same points give the same answers.
+///
+/// ```
+/// use gpwrm::{Tree, nalgebra::Point3};
+/// let points: Vec<_> = (0..10).map(|k| Point3::new(f64::from(k), 0.0, 0.0)).collect();
+/// let tree = Tree::new(&points)?;
+/// let near = tree.nearest_n(&Point3::new(4.2, 0.0, 0.0), 2);
+/// assert_eq!((near[0].index, near[1].index), (4, 5));
+/// assert_eq!(tree.within(&Point3::new(4.2, 0.0, 0.0), 1.5).len(), 3);
+/// assert!(tree.nearest(&Point3::new(f64::NAN, 0.0, 0.0)).is_none());
+/// # Ok::<(), gpwrm::Error>(())
+/// ```
 #[derive(Debug, Clone)]
-pub(crate) struct Tree {
-    /// Shared, so that a clone of a field costs no new tree.
+pub struct Tree {
     tree: Arc<ImmutableKdTree<f64, 3>>,
 }
 
 impl Tree {
-    /// `None` when there are no points.
-    pub fn new(points: &[Point3<f64>]) -> Option<Self> {
+    /// Tree over `points`.
+    ///
+    /// # Errors
+    /// No points, or a coordinate that is not finite or beyond 1e60.
+    ///
+    /// # Complexity
+    /// `O(n log n)`.
+    pub fn new(points: &[Point3<f64>]) -> Result<Self, Error> {
+        check_coordinates("point", points.iter().map(|p| &p.coords))?;
+        Self::over(points).ok_or(Error::NoNodes)
+    }
+
+    /// Tree over points already known to be finite; nothing if there are none.
+    pub(crate) fn over(points: &[Point3<f64>]) -> Option<Self> {
         if points.is_empty() {
             return None;
         }
@@ -33,49 +69,58 @@ impl Tree {
         })
     }
 
-    pub fn nearest(&self, p: &Point3<f64>) -> Neighbour {
+    /// The nearest point, in `O(log n)`; nothing if `p` is not finite.
+    pub fn nearest(&self, p: &Point3<f64>) -> Option<Neighbour> {
         let hit = self
             .tree
-            .query(&[p.x, p.y, p.z])
+            .query(&finite(p)?)
             .nearest_one::<SquaredEuclidean<f64>>()
             .execute();
-        Neighbour {
+        Some(Neighbour {
             index: hit.item as usize,
-            distance: hit.distance.sqrt(),
-        }
+            squared: hit.distance,
+        })
     }
 
-    /// The `count` nearest, nearest first.
+    /// The `count` nearest, nearest first; none if `p` is not finite.
     pub fn nearest_n(&self, p: &Point3<f64>, count: usize) -> Vec<Neighbour> {
-        let Some(count) = NonZero::new(count) else {
+        let (Some(count), Some(at)) = (NonZero::new(count), finite(p)) else {
             return Vec::new();
         };
         let hits = self
             .tree
-            .query(&[p.x, p.y, p.z])
+            .query(&at)
             .nearest_n::<SquaredEuclidean<f64>>(count)
             .execute();
         hits.iter()
             .map(|hit| Neighbour {
                 index: hit.item as usize,
-                distance: hit.distance.sqrt(),
+                squared: hit.distance,
             })
             .collect()
     }
 
-    /// All within `radius`, in the order of the tree.
+    /// All within `radius`, in the order of the tree; none if `p` is not finite.
     pub fn within(&self, p: &Point3<f64>, radius: f64) -> Vec<Neighbour> {
+        let Some(at) = finite(p) else {
+            return Vec::new();
+        };
         let hits = self
             .tree
-            .query(&[p.x, p.y, p.z])
+            .query(&at)
             .within::<SquaredEuclidean<f64>>(radius * radius)
             .unsorted()
             .execute();
         hits.iter()
             .map(|hit| Neighbour {
                 index: hit.item as usize,
-                distance: hit.distance.sqrt(),
+                squared: hit.distance,
             })
             .collect()
     }
+}
+
+/// Coordinates to search from; nothing if they are not finite or too large to square.
+fn finite(p: &Point3<f64>) -> Option<[f64; 3]> {
+    p.iter().all(|&c| is_sound(c)).then_some([p.x, p.y, p.z])
 }

@@ -1,8 +1,7 @@
 //! Fields and surfaces whose answer is known by construction, and answers to wrong input.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-use gpwrm::mls::{project, smooth};
-use gpwrm::{Determinacy, Error, Field, FieldOptions, ShapeFunctions, Support};
+use gpwrm::{Determinacy, Error, Field, FieldOptions, Support};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 
 /// Nodes 10 mm apart on the saddle `z = 2(x² − y²)`.
@@ -16,19 +15,6 @@ fn saddle() -> Vec<Point3<f64>> {
         })
         .map(|(x, y)| Point3::new(x, y, 2.0 * (x * x - y * y)))
         .collect()
-}
-
-/// Points on a sphere of radius `r` about the origin, and their normals.
-fn sphere(count: usize, r: f64) -> (Vec<Point3<f64>>, Vec<UnitVector3<f64>>) {
-    let golden = std::f64::consts::PI * (3.0 - 5_f64.sqrt());
-    (0..count)
-        .map(|k| {
-            let z = 1.0 - (2.0 * k as f64 + 1.0) / count as f64;
-            let (s, a) = ((1.0 - z * z).sqrt(), golden * k as f64);
-            let n = Vector3::new(s * a.cos(), s * a.sin(), z);
-            (Point3::from(n * r), UnitVector3::new_normalize(n))
-        })
-        .unzip()
 }
 
 /// A bend of 20 mm over 110 mm, with its gradient: on the surface the field is right to some hundredths of a mm, a
@@ -146,85 +132,6 @@ fn one_two_and_collinear_nodes_take_the_least_rotation() {
             "{count}"
         );
     }
-}
-
-#[test]
-fn shape_functions_are_a_partition_of_unity_and_nearly_linear() {
-    let nodes = saddle();
-    let shapes = ShapeFunctions::new(&nodes, 8).unwrap();
-    let still = vec![Vector3::zeros(); nodes.len()];
-    let field = Field::new(&nodes, &still, &FieldOptions::default()).unwrap();
-    for k in 0..100 {
-        let (x, y) = (
-            f64::from(k % 10) * 0.009 - 0.04,
-            f64::from(k / 10) * 0.009 - 0.04,
-        );
-        let p = Point3::new(x, y, 2.0 * (x * x - y * y));
-        let phi = shapes.at(&p);
-        assert_eq!(phi, field.shape_functions(&p));
-        assert!((phi.iter().map(|s| s.1).sum::<f64>() - 1.0).abs() < 1e-12);
-        let x: f64 = phi.iter().map(|s| s.1 * nodes[s.0].x).sum();
-        // The damping takes κ τ / (λ + κ τ), 2 to 4 %, of the distance to the mean of the nodes, a spacing at most.
-        assert!((x - p.x).abs() < 0.04 * 0.01, "{}", x - p.x);
-    }
-}
-
-/// On a sphere the quadratic leaves the fourth order: with reach ρ the fitted constant is off by about ρ⁴/(40 r³).
-#[test]
-fn smoothing_does_not_shrink_a_sphere() {
-    let r = 0.05;
-    let (points, normals) = sphere(2000, r);
-    let reach: f64 = 0.012;
-    let bias = reach.powi(4) / (40.0 * r.powi(3));
-    let smoothed = smooth(&points, &normals, reach).unwrap();
-    for (p, n) in smoothed.points.iter().zip(&smoothed.normals) {
-        assert!(
-            (p.coords.norm() - r).abs() < bias,
-            "{}",
-            p.coords.norm() - r
-        );
-        assert!(n.dot(&p.coords.normalize()) > 0.9999);
-    }
-}
-
-#[test]
-fn smoothing_removes_noise_and_merges_layers() {
-    let r = 0.05;
-    let (mut points, normals) = sphere(4000, r);
-    for (k, p) in points.iter_mut().enumerate() {
-        // Two layers, 1 mm apart, in an order that has nothing to do with position.
-        *p *= 1.0 + if k % 2 == 0 { 0.01 } else { -0.01 };
-    }
-    let smoothed = smooth(&points, &normals, 0.01).unwrap();
-    let off = |points: &[Point3<f64>]| {
-        points
-            .iter()
-            .map(|p| (p.coords.norm() - r).abs())
-            .sum::<f64>()
-            / points.len() as f64
-    };
-    assert!(
-        off(&smoothed.points) < 0.2 * off(&points),
-        "{}",
-        off(&smoothed.points)
-    );
-}
-
-#[test]
-fn projection_is_idempotent_and_says_when_it_has_no_support() {
-    let (points, normals) = sphere(1500, 0.05);
-    let q = Point3::new(0.03, 0.03, 0.03);
-    let once = project(&q, &points, &normals, 0.012).unwrap();
-    let twice = project(&once.point, &points, &normals, 0.012).unwrap();
-    assert!((once.point - twice.point).norm() < 1e-9);
-    let far = project(&Point3::origin(), &points, &normals, 0.012);
-    assert_eq!(
-        far,
-        Err(Error::Unsupported {
-            index: 0,
-            radius: 0.012
-        })
-    );
 }
 
 #[test]

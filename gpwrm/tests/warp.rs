@@ -1,0 +1,156 @@
+//! The program `warp`: its own code, run on files.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+#[path = "../examples/warp/program.rs"]
+mod program;
+#[path = "../examples/warp/table.rs"]
+mod table;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Point3, Rotation3, Vector3};
+
+/// A folder with the files of one call.
+struct Desk(tempfile::TempDir);
+
+impl Desk {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn put(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    /// Runs on `nodes.csv` and `query.csv`; what it says, or its complaint and exit code.
+    fn run(&self, more: &[&str]) -> Result<String, (u8, String)> {
+        let name = |n: &str| self.0.path().join(n).display().to_string();
+        let arguments = [name("nodes.csv"), name("query.csv"), "--out".to_owned(), name("out.csv")];
+        let more = more.iter().map(|a| (*a).to_owned());
+        program::run(arguments.into_iter().chain(more)).map_err(|f| (f.exit_code(), f.to_string()))
+    }
+
+    fn out(&self) -> String {
+        std::fs::read_to_string(self.0.path().join("out.csv")).unwrap()
+    }
+}
+
+fn sheet(turn: &Rotation3<f64>) -> String {
+    let mut text = String::new();
+    for k in 0..49 {
+        let x = Point3::new(f64::from(k % 7), f64::from(k / 7), 40.0) * 0.01;
+        let u = turn * x - x;
+        let _ = writeln!(text, "{},{},{},{},{},{}", x.x, x.y, x.z, u.x, u.y, u.z);
+    }
+    text
+}
+
+fn rows(text: &str) -> Vec<[f64; 4]> {
+    table::read(text, ["x", "y", "z", "determined"]).unwrap().rows
+}
+
+/// A half turn carries points on and off the sheet to 1e-9, in order, and says what is known.
+#[test]
+fn points_are_carried_and_graded() {
+    let half = Rotation3::new(Vector3::new(0.0, std::f64::consts::PI, 0.0));
+    for more in [&[][..], &["--radius", "0.025"][..], &["--radius", "0.001"][..]] {
+        let desk = Desk::new();
+        desk.put("nodes.csv", &sheet(&half));
+        desk.put("query.csv", "0.031,0.024,0.4\n0.031,0.024,0.412\n0.03,0.02,0.9\n");
+        let said = desk.run(more).unwrap();
+        assert!(said.starts_with("3 points warped by 49 nodes"), "{said}");
+        let found = rows(&desk.out());
+        let asked = [(0.031, 0.024, 0.4), (0.031, 0.024, 0.412), (0.03, 0.02, 0.9)];
+        for (row, (x, y, z)) in found.iter().zip(asked) {
+            let expected = half * Point3::new(x, y, z);
+            assert!((Point3::new(row[0], row[1], row[2]) - expected).norm() < 1e-9);
+        }
+        let grades: Vec<f64> = found.iter().map(|row| row[3]).collect();
+        // A reach below the spacing leaves every node alone, and the points between them out of reach.
+        let expected = if more.contains(&"0.001") { [0.0, 0.0, 0.0] } else { [1.0, 1.0, 0.0] };
+        assert_eq!(grades, expected);
+    }
+}
+
+/// A block of nodes determines everything inside.
+#[test]
+fn a_block_is_determined() {
+    let desk = Desk::new();
+    let mut text = String::from("x,y,z,ux,uy,uz\n");
+    for k in 0..125 {
+        let _ = writeln!(text, "{},{},{},0.1,0,0", k % 5, k / 5 % 5, k / 25);
+    }
+    desk.put("nodes.csv", &text);
+    desk.put("query.csv", "x,y,z\n1.5,2.5,1.5\n");
+    desk.run(&[]).unwrap();
+    assert!(desk.out().starts_with("x,y,z,determined\n1.6"), "{}", desk.out());
+    assert_eq!(rows(&desk.out())[0][3].to_bits(), 2_f64.to_bits());
+}
+
+/// Headings, comments, blank lines, Windows line ends and a byte order mark are no trouble; without a heading in, none goes out.
+#[test]
+fn files_may_be_dressed() {
+    let desk = Desk::new();
+    let bare = sheet(&Rotation3::identity());
+    desk.put("nodes.csv", &format!("\u{feff}# nodes\r\n\r\nX, Y, Z, \"ux\", uy, uz\r\n{}", bare.replace('\n', "\r\n")));
+    desk.put("query.csv", " 0.03 , 0.02,\t4e-1\n");
+    desk.run(&[]).unwrap();
+    assert_eq!(desk.out(), "0.03,0.02,0.4,1\n");
+}
+
+#[test]
+fn wrong_files_are_named_with_line_and_value() {
+    let good = sheet(&Rotation3::identity());
+    let cases = [
+        ("0,0,0,0,0,0\n0,0,zero,0,0,0\n", "nodes.csv: line 2, column z: `zero` is not a finite number"),
+        ("x,y,z,ux,uy,uz\n0,0,0,0,NaN,0\n", "nodes.csv: line 2, column uy: `NaN` is not a finite number"),
+        ("0,0,0,0,0,inf\n", "nodes.csv: line 1, column uz: `inf` is not a finite number"),
+        ("0,0,0,0,0\n", "nodes.csv: line 1: 5 values, but there are 6 columns"),
+        ("ux,uy,uz,x,y,z\n0,0,0,0,0,0\n", "nodes.csv: line 1: column `ux` stands where `x` belongs"),
+        ("1e99,0,0,0,0,0\n", "nodes.csv: node 0 has coordinate 1e99"),
+        ("", "nodes.csv: no nodes were given"),
+        ("0,0,0,0,0,x1\n", "nodes.csv: line 1, column uz: `x1` is not a finite number"),
+        ("0,0,,0,0,0\n", "nodes.csv: line 1, column z: `` is not a finite number"),
+    ];
+    for (nodes, complaint) in cases {
+        let desk = Desk::new();
+        desk.put("nodes.csv", nodes);
+        desk.put("query.csv", "0,0,0\n");
+        let (code, said) = desk.run(&[]).unwrap_err();
+        assert_eq!(code, 1);
+        assert!(said.contains(complaint), "{said}\nwanted {complaint}");
+    }
+    let desk = Desk::new();
+    desk.put("nodes.csv", &good);
+    let (code, said) = desk.run(&[]).unwrap_err();
+    assert!(code == 1 && said.contains("query.csv"), "{said}");
+    desk.put("query.csv", "0,0,0,0\n");
+    let (code, said) = desk.run(&[]).unwrap_err();
+    assert!(code == 1 && said.contains("line 1: 4 values, but there are 3 columns"), "{said}");
+    assert!(!Path::new(&desk.0.path().join("out.csv")).exists());
+}
+
+#[test]
+fn wrong_calls_are_told_apart_from_wrong_files() {
+    let call = |arguments: &[&str]| program::run(arguments.iter().map(|a| (*a).to_owned()));
+    for arguments in [
+        &[][..],
+        &["a", "b"],
+        &["a", "--out", "c"],
+        &["a", "b", "c", "--out", "d"],
+        &["a", "b", "--out"],
+        &["a", "b", "--out", "c", "--radius", "-1"],
+        &["a", "b", "--out", "c", "--radius", "wide"],
+        &["a", "b", "--out", "c", "--radius", "NaN"],
+        &["a", "b", "--out", "c", "--depth", "1"],
+    ] {
+        let failure = call(arguments).unwrap_err();
+        assert_eq!(failure.exit_code(), 2, "{arguments:?}");
+        assert!(failure.to_string().contains("usage: warp"), "{failure}");
+    }
+    assert!(call(&["--help"]).unwrap().starts_with("usage: warp"));
+    assert_eq!(call(&["no", "such", "--out", "file"]).unwrap_err().exit_code(), 1);
+}
