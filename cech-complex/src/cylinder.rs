@@ -6,21 +6,42 @@
 //! ```
 //!
 //! ## Lemma 1: which cylinder fits a surface
-//! Let `M` be a closed surface of reach `τ`, every point of `M` within `ε` of a sample, normals off by at most `α`.
-//! Near a sample `p` the surface lies outside the two balls of radius `τ` that touch it there, so over a disc of radius
-//! `r < τ` it stays within `sag(r) = τ − √(τ² − r²)` of the tangent plane, and a normal that is off by `α` adds
-//! `r·tan α`. Hence with `e = sag(r) + r·tan α`:
+//! `M`: closed surface of reach `τ`; samples on it, no point of it farther than `ε` from a sample; normals off by at most `α`. Write `H = h/2`,
+//! `U(s)` for the union of the cylinders at scale `s`, `M(δ)` for the points within `δ` of `M`, and
 //!
-//! * `r ≥ ε` and `h/2 ≥ e`: the cylinders cover `M`, each of them the patch over its own disc;
-//! * `h/2 + e < τ`: no cylinder leaves the tube around `M` in which the closest point is unique, so it never reaches
-//!   another sheet.
+//! ```text
+//! e    = ε²/(2τ) + ε·sin α                       height of M over the tangent plane of a sample, within ε
+//! θ    = 2·asin(ε/(2τ))                          turn of the normal within ε
+//! δ(s) = s·H + (s·r)²/(2τ) + 2·s·r·sin(α/2)      how far from M a cylinder reaches
+//! ```
 //!
-//! Then every normal segment of `M` meets the union of the cylinders in an interval around `M`; the union
-//! retracts to `M` along these segments and the nerve theorem gives `CČC ≃ M`. The interval property is defended here by
-//! tests on analytic surfaces rather than by proof.
+//! **Proved.** Let `a·r ≥ ε`, `a·H ≥ e`, `b·H ≥ δ(a) + e`, `b·r ≥ ε + δ(a)·sin(θ + α)` and `δ(b) < τ`. Then
+//!
+//! ```text
+//! M ⊂ U(a) ⊂ M(δ(a)) ⊂ U(b) ⊂ M(δ(b))      and so      β_k^{a,b} = β_k(M),   k = 0, 1, 2.
+//! ```
+//!
+//! 1. A point of `M` within `ε` of the sample `p` is at most `ε²/(2τ)` off the tangent plane (Federer 1959, 4.8), so in `C_p(a)`.
+//! 2. The geodesic from `p` along a tangent vector `u` ends within `|u|²/(2τ)` of `p + u`, for its curvature is at most `1/τ`. A
+//!    tilted disc is another `2·s·r·sin(α/2)` off, the axis another `s·H`: hence `U(s) ⊂ M(δ(s))`.
+//! 3. Between `m` and a sample within `ε` the normal turns by at most `θ` (Boissonnat, Lieutier and Wintraecken 2019), so
+//!    `m + t·ν(m)` with `|t| ≤ δ(a)` lies in `C_p(b)`.
+//! 4. `M(δ)` retracts to `M` for `δ < τ`. `H(U(a)) → H(U(b))` factors through `H(M(δ(a)))`, which bounds its rank from above, and
+//!    `H(M) → H(U(a)) → H(U(b)) → H(M(δ(b)))` is an isomorphism, which bounds it from below. Cylinders are convex, so unions and
+//!    nerves have the same persistent homology (nerve theorem).
+//!
+//! [`Cylinder::proven_scale`] gives the least such `b` for `a = 1`. The proof is about the plain nerve ([`Orientation::Free`](crate::Orientation)).
+//! `Separate { min_cosine }` gives the same complex if no two cylinders that meet have normals farther apart than that, for which
+//! `2·asin(b·√(r² + H²)/τ) + 2α ≤ acos(min_cosine)` suffices.
+//!
+//! **Only tested.** That one scale is enough, `β_k^{s,s} = β_k(M)`, whenever `s·r ≥ ε`, `s·H ≥ sag(s·r) + s·r·tan α` and
+//! `s·H + sag(s·r) + s·r·tan α < τ`, with `sag(x) = τ − √(τ² − x²)`: a cylinder then contains the patch of `M` over its disc and reaches no other
+//! sheet. It would follow if every normal segment of `M` met `U(s)` in an interval; corners of cylinders can break that by a sliver of
+//! height `r²/τ`, which no test has ever seen change a Betti number (tests `lemma`).
 
 use crate::error::{Error, positive};
 use nalgebra::{Point3, UnitVector3, Vector3};
+use std::f64::consts::FRAC_PI_2;
 
 /// Half-width of the disc in spacings: grid points and ε-nets leave gaps of up to about 1.1 spacings (`√(area/n)`),
 /// and the sum of two radii has to close the ring around every such gap.
@@ -70,12 +91,7 @@ impl Cylinder {
     pub fn from_spacing_reach_and_tilt(spacing: f64, reach: f64, tilt: f64) -> Result<Self, Error> {
         positive("spacing", spacing)?;
         positive("reach", reach)?;
-        if !(0.0..std::f64::consts::FRAC_PI_2).contains(&tilt) {
-            return Err(Error::OutOfRange {
-                what: "tilt",
-                value: tilt,
-            });
-        }
+        check_tilt(tilt)?;
         let radius = RADIUS_PER_SPACING * spacing;
         // NaN when radius > reach: the comparison below then fails as it should.
         let off_plane =
@@ -90,6 +106,55 @@ impl Cylinder {
             });
         }
         Self::new(radius, 2.0 * half_height)
+    }
+
+    /// The least scale `b` for which Lemma 1 proves that `persistent_betti(1, b)` are the Betti numbers of the surface, whatever the
+    /// sampling otherwise looks like: closed surface of the given `reach`, samples on it, none of its points farther than
+    /// `covering_radius` from a sample (both m), normals off by at most `tilt` (rad). Build with `max_scale` of at least `b`.
+    ///
+    /// # Errors
+    /// [`Error::NotPositive`], [`Error::OutOfRange`] for the tilt, [`Error::NotCovering`] if the cylinders do not cover the surface at
+    /// scale 1, [`Error::TooCoarse`] if they would reach another sheet at scale `b`.
+    ///
+    /// ```
+    /// use cech_complex::{Complex, Cylinder, Options, manifolds::Manifold};
+    ///
+    /// let torus = Manifold::Torus { major: 1.0, minor: 0.4 };
+    /// let cloud = torus.net(900, 1);
+    /// let covering = 1.25 * cloud.spacing;
+    /// let cylinder = Cylinder::new(1.1 * covering, 0.8 * covering)?;
+    /// let b = cylinder.proven_scale(covering, torus.reach(), 0.0)?;
+    /// let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default().max_scale(b))?;
+    /// assert_eq!(complex.persistent_betti(1.0, b), [1, 2, 1]);
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
+    pub fn proven_scale(&self, covering_radius: f64, reach: f64, tilt: f64) -> Result<f64, Error> {
+        positive("covering_radius", covering_radius)?;
+        positive("reach", reach)?;
+        check_tilt(tilt)?;
+        let (r, half) = (self.radius, self.half_height());
+        let off_plane = covering_radius * (covering_radius / (2.0 * reach) + tilt.sin());
+        if r < covering_radius || half < off_plane {
+            return Err(Error::NotCovering {
+                covering_radius,
+                radius: r,
+                height: self.height,
+                least_height: 2.0 * off_plane,
+            });
+        }
+        let extent =
+            |s: f64| s * half + (s * r).powi(2) / (2.0 * reach) + 2.0 * s * r * (0.5 * tilt).sin();
+        let turn = 2.0 * (0.5 * covering_radius / reach).min(1.0).asin() + tilt;
+        let lateral = covering_radius + extent(1.0) * turn.min(FRAC_PI_2).sin();
+        let scale = ((extent(1.0) + off_plane) / half).max(lateral / r);
+        if extent(scale) >= reach {
+            return Err(Error::TooCoarse {
+                spacing: covering_radius,
+                reach,
+                extent: extent(scale),
+            });
+        }
+        Ok(scale)
     }
 
     /// Radius `r` of the disc, m.
@@ -114,6 +179,18 @@ impl Cylinder {
 
     pub(crate) fn half_height(&self) -> f64 {
         0.5 * self.height
+    }
+}
+
+/// Angles between a normal and what it should be.
+fn check_tilt(tilt: f64) -> Result<(), Error> {
+    if (0.0..FRAC_PI_2).contains(&tilt) {
+        Ok(())
+    } else {
+        Err(Error::OutOfRange {
+            what: "tilt",
+            value: tilt,
+        })
     }
 }
 

@@ -34,6 +34,21 @@ pub enum Error {
         /// How far from the surface the union of the cylinders would extend, m.
         extent: f64,
     },
+    /// The cylinders do not cover the surface they stand on.
+    #[error(
+        "cylinders of radius {radius} m and height {height} m do not cover a surface with points {covering_radius} m from the next sample: \
+         the radius has to be at least that, the height at least {least_height} m"
+    )]
+    NotCovering {
+        /// Largest distance of a point of the surface to its nearest sample, m.
+        covering_radius: f64,
+        /// Radius of the cylinders, m.
+        radius: f64,
+        /// Height of the cylinders, m.
+        height: f64,
+        /// Least height that covers, m.
+        least_height: f64,
+    },
     /// A coordinate is NaN or infinite.
     #[error("point {index} is not finite: {point}")]
     NonFinitePoint {

@@ -92,6 +92,77 @@ fn the_limit_on_simplices_stops_before_memory_does() {
 }
 
 #[test]
+fn a_million_points_with_a_tiny_limit_end_at_once() {
+    let cylinder = Cylinder::new(1.0, 1.0).unwrap();
+    let normals = vec![Vector3::z_axis(); 1_000_000];
+    // More points than simplices allowed: nothing is even looked at.
+    let line: Vec<_> = (0..1_000_000)
+        .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
+        .collect();
+    let tiny = Options::default().max_simplices(1000);
+    let found = Complex::build(&line, &normals, cylinder, &tiny);
+    assert_eq!(
+        found.err(),
+        Some(Error::TooManySimplices {
+            count: 1_000_000,
+            limit: 1000
+        })
+    );
+    // Room for the points and little more: it stops at the first edge too many, in a line as in a heap.
+    let little = Options::default().max_simplices(1_000_100);
+    for points in [line, vec![Point3::origin(); 1_000_000]] {
+        let found = Complex::build(&points, &normals, cylinder, &little);
+        assert_eq!(
+            found.err(),
+            Some(Error::TooManySimplices {
+                count: 1_000_101,
+                limit: 1_000_100
+            })
+        );
+    }
+}
+
+#[test]
+fn collinear_points_have_answers_along_and_across_their_normals() {
+    for direction in [
+        Vector3::x(),
+        Vector3::z(),
+        Vector3::new(0.3, 0.2, 0.1),
+        Vector3::new(1e-9, 0.0, 1.0),
+    ] {
+        let points: Vec<_> = (0..60)
+            .map(|i| Point3::from(direction * (0.2 * f64::from(i))))
+            .collect();
+        let complex = build(&points);
+        assert_eq!(complex.betti(1.0), [1, 0, 0], "{direction}");
+        let kinds = complex.classify(0.2 * direction.norm()).unwrap();
+        assert!(!kinds.contains(&VertexKind::Interior));
+        assert!(complex.representative_loops(1.0).is_empty());
+    }
+}
+
+#[test]
+fn extreme_coordinates_are_values_or_errors() {
+    let cylinder = Cylinder::new(1.0, 1.0).unwrap();
+    let normals = [Vector3::z_axis(); 3];
+    for size in [1e-300, 1e-150, 1e150, 1e300, f64::MAX] {
+        let points = [
+            Point3::origin(),
+            Point3::new(size, 0.0, 0.0),
+            Point3::new(0.0, size, size),
+        ];
+        let complex = Complex::build(&points, &normals, cylinder, &Options::default()).unwrap();
+        let together = size < 1.0;
+        assert_eq!(
+            complex.betti(1.0),
+            [if together { 1 } else { 3 }, 0, 0],
+            "{size}"
+        );
+        assert!(complex.edge_values().iter().all(|value| value.is_finite()));
+    }
+}
+
+#[test]
 fn small_and_degenerate_clouds_have_answers() {
     let empty = build(&[]);
     assert_eq!((empty.counts(), empty.betti(1.0)), ([0; 4], [0; 3]));
