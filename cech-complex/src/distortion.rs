@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Such edges betray themselves when the object opens: their ends part (`A1` high) or move different ways (`A2` low).
-//! Cutting an edge takes every simplex that contains it, and the points that are left without any edge.
+//! Cutting a simplex takes every simplex that contains it, and the points that are left without any edge.
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
@@ -79,35 +79,43 @@ impl Complex {
             .collect())
     }
 
-    /// Removes `edges` and `vertices` with every simplex that contains one of them, and the vertices that thereby lose their last
-    /// edge. Vertex indices stay what they are; edges that do not exist are passed over.
+    /// Removes `simplices`, each given by its one to four vertices in any order, with every simplex that contains one of them, and the
+    /// vertices that thereby lose their last edge. Vertex indices stay what they are; simplices that are not in the complex are
+    /// passed over.
     ///
     /// # Errors
-    /// [`Error::NoSuchVertex`]; the complex is then unchanged.
-    pub fn cut(&mut self, edges: &[[u32; 2]], vertices: &[u32]) -> Result<Removed, Error> {
-        for &v in edges.iter().flatten().chain(vertices) {
-            self.check_vertex(v)?;
-        }
+    /// [`Error::NoSuchVertex`], [`Error::SimplexSize`]; the complex is then unchanged.
+    ///
+    /// # Complexity
+    /// One pass over the complex.
+    ///
+    /// ```
+    /// use cech_complex::nalgebra::{Point3, Vector3};
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// let points = [0.0, 0.1, 0.2, 0.3].map(|x| Point3::new(x, 0.0, 0.0));
+    /// let normals = [Vector3::z_axis(); 4];
+    /// let mut complex = Complex::build(&points, &normals, Cylinder::new(1.0, 1.0)?, &Options::default())?;
+    /// assert_eq!(complex.counts(), [4, 6, 4, 1]);
+    /// complex.cut(&[[0, 3]])?; // an edge, its two triangles, the tetrahedron
+    /// assert_eq!(complex.counts(), [4, 5, 2, 0]);
+    /// complex.cut(&[&[2, 1, 0][..], &[3]])?; // a triangle, and a vertex with all that is left around it
+    /// assert_eq!(complex.counts(), [3, 3, 0, 0]);
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
+    pub fn cut<S: AsRef<[u32]>>(&mut self, simplices: &[S]) -> Result<Removed, Error> {
+        let marks = self.marks(simplices)?;
         let before = self.counts();
-        let mut present = self.present.clone();
-        for &v in vertices {
-            present[v as usize] = false;
-        }
-        let gone = |[a, b]: &[u32; 2]| !(present[*a as usize] && present[*b as usize]);
-        let mut cut: Vec<bool> = self.edges().iter().map(gone).collect();
-        for &[a, b] in edges {
-            if let Some(edge) = self.find_edge(a, b) {
-                cut[edge] = true;
-            }
-        }
-        self.skeleton = self.skeleton.without(&cut, self.points.len());
-        let adjacency = Adjacency::new(&self.skeleton.edges, self.points.len());
-        for v in 0..self.points.len() as u32 {
+        let skeleton = self.skeleton.without(&marks, self.points.len());
+        let adjacency = Adjacency::new(&skeleton.edges, self.points.len());
+        let stays = |v: u32| {
             let lost_all = adjacency.neighbours(v).is_empty() && !self.neighbours(v).is_empty();
-            present[v as usize] &= !lost_all;
-        }
+            self.present[v as usize] && !marks.vertices[v as usize] && !lost_all
+        };
+        let present: Vec<bool> = (0..self.points.len() as u32).map(stays).collect();
         let removed = (0..present.len()).filter(|&v| self.present[v] && !present[v]);
         let vertices = removed.map(|v| v as u32).collect();
+        self.skeleton = skeleton;
         (self.adjacency, self.present, self.barcode) = (adjacency, present, OnceLock::new());
         let after = self.counts();
         let [_, edges, triangles, tetrahedra] = std::array::from_fn(|d| before[d] - after[d]);
@@ -118,4 +126,57 @@ impl Complex {
             tetrahedra,
         })
     }
+
+    /// Marks what is named and, of the edges, those at a vertex that is named.
+    fn marks<S: AsRef<[u32]>>(&self, simplices: &[S]) -> Result<Marks, Error> {
+        let skeleton = &self.skeleton;
+        let mut marks = Marks {
+            vertices: vec![false; self.points.len()],
+            edges: vec![false; skeleton.edges.len()],
+            triangles: vec![false; skeleton.triangles.len()],
+            tetrahedra: vec![false; skeleton.tetrahedra.len()],
+        };
+        for simplex in simplices {
+            let mut vertices = simplex.as_ref().to_vec();
+            for &v in &vertices {
+                self.check_vertex(v)?;
+            }
+            vertices.sort_unstable();
+            let (marked, found) = match *vertices {
+                [a] => (&mut marks.vertices, Some(a as usize)),
+                [a, b] => (
+                    &mut marks.edges,
+                    skeleton.find_edge(a, b).map(|e| e as usize),
+                ),
+                [a, b, c] => (
+                    &mut marks.triangles,
+                    skeleton.triangles.binary_search(&[a, b, c]).ok(),
+                ),
+                [a, b, c, d] => (
+                    &mut marks.tetrahedra,
+                    skeleton.tetrahedra.binary_search(&[a, b, c, d]).ok(),
+                ),
+                _ => {
+                    return Err(Error::SimplexSize {
+                        count: vertices.len(),
+                    });
+                }
+            };
+            if let Some(index) = found {
+                marked[index] = true;
+            }
+        }
+        for (mark, edge) in marks.edges.iter_mut().zip(&skeleton.edges) {
+            *mark |= edge.iter().any(|&v| marks.vertices[v as usize]);
+        }
+        Ok(marks)
+    }
+}
+
+/// Simplices to be removed.
+pub(crate) struct Marks {
+    vertices: Vec<bool>,
+    pub(crate) edges: Vec<bool>,
+    pub(crate) triangles: Vec<bool>,
+    pub(crate) tetrahedra: Vec<bool>,
 }

@@ -75,7 +75,7 @@ pub enum Error {
         /// Length of the other slice.
         others: usize,
     },
-    /// A filtration value was asked for no cylinder, or for more than four.
+    /// A filtration value or a cut was asked of no vertex, or of more than four.
     #[error(
         "a simplex of the nerve has 1 to 4 vertices here (Helly decides larger ones), got {count}"
     )]

@@ -4,6 +4,7 @@
 //! are the triangles that start with an edge and the tetrahedra that start with a triangle. Three offset tables turn this
 //! into constant-time look-up downward; facets are stored by index.
 
+use crate::distortion::Marks;
 use nalgebra::Vector3;
 
 /// Offsets of runs: `runs[i]..runs[i + 1]` are the items whose (ascending) key is `i`.
@@ -105,21 +106,19 @@ impl Skeleton {
         Some((range.start + offset) as u32)
     }
 
-    /// The part that survives when the marked edges go with all their cofaces; order is kept.
-    pub(crate) fn without(&self, edge_cut: &[bool], vertices: usize) -> Self {
+    /// The part that survives when the marked simplices go with all their cofaces; order is kept.
+    pub(crate) fn without(&self, marks: &Marks, vertices: usize) -> Self {
         let mut rest = Self::default();
-        let keep = |edge: usize| !edge_cut[edge];
+        let keep = |edge: usize| !marks.edges[edge];
         let (edges, _, names) = self.edge_layer().merge(Layer::default(), |v| v, keep);
         rest.set_edges(edges, vertices);
         let name = |edge: u32| names[edge as usize];
-        let (triangles, _, names) = self
-            .triangle_layer()
-            .merge(Layer::default(), name, |_| true);
+        let keep = |triangle: usize| !marks.triangles[triangle];
+        let (triangles, _, names) = self.triangle_layer().merge(Layer::default(), name, keep);
         rest.set_triangles(triangles);
         let name = |triangle: u32| names[triangle as usize];
-        let (tetrahedra, ..) = self
-            .tetrahedron_layer()
-            .merge(Layer::default(), name, |_| true);
+        let keep = |tetrahedron: usize| !marks.tetrahedra[tetrahedron];
+        let (tetrahedra, ..) = self.tetrahedron_layer().merge(Layer::default(), name, keep);
         rest.set_tetrahedra(tetrahedra);
         rest
     }

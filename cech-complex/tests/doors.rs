@@ -260,7 +260,7 @@ fn a_cut_takes_cofaces_and_lonely_points_along() {
     let mut complex = build(&points);
     assert_eq!(complex.counts(), [5, 8, 5, 1]);
     // Vertex 4 hangs on 2 and 3 only.
-    let removed = complex.cut(&[[4, 2], [3, 4]], &[]).unwrap();
+    let removed = complex.cut(&[[4, 2], [3, 4]]).unwrap();
     assert_eq!(
         (
             removed.vertices.as_slice(),
@@ -273,5 +273,6 @@ fn a_cut_takes_cofaces_and_lonely_points_along() {
         (complex.counts(), complex.betti(1.0)),
         ([4, 6, 4, 1], [1, 0, 0])
     );
-    assert!(complex.cut(&[[0, 9]], &[]).is_err());
+    assert!(complex.cut(&[[0, 9]]).is_err() && complex.cut(&[[0, 1, 2, 3, 4]]).is_err());
+    assert!(complex.cut(&[[0; 0]]).is_err());
 }

@@ -4,7 +4,7 @@
 use cech_complex::nalgebra::{Point3, UnitVector3, Vector3};
 use cech_complex::{Complex, Cylinder, Options, Orientation, filtration_value};
 use proptest::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Vector over Z/2.
 type Bits = Vec<u64>;
@@ -204,18 +204,27 @@ proptest! {
     #[test]
     fn a_cut_leaves_a_complex(
         coordinates in prop::collection::vec(prop::array::uniform6(-3.0..3.0f64), 4..14),
-        edges in prop::collection::vec(prop::array::uniform2(0u32..4), 0..4), vertex in 0u32..4,
+        cuts in prop::collection::vec(prop::collection::vec(0u32..4, 1..5), 0..5),
     ) {
         let (points, normals) = cloud(&coordinates);
         let mut complex = Complex::build(&points, &normals, Cylinder::new(1.2, 1.2).unwrap(), &options(1.0)).unwrap();
         let before = complex.counts();
-        let removed = complex.cut(&edges, &[vertex]).unwrap();
+        let removed = complex.cut(&cuts).unwrap();
         let after = complex.counts();
         prop_assert_eq!(before[0] - after[0], removed.vertices.len());
         prop_assert_eq!(before[3] - after[3], removed.tetrahedra);
-        prop_assert!(!complex.contains_vertex(vertex) && complex.neighbours(vertex).is_empty());
-        for [a, b] in edges {
-            prop_assert!(complex.find_edge(a, b).is_none());
+        let left: BTreeSet<Vec<u32>> =
+            layers(&complex).into_iter().flatten().map(|(simplex, _)| simplex).collect();
+        for simplex in &left {
+            let contains = |cut: &Vec<u32>| cut.iter().all(|v| simplex.contains(v));
+            // Names that occur twice are no simplex and cut nothing.
+            let proper = |cut: &&Vec<u32>| cut.iter().collect::<BTreeSet<_>>().len() == cut.len();
+            prop_assert!(!cuts.iter().filter(proper).any(contains), "{simplex:?} {cuts:?}");
+            for skip in 0..simplex.len() {
+                let mut face = simplex.clone();
+                face.remove(skip);
+                prop_assert!(face.is_empty() || left.contains(&face));
+            }
         }
         prop_assert_eq!(complex.betti(1.0), persistent_betti(&complex, 1.0, 1.0));
     }

@@ -206,7 +206,7 @@ fn a_cut_outlives_an_update_of_other_vertices() {
     let cylinder = Cylinder::new(0.3, 0.3).unwrap();
     let mut complex = Complex::build(&points, &normals, cylinder, &Options::default()).unwrap();
     assert_eq!(complex.betti(1.0), [1, 0, 0]);
-    complex.cut(&[[2, 3]], &[]).unwrap();
+    complex.cut(&[[2, 3]]).unwrap();
     let point = Point3::new(3.0, 0.0, 0.0);
     let add = Change::Add {
         point,

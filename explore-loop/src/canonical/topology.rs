@@ -90,7 +90,7 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         })
         .max_simplices(20_000_000);
     let mut complex = Complex::build(&model.rest, &model.rest_normals, cylinder, &options)?;
-    let removed = complex.cut(&model.cut_edges(), &[])?;
+    let removed = complex.cut(&model.cut_edges())?;
     let kinds = complex.classify(spacing)?;
     let loops = complex
         .boundary_loops(&kinds)?
