@@ -164,7 +164,7 @@ impl Register for NonrigidRegister {
         Ok(RegisterOutput {
             displacements: result.displacements,
             confidence: result.confidence,
-            residual: result.residual_rms,
+            residual: result.residuals.rms,
             overlap: result.overlap,
             failure,
         })

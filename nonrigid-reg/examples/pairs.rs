@@ -43,7 +43,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     for setting in arguments {
         set(&mut options, &setting)?;
     }
-    let mut registrar = Registrar::new(options);
     let mut folders: Vec<_> = std::fs::read_dir(&folder)?
         .filter_map(Result::ok)
         .map(|entry| entry.path())
@@ -58,7 +57,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut core = Vec::new();
     for path in folders {
         let pair = Pair::read(&path, &mode)?;
-        let (result, ms) = pair.register(&mut registrar)?;
+        let (result, ms) = pair.register(&options)?;
         let score = pair.score(&result);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!(
@@ -69,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             score.trusted,
             score.still,
             result.overlap,
-            result.residual_rms * 1e3,
+            result.residuals.rms * 1e3,
             result.node_positions.len(),
             result.status,
             result.iterations,
@@ -118,10 +117,8 @@ impl Pair {
         })
     }
 
-    fn register(
-        &self,
-        registrar: &mut Registrar,
-    ) -> Result<(Registration, f64), nonrigid_reg::Error> {
+    /// Timed with a fresh registrar, that keeps nothing yet.
+    fn register(&self, options: &Options) -> Result<(Registration, f64), nonrigid_reg::Error> {
         let from = Cloud {
             points: &self.source.points,
             normals: &self.source.normals,
@@ -130,7 +127,8 @@ impl Pair {
             points: &self.target.points,
             normals: &self.target.normals,
         };
-        let mut timed = || {
+        let timed = || {
+            let mut registrar = Registrar::new(options.clone());
             let start = Instant::now();
             let result = registrar.register(&from, &to, &self.landmarks, &self.features, None)?;
             Ok((result, start.elapsed().as_secs_f64() * 1e3))
@@ -178,6 +176,7 @@ fn set(options: &mut Options, setting: &str) -> Result<(), Box<dyn Error>> {
         "strain" => options.strain = value.parse()?,
         "drag" => options.drag = value.parse()?,
         "tolerance" => options.tolerance = value.parse()?,
+        "denoise" => options.denoise = value.parse()?,
         "rim" => options.boundary_weight = value.parse()?,
         _ => return Err(format!("no setting {name}").into()),
     }

@@ -31,6 +31,9 @@ pub struct Options {
     /// pulls at a soft body locally, but a smooth field would carry its motion along surfaces that geometry lets
     /// slide; a prediction (the last frame's motion) holds them. Default 0: `initial` is only where the search starts.
     pub prediction: f64,
+    /// Neighbours over which the noise of a point across the surface is averaged before it is matched, on both clouds; 0 leaves points
+    /// as they are.
+    pub denoise: usize,
     /// Smallest cosine between the normals of a match.
     pub normal_cosine: f64,
     /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
@@ -43,6 +46,9 @@ pub struct Options {
     pub landmark_weight: f64,
     /// Standard deviation of an image feature, in m; outliers are found by a robust weight.
     pub feature_sigma: f64,
+    /// Share of matched source points below which, without landmarks, features or `initial`, the registration begins anew from
+    /// [`align_rigid`](crate::align_rigid); 0 never does unless the status is a failure.
+    pub align_below: f64,
     /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
     pub min_overlap: f64,
     /// Root mean square distance of matches, in m, above which the status is [`Status::HighResidual`](crate::Status::HighResidual).
@@ -53,19 +59,21 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             node_spacing: 0.014,
-            iterations: 8,
+            iterations: 12,
             gates: vec![0.020, 0.014, 0.009, 0.006],
-            tolerance: 2e-4,
-            bending: 1.2,
+            tolerance: 1.5e-4,
+            bending: 1.0,
             strain: 0.025,
             drag: 0.012,
             prediction: 0.0,
+            denoise: 12,
             normal_cosine: 0.5,
-            boundary_weight: 0.1,
+            boundary_weight: 0.05,
             boundary_angle: 130_f64.to_radians(),
             point_sigma: 0.001,
             landmark_weight: 1e4,
             feature_sigma: 0.0011,
+            align_below: 0.6,
             min_overlap: 0.3,
             max_residual: 0.003,
         }
@@ -73,12 +81,6 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The gate of iteration `k`.
-    pub(crate) fn gate(&self, k: usize) -> f64 {
-        let last = self.gates.len().saturating_sub(1);
-        self.gates.get(k.min(last)).copied().unwrap_or(f64::MAX)
-    }
-
     pub(crate) fn check(&self) -> Result<(), Error> {
         let positive = [
             ("node_spacing", self.node_spacing),
@@ -111,13 +113,13 @@ impl Options {
             (-1.0..1.0).contains(&cosine),
             "in [-1, 1)",
         )?;
-        let share = self.min_overlap;
-        check_range(
-            "min_overlap",
-            share,
-            (0.0..=1.0).contains(&share),
-            "in [0, 1]",
-        )?;
+        for (option, share) in [
+            ("min_overlap", self.min_overlap),
+            ("align_below", self.align_below),
+        ] {
+            let ok = (0.0..=1.0).contains(&share);
+            check_range(option, share, ok, "in [0, 1]")?;
+        }
         check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
         check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
         for &gate in &self.gates {

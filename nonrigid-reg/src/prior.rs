@@ -19,7 +19,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::nodes::Nodes;
-use crate::system::System;
+use crate::system::{Structure, System};
 
 type Matrix9 = SMatrix<f64, 9, 9>;
 type Vector9 = SVector<f64, 9>;
@@ -56,25 +56,35 @@ impl Prior {
         }
     }
 
+    /// Which nodes each node's energy joins.
+    pub fn terms(&self) -> impl Iterator<Item = &[(usize, Vector3<f64>)]> {
+        self.nodes.iter().map(|prior| prior.terms.as_slice())
+    }
+
     /// Adds the part that does not depend on the rotations: `Σ w |e|²`.
-    pub fn add_membrane(&self, nodes: &Nodes, system: &mut System) {
+    pub fn add_membrane(&self, nodes: &Nodes, structure: &Structure, system: &mut System) {
         for (i, links) in nodes.links.iter().enumerate() {
             for link in links {
                 let w = self.bending_weight * link.weight;
-                system.add_scalar(i, i, w);
-                system.add_scalar(link.node, link.node, w);
-                system.add_scalar(i, link.node, -w);
+                system.add_scalar(structure, i, i, w);
+                system.add_scalar(structure, link.node, link.node, w);
+                system.add_scalar(structure, i, link.node, -w);
             }
         }
     }
 
     /// Adds the quadratic forms of `c`, at the rotations given.
-    pub fn add_forms(&self, rotations: &[Matrix3<f64>], system: &mut System) {
+    pub fn add_forms(
+        &self,
+        rotations: &[Matrix3<f64>],
+        structure: &Structure,
+        system: &mut System,
+    ) {
         for (prior, rotation) in self.nodes.iter().zip(rotations) {
             let strain = prior.inverse * strain_form(rotation) * prior.inverse;
             let form = self.strain_weight * strain - self.bending_weight * prior.bending;
             let pull = prior.inverse * strain_pull(rotation) * self.strain_weight;
-            prior.add(&form, &pull, system);
+            prior.add(&form, &pull, structure, system);
         }
     }
 
@@ -123,7 +133,7 @@ impl NodePrior {
     }
 
     /// Adds `cᵀ form c + 2 pullᵀ c`.
-    fn add(&self, form: &Matrix9, pull: &Vector9, system: &mut System) {
+    fn add(&self, form: &Matrix9, pull: &Vector9, structure: &Structure, system: &mut System) {
         for (k, gamma_k) in &self.terms {
             // (γ_kᵀ ⊗ I) form: three rows, in three 3 × 3 blocks.
             let rows: SMatrix<f64, 3, 9> = form.fixed_rows::<3>(0) * gamma_k.x
@@ -134,7 +144,7 @@ impl NodePrior {
                     let block = rows.fixed_columns::<3>(0) * gamma_l.x
                         + rows.fixed_columns::<3>(3) * gamma_l.y
                         + rows.fixed_columns::<3>(6) * gamma_l.z;
-                    system.add_block(*k, *l, &block);
+                    system.add_block(structure, *k, *l, &block);
                 }
             }
             let force = pull.fixed_rows::<3>(0) * gamma_k.x

@@ -96,7 +96,7 @@ fn summary(result: &Registration, ms: f64) -> String {
     };
     format!(
         "{{\"status\":\"{status}\",\"iterations\":{},\"overlap\":{:.4},\"residual_m\":{:.6},\"ms\":{ms:.2}}}",
-        result.iterations, result.overlap, result.residual_rms
+        result.iterations, result.overlap, result.residuals.rms
     )
 }
 
