@@ -1,9 +1,10 @@
-//! Building and evaluating fields at three sizes; throughput in nodes and in evaluations.
+//! Building and evaluating fields at three sizes; throughput in nodes and in evaluations. With `--features rayon` the batches (and
+//! `build`) take all cores; the rest is one thread either way.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use gpwrm::{Field, FieldOptions};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 use std::hint::black_box;
 
 /// A bent sheet of `side²` nodes, 10 mm apart, and how it waves.
@@ -52,9 +53,43 @@ fn fields(criterion: &mut Criterion) {
                     .sum::<f64>()
             });
         });
+        group.bench_function(BenchmarkId::new("displacements", count), |b| {
+            b.iter(|| field.displacements(black_box(&between)));
+        });
+        group.bench_function(BenchmarkId::new("evaluate_all", count), |b| {
+            b.iter(|| field.evaluate_all(black_box(&between)));
+        });
+        group.bench_function(BenchmarkId::new("shape", count), |b| {
+            b.iter(|| {
+                between
+                    .iter()
+                    .map(|p| field.shape(p).functions.len())
+                    .sum::<usize>()
+            });
+        });
         group.finish();
     }
 }
 
-criterion_group!(benches, fields);
+/// Smoothing clouds of the same sizes; throughput in points.
+fn surfaces(criterion: &mut Criterion) {
+    for side in [10, 24, 45] {
+        let (points, _) = sheet(side);
+        let normals: Vec<_> = points
+            .iter()
+            .map(|p| UnitVector3::new_normalize(Vector3::new(-6.0 * p.x, -6.0 * p.y, 1.0)))
+            .collect();
+        let count = u64::from(side * side);
+        let mut group = criterion.benchmark_group("surface");
+        group
+            .sample_size(20)
+            .throughput(Throughput::Elements(count));
+        group.bench_function(BenchmarkId::new("smooth", count), |b| {
+            b.iter(|| gpwrm::mls::smooth(black_box(&points), &normals, 0.03).unwrap());
+        });
+        group.finish();
+    }
+}
+
+criterion_group!(benches, fields, surfaces);
 criterion_main!(benches);

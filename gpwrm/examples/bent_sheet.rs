@@ -9,7 +9,7 @@ use gpwrm::{Field, FieldOptions, Sample};
 use nalgebra::{Point3, Vector3};
 
 /// Radius the sheet is rolled to, m.
-const ROLL: f64 = 0.035;
+const ROLL: f64 = 0.045;
 /// Spacing of the nodes, m.
 const SPACING: f64 = 0.01;
 /// Spacing of the grid that stands on the sheet, m.
@@ -21,7 +21,9 @@ const COLUMNS: i32 = 21;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let default = concat!(env!("CARGO_MANIFEST_DIR"), "/doc/bent_sheet.svg");
-    let path = std::env::args().nth(1).unwrap_or_else(|| default.to_owned());
+    let path = std::env::args()
+        .nth(1)
+        .unwrap_or_else(|| default.to_owned());
     let nodes: Vec<Point3<f64>> = (0..63)
         .map(|k| Point3::new(f64::from(k % 9), f64::from(k / 9), 0.0) * SPACING)
         .collect();
@@ -47,8 +49,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         sum / f64::from(COLUMNS) * 1e3
     };
     println!("{path}");
-    println!("mean distance to the rolled solid, mm: {:.3} on the sheet, {:.3} and {:.3} at 8 mm outside and inside",
-        off(0), off(-2), off(2));
+    println!(
+        "mean distance to the rolled solid, mm: {:.3} on the sheet, {:.3} and {:.3} at 8 mm outside and inside",
+        off(0),
+        off(-2),
+        off(2)
+    );
     Ok(())
 }
 
@@ -66,10 +72,10 @@ fn picture(field: &Field, curtain: &[Point3<f64>], samples: &[Sample]) -> String
         .map(|(p, s)| p + s.displacement)
         .collect();
     let mut svg = String::from(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 940 440\" font-family=\"sans-serif\" font-size=\"14\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 760 440\" font-family=\"sans-serif\" font-size=\"14\">\n\
          <style>.near{stroke:#1f6fb2}.far{stroke:#e08a2e}.sheet{stroke:#333;stroke-opacity:.45}\
          polyline{fill:none;stroke-width:1.1}circle{fill:#222}text{fill:#444}</style>\n\
-         <rect width=\"940\" height=\"440\" fill=\"#fff\"/>\n",
+         <rect width=\"760\" height=\"440\" fill=\"#fff\"/>\n",
     );
     let mut panel = |left: f64, nodes: &[Point3<f64>], grid: &[Point3<f64>]| {
         // Back to front: the far half of the sheet, the grid that stands in its middle, the near half.
@@ -78,10 +84,10 @@ fn picture(field: &Field, curtain: &[Point3<f64>], samples: &[Sample]) -> String
         sheet(&mut svg, left, nodes, 0..4);
     };
     panel(30.0, field.nodes(), curtain);
-    panel(480.0, &field.live_nodes(), &moved);
+    panel(430.0, &field.live_nodes(), &moved);
     svg.push_str(
         "<text x=\"30\" y=\"425\">rest: nodes, and a grid that stands on the sheet</text>\n\
-         <text x=\"470\" y=\"425\">live: the grid carried by the field \
+         <text x=\"400\" y=\"425\">live \
          (<tspan fill=\"#1f6fb2\">within reach of a node</tspan>, <tspan fill=\"#e08a2e\">beyond</tspan>)</text>\n</svg>\n",
     );
     svg
@@ -106,7 +112,11 @@ fn sheet(svg: &mut String, left: f64, nodes: &[Point3<f64>], rows: std::ops::Ran
 fn lines(svg: &mut String, left: f64, grid: &[Point3<f64>], samples: &[Sample]) {
     let width = COLUMNS as usize;
     for k in 0..grid.len() {
-        let class = if samples[k].extrapolated { "far" } else { "near" };
+        let class = if samples[k].extrapolated {
+            "far"
+        } else {
+            "near"
+        };
         let right = (k % width + 1 < width).then_some(k + 1);
         let above = (k + width < grid.len()).then_some(k + width);
         for other in [right, above].into_iter().flatten() {
@@ -125,14 +135,18 @@ fn polyline<'a>(
         .map(|p| seen(left, p))
         .map(|(x, y)| format!("{x:.1},{y:.1}"))
         .collect();
-    let _ = writeln!(svg, "<polyline class=\"{class}\" points=\"{}\"/>", path.join(" "));
+    let _ = writeln!(
+        svg,
+        "<polyline class=\"{class}\" points=\"{}\"/>",
+        path.join(" ")
+    );
 }
 
 /// Where a point is drawn: seen from the front, a little from above and the left.
 fn seen(left: f64, p: &Point3<f64>) -> (f64, f64) {
-    let scale = 3800.0;
+    let scale = 3300.0;
     (
         left + scale * (p.x + 0.42 * p.y),
-        265.0 - scale * (p.z + 0.30 * p.y),
+        325.0 - scale * (p.z + 0.30 * p.y),
     )
 }

@@ -235,7 +235,9 @@ impl Field {
         let whole = tree.is_none().then(|| self.whole_rotation());
         let base = |i: usize| {
             let nearest = tree.as_ref().and_then(|tree| tree.nearest(&nodes[i]));
-            nearest.map_or(whole.unwrap_or_default(), |n| self.fits[known[n.index]].rotation)
+            nearest.map_or(whole.unwrap_or_default(), |n| {
+                self.fits[known[n.index]].rotation
+            })
         };
         let fits = map_indexed(unknown.len(), |k| self.fit(unknown[k], &base(unknown[k])));
         for (i, fit) in unknown.into_iter().zip(fits) {

@@ -38,7 +38,12 @@ impl Shape {
     /// `Σ φ_j u_j + turn`; nodes beyond the end of `displacements` count as still.
     pub fn displacement(&self, displacements: &[Vector3<f64>]) -> Vector3<f64> {
         let moved = |&(j, phi): &(usize, f64)| displacements.get(j).map(|u| phi * u);
-        self.turn + self.functions.iter().filter_map(moved).sum::<Vector3<f64>>()
+        self.turn
+            + self
+                .functions
+                .iter()
+                .filter_map(moved)
+                .sum::<Vector3<f64>>()
     }
 }
 

@@ -119,7 +119,9 @@ impl Moments {
         for s in samples {
             mean_position += (s.position - origin) * (s.weight / total);
             mean_displacement += (s.displacement - base) * (s.weight / total);
-            largest = largest.max(s.position.coords.amax()).max(s.displacement.amax());
+            largest = largest
+                .max(s.position.coords.amax())
+                .max(s.displacement.amax());
         }
         let mut scatter = Matrix3::zeros();
         let mut cross = Matrix3::zeros();

@@ -66,24 +66,24 @@ impl Partition {
             Vector3::zeros()
         };
         let mut reached = false;
-        self.reach.visit(
-            nearest,
-            self.radii[nearest],
-            distance,
-            p,
-            &self.tree,
-            |i| {
+        self.reach
+            .visit(nearest, self.radii[nearest], distance, p, &self.tree, |i| {
                 let d = p - self.nodes[i];
                 reached |= d.norm_squared() <= self.radii[i] * self.radii[i];
                 parts.extend(self.raw(i, &d, distance, &outward));
-            },
-        );
+            });
         normalise(parts, nearest);
         Some(Place { distance, reached })
     }
 
     /// `W` and `∇W` of node `i`, which `d` leads away from, before normalisation.
-    fn raw(&self, i: usize, d: &Vector3<f64>, distance: f64, outward: &Vector3<f64>) -> Option<Part> {
+    fn raw(
+        &self,
+        i: usize,
+        d: &Vector3<f64>,
+        distance: f64,
+        outward: &Vector3<f64>,
+    ) -> Option<Part> {
         let radius = self.radii[i] + distance;
         if radius <= 0.0 {
             // All nodes coincide, and the point with them.

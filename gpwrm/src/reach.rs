@@ -3,7 +3,7 @@
 use nalgebra::Point3;
 
 use crate::options::Support;
-use crate::tree::Tree;
+use crate::tree::{Neighbour, Tree};
 
 /// `ρ_i`.
 pub(crate) fn node_radii(nodes: &[Point3<f64>], tree: &Tree, support: Support) -> Vec<f64> {
@@ -21,7 +21,7 @@ fn nearest_radius(x: &Point3<f64>, nodes: usize, tree: &Tree, count: usize) -> f
     // The node itself comes first, and one more closes the support.
     let wanted = count.saturating_add(2);
     let near = tree.nearest_n(x, wanted.min(nodes));
-    let last = near.last().map_or(0.0, |n| n.distance());
+    let last = near.last().map_or(0.0, Neighbour::distance);
     if near.len() == wanted {
         last
     } else {

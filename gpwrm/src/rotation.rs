@@ -116,11 +116,21 @@ mod tests {
     fn shortest_turns_arrive_by_the_shortest_way() {
         let from = Vector3::new(0.36, 0.48, 0.8);
         let aside = from.cross(&Vector3::x()).normalize();
-        for angle in [0.0, 1e-9, 0.3, 1.5, 3.0, std::f64::consts::PI - 1e-9, std::f64::consts::PI] {
+        for angle in [
+            0.0,
+            1e-9,
+            0.3,
+            1.5,
+            3.0,
+            std::f64::consts::PI - 1e-9,
+            std::f64::consts::PI,
+        ] {
             let to = Rotation3::new(aside * angle) * from;
             let turn = shortest_turn(&from, &to);
             assert!((turn * from - to).norm() < 1e-14, "{angle}");
-            let found = ((turn.matrix().trace() - 1.0) / 2.0).clamp(-1.0, 1.0).acos();
+            let found = ((turn.matrix().trace() - 1.0) / 2.0)
+                .clamp(-1.0, 1.0)
+                .acos();
             // The inverse cosine loses half the digits near 0 and π.
             assert!((found - angle).abs() < 1e-7, "{angle}: {found}");
         }

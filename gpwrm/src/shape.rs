@@ -67,12 +67,7 @@ impl ShapeFunctions {
 }
 
 /// `φ` over the `count` nearest nodes. The support ends at the next node, so that `φ` is continuous in `p`.
-fn linear(
-    nodes: &[Point3<f64>],
-    tree: &Tree,
-    p: &Point3<f64>,
-    count: usize,
-) -> Vec<(usize, f64)> {
+fn linear(nodes: &[Point3<f64>], tree: &Tree, p: &Point3<f64>, count: usize) -> Vec<(usize, f64)> {
     let mut near = tree.nearest_n(p, count.saturating_add(1).min(nodes.len()));
     let Some(last) = near.last().copied() else {
         return Vec::new();

@@ -1,7 +1,7 @@
 //! Fields and surfaces whose answer is known by construction, and answers to wrong input.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-use gpwrm::{Determinacy, Error, Field, FieldOptions, Support};
+use gpwrm::{Determinacy, Error, Field, FieldOptions, ShapeFunctions, Support, Tree};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 
 /// Nodes 10 mm apart on the saddle `z = 2(x² − y²)`.
@@ -112,6 +112,60 @@ fn determinacy_follows_the_spread_of_the_nodes() {
     assert_eq!(at(&block).determinacy, Determinacy::Determined);
     let far = at(&sheet).extrapolation - 5_f64.sqrt() * 0.001;
     assert!(far.abs() < 1e-12);
+    // Three nodes determine a rotation however near to a line they lie; four a strain, once its spread outweighs the shrinkage.
+    let needle = [line[0], line[3], line[8] + Vector3::y() * 1e-5];
+    assert_eq!(at(&needle).determinacy, Determinacy::Partly);
+    let corner = [line[4], line[5], sheet[17], line[4] + Vector3::z() * 0.01];
+    assert_eq!(at(&corner).determinacy, Determinacy::Determined);
+    assert_eq!(at(&corner[..3]).determinacy, Determinacy::Partly);
+    assert_eq!(at(&corner[..2]).determinacy, Determinacy::Undetermined);
+}
+
+/// Extrapolation: how far the nearest node is, and whether any node's own support holds the point.
+#[test]
+fn extrapolation_is_told_by_distance_and_support() {
+    let nodes = saddle();
+    let still = vec![Vector3::zeros(); nodes.len()];
+    let options = FieldOptions {
+        support: Support::Radius(0.02),
+        ..FieldOptions::default()
+    };
+    let field = Field::new(&nodes, &still, &options).unwrap();
+    for k in 0..200 {
+        let p = Point3::new(0.0, 0.0, 0.0005 * f64::from(k)) + Vector3::new(0.013, 0.002, -0.03);
+        let nearest = nodes
+            .iter()
+            .map(|x| (x - p).norm())
+            .fold(f64::INFINITY, f64::min);
+        let sample = field.evaluate(&p);
+        assert!((sample.extrapolation - nearest).abs() < 1e-15);
+        assert_eq!(sample.extrapolated, nearest > 0.02, "{k}");
+        // The field goes on outside all the same.
+        assert_eq!(sample.determinacy, Determinacy::Partly);
+    }
+    let nowhere = field.evaluate(&Point3::new(0.0, f64::NAN, 0.0));
+    assert!(nowhere.extrapolated && nowhere.extrapolation.is_infinite());
+}
+
+/// Normals of a sheet that turns by any angle turn with it, on it and beside it.
+#[test]
+fn normals_turn_with_the_sheet() {
+    let nodes = saddle();
+    let half = Rotation3::new(Vector3::new(0.0, std::f64::consts::PI, 0.0));
+    let moved: Vec<_> = nodes.iter().map(|p| half * p - p).collect();
+    let field = Field::new(&nodes, &moved, &FieldOptions::default()).unwrap();
+    let points: Vec<_> = nodes
+        .iter()
+        .map(|p| p + Vector3::new(0.002, 0.001, 0.015))
+        .collect();
+    let normals: Vec<_> = nodes
+        .iter()
+        .map(|p| UnitVector3::new_normalize(Vector3::new(-4.0 * p.x, 4.0 * p.y, 1.0)))
+        .collect();
+    let turned = field.warp_normals(&points, &normals).unwrap();
+    for (before, after) in normals.iter().zip(&turned) {
+        assert!((after.as_ref() - half * before.as_ref()).norm() < 1e-9);
+    }
 }
 
 #[test]
@@ -181,6 +235,27 @@ fn wrong_input_is_named() {
             ..
         })
     ));
+    for (nodes, u) in [(0, 5), (3, 3), (143, 0)] {
+        let mut moved = still.clone();
+        moved[nodes][u % 3] = f64::NAN;
+        assert!(matches!(
+            build(&self::saddle(), &moved, &FieldOptions::default()),
+            Err(Error::BadCoordinate { what: "displacement", index, .. }) if index == nodes
+        ));
+    }
+    assert_eq!(Tree::new(&[]).map(|_| ()), Err(Error::NoNodes));
+    assert!(matches!(
+        Tree::new(&broken),
+        Err(Error::BadCoordinate { index: 5, .. })
+    ));
+    assert_eq!(ShapeFunctions::new(&[], 8).map(|_| ()), Err(Error::NoNodes));
+    assert!(matches!(
+        ShapeFunctions::new(&nodes, 0),
+        Err(Error::BadOption {
+            option: "count",
+            ..
+        })
+    ));
     let field = Field::new(&nodes, &still, &FieldOptions::default()).unwrap();
     let lost = field.evaluate(&Point3::new(f64::NAN, 0.0, 0.0));
     assert_eq!(lost.determinacy, Determinacy::Undetermined);
@@ -189,5 +264,24 @@ fn wrong_input_is_named() {
         field
             .shape_functions(&Point3::new(f64::NAN, 0.0, 0.0))
             .is_empty()
+    );
+}
+
+/// Two nodes in one place that disagree: the field takes their mean there, and stays finite.
+#[test]
+fn duplicate_nodes_are_averaged() {
+    let mut nodes = saddle();
+    let mut moved = vec![Vector3::zeros(); nodes.len()];
+    nodes.push(nodes[60]);
+    moved.push(Vector3::new(0.002, 0.0, 0.0));
+    let options = FieldOptions {
+        support: Support::Radius(0.005),
+        ..FieldOptions::default()
+    };
+    let field = Field::new(&nodes, &moved, &options).unwrap();
+    let there = field.displacement(&nodes[60]);
+    assert!(
+        (there - Vector3::new(0.001, 0.0, 0.0)).norm() < 1e-12,
+        "{there}"
     );
 }

@@ -61,10 +61,7 @@ fn error(
 
 /// Probes on the nodes, beside them and up to 0.3 m away.
 fn probes(nodes: &[Point3<f64>], aside: &[Vector3<f64>]) -> Vec<Point3<f64>> {
-    let beside = aside
-        .iter()
-        .zip(nodes.iter().cycle())
-        .map(|(d, x)| x + d);
+    let beside = aside.iter().zip(nodes.iter().cycle()).map(|(d, x)| x + d);
     nodes.iter().copied().chain(beside).collect()
 }
 
@@ -137,12 +134,22 @@ fn three_nodes_carry_a_half_turn() {
         Point3::new(0.01, 0.0, 0.4),
         Point3::new(0.0, 0.01, 0.4),
     ];
-    for axis in [Vector3::x(), Vector3::y(), Vector3::z(), Vector3::new(0.6, 0.0, 0.8)] {
+    for axis in [
+        Vector3::x(),
+        Vector3::y(),
+        Vector3::z(),
+        Vector3::new(0.6, 0.0, 0.8),
+    ] {
         let half = Rotation3::new(axis * std::f64::consts::PI);
         let heights: Vec<_> = (-5..=5)
             .map(|k| Point3::new(0.003, 0.003, 0.4 + 0.02 * f64::from(k)))
             .collect();
-        let off = error(&nodes, (&half, &Vector3::x()), &FieldOptions::default(), &heights);
+        let off = error(
+            &nodes,
+            (&half, &Vector3::x()),
+            &FieldOptions::default(),
+            &heights,
+        );
         assert!(off < PROMISE, "{axis}: {off}");
     }
 }

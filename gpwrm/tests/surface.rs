@@ -25,10 +25,18 @@ fn heights(count: usize, r: f64, reach: f64) -> (f64, f64, f64) {
     for (p, n) in smoothed.points.iter().zip(&smoothed.normals) {
         assert!(n.dot(&p.coords.normalize()) > 0.9999);
     }
-    let all: Vec<f64> = smoothed.points.iter().map(|p| p.coords.norm() - r).collect();
+    let all: Vec<f64> = smoothed
+        .points
+        .iter()
+        .map(|p| p.coords.norm() - r)
+        .collect();
     let mean = all.iter().sum::<f64>() / all.len() as f64;
     let fold = |f: fn(f64, f64) -> f64, from: f64| all.iter().copied().fold(from, f);
-    (fold(f64::min, f64::INFINITY), mean, fold(f64::max, f64::NEG_INFINITY))
+    (
+        fold(f64::min, f64::INFINITY),
+        mean,
+        fold(f64::max, f64::NEG_INFINITY),
+    )
 }
 
 /// The derivation of the module: a sphere grows by `917/261976 ρ⁴/r³`, and nowhere shrinks.
@@ -42,7 +50,10 @@ fn a_sphere_keeps_its_size_to_the_analytic_bias() {
         // The next order of the expansion is (ρ/r)² of the bias, with a factor of about one.
         let slack = 0.03 + (reach / r).powi(2);
         assert!((mean / bias - 1.0).abs() < slack, "{reach}: {mean} {bias}");
-        assert!(low > 0.0 && high < (1.0 + 5.0 * slack) * bias, "{reach}: {low} {high}");
+        assert!(
+            low > 0.0 && high < (1.0 + 5.0 * slack) * bias,
+            "{reach}: {low} {high}"
+        );
     }
 }
 
@@ -92,7 +103,12 @@ fn smoothing_removes_noise_and_merges_layers() {
 fn what_a_quadratic_can_be_is_kept() {
     let grid = |f: &dyn Fn(f64, f64) -> f64| -> Vec<Point3<f64>> {
         (0..441)
-            .map(|k| (f64::from(k % 21) * 0.001 - 0.01, f64::from(k / 21) * 0.001 - 0.01))
+            .map(|k| {
+                (
+                    f64::from(k % 21) * 0.001 - 0.01,
+                    f64::from(k / 21) * 0.001 - 0.01,
+                )
+            })
             .map(|(x, y)| Point3::new(x, y, f(x, y)))
             .collect()
     };
@@ -127,29 +143,52 @@ fn wrong_input_is_named() {
     assert_eq!(smooth(&[], &[], 0.01), Err(Error::NoNodes));
     assert!(matches!(
         smooth(&points, &normals[1..], 0.01),
-        Err(Error::LengthMismatch { expected: 100, found: 99, .. })
+        Err(Error::LengthMismatch {
+            expected: 100,
+            found: 99,
+            ..
+        })
     ));
     for radius in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(matches!(
             smooth(&points, &normals, radius),
-            Err(Error::BadOption { option: "radius", .. })
+            Err(Error::BadOption {
+                option: "radius",
+                ..
+            })
         ));
     }
     let surface = Surface::new(&points, &normals, 0.02).unwrap();
     assert!(matches!(
         surface.project(&Point3::new(0.0, f64::NAN, 0.0)),
-        Err(Error::BadCoordinate { what: "query", index: 0, .. })
+        Err(Error::BadCoordinate {
+            what: "query",
+            index: 0,
+            ..
+        })
     ));
     points[3].x = f64::NEG_INFINITY;
     assert!(matches!(
         smooth(&points, &normals, 0.02),
-        Err(Error::BadCoordinate { what: "point", index: 3, .. })
+        Err(Error::BadCoordinate {
+            what: "point",
+            index: 3,
+            ..
+        })
     ));
     // One point, points in a line, all on one spot: no quadratic, and an answer all the same.
     let up = vec![Vector3::z_axis(); 12];
-    let line: Vec<_> = (0..12).map(|k| Point3::new(0.001 * f64::from(k), 0.0, 0.0)).collect();
+    let line: Vec<_> = (0..12)
+        .map(|k| Point3::new(0.001 * f64::from(k), 0.0, 0.0))
+        .collect();
     for cloud in [&line[..1], &line[..], &vec![Point3::origin(); 12][..]] {
-        let foot = project(&Point3::new(0.0, 0.0, 0.002), cloud, &up[..cloud.len()], 0.01).unwrap();
+        let foot = project(
+            &Point3::new(0.0, 0.0, 0.002),
+            cloud,
+            &up[..cloud.len()],
+            0.01,
+        )
+        .unwrap();
         assert!(foot.point.z.abs() < 1e-9, "{}", foot.point);
     }
 }

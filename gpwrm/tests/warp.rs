@@ -28,7 +28,12 @@ impl Desk {
     /// Runs on `nodes.csv` and `query.csv`; what it says, or its complaint and exit code.
     fn run(&self, more: &[&str]) -> Result<String, (u8, String)> {
         let name = |n: &str| self.0.path().join(n).display().to_string();
-        let arguments = [name("nodes.csv"), name("query.csv"), "--out".to_owned(), name("out.csv")];
+        let arguments = [
+            name("nodes.csv"),
+            name("query.csv"),
+            "--out".to_owned(),
+            name("out.csv"),
+        ];
         let more = more.iter().map(|a| (*a).to_owned());
         program::run(arguments.into_iter().chain(more)).map_err(|f| (f.exit_code(), f.to_string()))
     }
@@ -49,28 +54,45 @@ fn sheet(turn: &Rotation3<f64>) -> String {
 }
 
 fn rows(text: &str) -> Vec<[f64; 4]> {
-    table::read(text, ["x", "y", "z", "determined"]).unwrap().rows
+    table::read(text, ["x", "y", "z", "determined"])
+        .unwrap()
+        .rows
 }
 
 /// A half turn carries points on and off the sheet to 1e-9, in order, and says what is known.
 #[test]
 fn points_are_carried_and_graded() {
     let half = Rotation3::new(Vector3::new(0.0, std::f64::consts::PI, 0.0));
-    for more in [&[][..], &["--radius", "0.025"][..], &["--radius", "0.001"][..]] {
+    for more in [
+        &[][..],
+        &["--radius", "0.025"][..],
+        &["--radius", "0.001"][..],
+    ] {
         let desk = Desk::new();
         desk.put("nodes.csv", &sheet(&half));
-        desk.put("query.csv", "0.031,0.024,0.4\n0.031,0.024,0.412\n0.03,0.02,0.9\n");
+        desk.put(
+            "query.csv",
+            "0.031,0.024,0.4\n0.031,0.024,0.412\n0.03,0.02,0.9\n",
+        );
         let said = desk.run(more).unwrap();
         assert!(said.starts_with("3 points warped by 49 nodes"), "{said}");
         let found = rows(&desk.out());
-        let asked = [(0.031, 0.024, 0.4), (0.031, 0.024, 0.412), (0.03, 0.02, 0.9)];
+        let asked = [
+            (0.031, 0.024, 0.4),
+            (0.031, 0.024, 0.412),
+            (0.03, 0.02, 0.9),
+        ];
         for (row, (x, y, z)) in found.iter().zip(asked) {
             let expected = half * Point3::new(x, y, z);
             assert!((Point3::new(row[0], row[1], row[2]) - expected).norm() < 1e-9);
         }
         let grades: Vec<f64> = found.iter().map(|row| row[3]).collect();
         // A reach below the spacing leaves every node alone, and the points between them out of reach.
-        let expected = if more.contains(&"0.001") { [0.0, 0.0, 0.0] } else { [1.0, 1.0, 0.0] };
+        let expected = if more.contains(&"0.001") {
+            [0.0, 0.0, 0.0]
+        } else {
+            [1.0, 1.0, 0.0]
+        };
         assert_eq!(grades, expected);
     }
 }
@@ -86,7 +108,11 @@ fn a_block_is_determined() {
     desk.put("nodes.csv", &text);
     desk.put("query.csv", "x,y,z\n1.5,2.5,1.5\n");
     desk.run(&[]).unwrap();
-    assert!(desk.out().starts_with("x,y,z,determined\n1.6"), "{}", desk.out());
+    assert!(
+        desk.out().starts_with("x,y,z,determined\n1.6"),
+        "{}",
+        desk.out()
+    );
     assert_eq!(rows(&desk.out())[0][3].to_bits(), 2_f64.to_bits());
 }
 
@@ -95,7 +121,13 @@ fn a_block_is_determined() {
 fn files_may_be_dressed() {
     let desk = Desk::new();
     let bare = sheet(&Rotation3::identity());
-    desk.put("nodes.csv", &format!("\u{feff}# nodes\r\n\r\nX, Y, Z, \"ux\", uy, uz\r\n{}", bare.replace('\n', "\r\n")));
+    desk.put(
+        "nodes.csv",
+        &format!(
+            "\u{feff}# nodes\r\n\r\nX, Y, Z, \"ux\", uy, uz\r\n{}",
+            bare.replace('\n', "\r\n")
+        ),
+    );
     desk.put("query.csv", " 0.03 , 0.02,\t4e-1\n");
     desk.run(&[]).unwrap();
     assert_eq!(desk.out(), "0.03,0.02,0.4,1\n");
@@ -105,15 +137,36 @@ fn files_may_be_dressed() {
 fn wrong_files_are_named_with_line_and_value() {
     let good = sheet(&Rotation3::identity());
     let cases = [
-        ("0,0,0,0,0,0\n0,0,zero,0,0,0\n", "nodes.csv: line 2, column z: `zero` is not a finite number"),
-        ("x,y,z,ux,uy,uz\n0,0,0,0,NaN,0\n", "nodes.csv: line 2, column uy: `NaN` is not a finite number"),
-        ("0,0,0,0,0,inf\n", "nodes.csv: line 1, column uz: `inf` is not a finite number"),
-        ("0,0,0,0,0\n", "nodes.csv: line 1: 5 values, but there are 6 columns"),
-        ("ux,uy,uz,x,y,z\n0,0,0,0,0,0\n", "nodes.csv: line 1: column `ux` stands where `x` belongs"),
+        (
+            "0,0,0,0,0,0\n0,0,zero,0,0,0\n",
+            "nodes.csv: line 2, column z: `zero` is not a finite number",
+        ),
+        (
+            "x,y,z,ux,uy,uz\n0,0,0,0,NaN,0\n",
+            "nodes.csv: line 2, column uy: `NaN` is not a finite number",
+        ),
+        (
+            "0,0,0,0,0,inf\n",
+            "nodes.csv: line 1, column uz: `inf` is not a finite number",
+        ),
+        (
+            "0,0,0,0,0\n",
+            "nodes.csv: line 1: 5 values, but there are 6 columns",
+        ),
+        (
+            "ux,uy,uz,x,y,z\n0,0,0,0,0,0\n",
+            "nodes.csv: line 1: column `ux` stands where `x` belongs",
+        ),
         ("1e99,0,0,0,0,0\n", "nodes.csv: node 0 has coordinate 1e99"),
         ("", "nodes.csv: no nodes were given"),
-        ("0,0,0,0,0,x1\n", "nodes.csv: line 1, column uz: `x1` is not a finite number"),
-        ("0,0,,0,0,0\n", "nodes.csv: line 1, column z: `` is not a finite number"),
+        (
+            "0,0,0,0,0,x1\n",
+            "nodes.csv: line 1, column uz: `x1` is not a finite number",
+        ),
+        (
+            "0,0,,0,0,0\n",
+            "nodes.csv: line 1, column z: `` is not a finite number",
+        ),
     ];
     for (nodes, complaint) in cases {
         let desk = Desk::new();
@@ -129,7 +182,10 @@ fn wrong_files_are_named_with_line_and_value() {
     assert!(code == 1 && said.contains("query.csv"), "{said}");
     desk.put("query.csv", "0,0,0,0\n");
     let (code, said) = desk.run(&[]).unwrap_err();
-    assert!(code == 1 && said.contains("line 1: 4 values, but there are 3 columns"), "{said}");
+    assert!(
+        code == 1 && said.contains("line 1: 4 values, but there are 3 columns"),
+        "{said}"
+    );
     assert!(!Path::new(&desk.0.path().join("out.csv")).exists());
 }
 
@@ -152,5 +208,10 @@ fn wrong_calls_are_told_apart_from_wrong_files() {
         assert!(failure.to_string().contains("usage: warp"), "{failure}");
     }
     assert!(call(&["--help"]).unwrap().starts_with("usage: warp"));
-    assert_eq!(call(&["no", "such", "--out", "file"]).unwrap_err().exit_code(), 1);
+    assert_eq!(
+        call(&["no", "such", "--out", "file"])
+            .unwrap_err()
+            .exit_code(),
+        1
+    );
 }

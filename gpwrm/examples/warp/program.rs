@@ -83,9 +83,21 @@ pub fn run(arguments: impl IntoIterator<Item = String>) -> Result<String, Failur
     let nodes = load(&call.nodes, ["x", "y", "z", "ux", "uy", "uz"])?;
     let query = load(&call.query, ["x", "y", "z"])?;
 
-    let positions: Vec<_> = nodes.rows.iter().map(|r| Point3::new(r[0], r[1], r[2])).collect();
-    let motions: Vec<_> = nodes.rows.iter().map(|r| Vector3::new(r[3], r[4], r[5])).collect();
-    let points: Vec<_> = query.rows.iter().map(|r| Point3::new(r[0], r[1], r[2])).collect();
+    let positions: Vec<_> = nodes
+        .rows
+        .iter()
+        .map(|r| Point3::new(r[0], r[1], r[2]))
+        .collect();
+    let motions: Vec<_> = nodes
+        .rows
+        .iter()
+        .map(|r| Vector3::new(r[3], r[4], r[5]))
+        .collect();
+    let points: Vec<_> = query
+        .rows
+        .iter()
+        .map(|r| Point3::new(r[0], r[1], r[2]))
+        .collect();
     let failed = |source| Failure::Field {
         path: call.nodes.clone(),
         source,
@@ -112,16 +124,25 @@ fn understand(arguments: Vec<String>) -> Result<Call, Failure> {
     let (mut files, mut out, mut options) = (Vec::new(), None, FieldOptions::default());
     let mut rest = arguments.into_iter();
     while let Some(argument) = rest.next() {
-        let mut value = || rest.next().ok_or_else(|| wrong(format!("{argument} needs a value")));
+        let mut value = || {
+            rest.next()
+                .ok_or_else(|| wrong(format!("{argument} needs a value")))
+        };
         match argument.as_str() {
             "--out" => out = Some(PathBuf::from(value()?)),
             "--radius" => options.support = Support::Radius(radius(&value()?)?),
-            option if option.starts_with("--") => return Err(wrong(format!("unknown option {option}"))),
+            option if option.starts_with("--") => {
+                return Err(wrong(format!("unknown option {option}")));
+            }
             _ => files.push(PathBuf::from(&argument)),
         }
     }
-    let [nodes, query] = <[PathBuf; 2]>::try_from(files)
-        .map_err(|files| wrong(format!("{} files given, but NODES and QUERY wanted", files.len())))?;
+    let [nodes, query] = <[PathBuf; 2]>::try_from(files).map_err(|files| {
+        wrong(format!(
+            "{} files given, but NODES and QUERY wanted",
+            files.len()
+        ))
+    })?;
     let out = out.ok_or_else(|| wrong("--out is missing".to_owned()))?;
     Ok(Call {
         nodes,
@@ -132,8 +153,12 @@ fn understand(arguments: Vec<String>) -> Result<Call, Failure> {
 }
 
 fn radius(text: &str) -> Result<f64, Failure> {
-    let number = text.parse::<f64>().ok().filter(|r| r.is_finite() && *r > 0.0);
-    number.ok_or_else(|| Failure::Usage(format!("--radius {text}: a positive length in m is wanted")))
+    let number = text
+        .parse::<f64>()
+        .ok()
+        .filter(|r| r.is_finite() && *r > 0.0);
+    number
+        .ok_or_else(|| Failure::Usage(format!("--radius {text}: a positive length in m is wanted")))
 }
 
 fn load<const N: usize>(

@@ -40,14 +40,31 @@ pub enum TableError {
 impl fmt::Display for TableError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Width { line, expected, found } => {
-                write!(f, "line {line}: {found} values, but there are {expected} columns")
+            Self::Width {
+                line,
+                expected,
+                found,
+            } => {
+                write!(
+                    f,
+                    "line {line}: {found} values, but there are {expected} columns"
+                )
             }
             Self::Value { line, column, text } => {
-                write!(f, "line {line}, column {column}: `{text}` is not a finite number")
+                write!(
+                    f,
+                    "line {line}, column {column}: `{text}` is not a finite number"
+                )
             }
-            Self::Heading { line, expected, found } => {
-                write!(f, "line {line}: column `{found}` stands where `{expected}` belongs")
+            Self::Heading {
+                line,
+                expected,
+                found,
+            } => {
+                write!(
+                    f,
+                    "line {line}: column `{found}` stands where `{expected}` belongs"
+                )
             }
         }
     }
@@ -65,7 +82,10 @@ pub struct Table<const N: usize> {
 }
 
 /// Reads a table with the given columns.
-pub fn read<const N: usize>(text: &str, columns: [&'static str; N]) -> Result<Table<N>, TableError> {
+pub fn read<const N: usize>(
+    text: &str,
+    columns: [&'static str; N],
+) -> Result<Table<N>, TableError> {
     let mut table = Table {
         rows: Vec::new(),
         headed: false,
@@ -97,7 +117,10 @@ pub fn read<const N: usize>(text: &str, columns: [&'static str; N]) -> Result<Ta
 
 /// A word, and not something that was meant as a number.
 fn is_name(cell: &str) -> bool {
-    cell.parse::<f64>().is_err() && cell.trim_matches('"').starts_with(|c: char| c.is_alphabetic())
+    cell.parse::<f64>().is_err()
+        && cell
+            .trim_matches('"')
+            .starts_with(|c: char| c.is_alphabetic())
 }
 
 /// Other names are the author's business, but ours in another order would be read wrongly.
