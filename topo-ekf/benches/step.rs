@@ -1,127 +1,114 @@
-//! One frame of tracking at three sizes: free, on a table, folded onto itself; all marginals; a new graph.
+//! The bars of a frame: the linear update, whole steps (free, with 30 % of the vertices on the table, with 200 separations), marginals, a
+//! new graph, and a dense Cholesky factor of the same information matrix to compare with.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a benchmark")]
 
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
-use topo_ekf::{Filter, Frame, Observation, Options, Plane};
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
+use nalgebra::{DMatrix, Point3, Rotation3, UnitVector3, Vector3};
+use topo_ekf::{Filter, Frame, Motion, Observation, Options, Plane};
 
 #[path = "../tests/common/mod.rs"]
 mod common;
-use common::{Noise, ellipsoid, sheet};
+use common::{Noise, ellipsoid, fold, sheet};
 
-/// Half-seen ellipsoid of spacing about 4.5 mm that turns by 1.5° a frame.
-fn observations(rest: &[Point3<f64>], frame: usize, sigma: f64) -> Vec<Observation> {
-    let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), (1.5 * frame as f64).to_radians());
-    let mut noise = Noise(frame as u64);
-    rest.iter()
-        .enumerate()
-        .map(|(i, p)| (i, turn * p))
-        .filter(|(_, p)| p.z > 0.0)
-        .map(|(i, p)| Observation {
-            vertex: i as u32,
-            position: p + noise.vector(sigma),
-            sigma,
+const SIZES: [usize; 3] = [500, 2000, 8000];
+const FRAMES: usize = 20;
+
+/// Ellipsoid of spacing about 4.5 mm, 10.8 neighbours a vertex, flattened below so that 30 % of its vertices lie on a plane.
+fn body(count: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Plane) {
+    let scale = (count as f64 / 1000.0).sqrt();
+    let (mut points, edges) = ellipsoid(count, [0.055 * scale, 0.045 * scale, 0.03 * scale], 9);
+    let floor = -0.4 * 0.03 * scale;
+    for p in &mut points {
+        p.z = p.z.max(floor);
+    }
+    // The table is 2 mm higher: it is pressed against the whole bottom in every frame.
+    let normal = UnitVector3::new_unchecked(Vector3::z());
+    (points, edges, Plane { normal, offset: -(floor + 2e-3) })
+}
+
+/// The upper side, while the body turns on the table by 1.5° a frame and back.
+fn frames(rest: &[Point3<f64>], turning: bool) -> Vec<Vec<Observation>> {
+    (0..FRAMES)
+        .map(|frame| {
+            let angle = if turning { 1.5 * frame as f64 } else { 0.0 };
+            let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle.to_radians());
+            let mut noise = Noise(frame as u64);
+            (0..rest.len())
+                .filter(|&i| rest[i].z > 0.0)
+                .map(|i| Observation {
+                    vertex: i as u32,
+                    position: turn * rest[i] + noise.vector(5e-4),
+                    sigma: 5e-4,
+                })
+                .collect()
         })
         .collect()
 }
 
-fn body(count: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>) {
-    let scale = (count as f64 / 1000.0).sqrt();
-    ellipsoid(count, [0.055 * scale, 0.045 * scale, 0.03 * scale], 8)
+/// Back and forth, so that every frame is a small motion from the last.
+fn at(k: usize) -> usize {
+    let period = 2 * (FRAMES - 1);
+    (k % period).min(period - k % period)
 }
 
 fn steps(c: &mut Criterion) {
-    let mut group = c.benchmark_group("step");
-    for count in [500, 1000, 2000] {
-        let (rest, edges) = body(count);
-        let scale = (count as f64 / 1000.0).sqrt();
-        group.throughput(Throughput::Elements(1));
-        let plane = [Plane {
-            normal: UnitVector3::new_unchecked(Vector3::z()),
-            offset: 0.027 * scale,
-        }];
-        for (name, planes) in [("free", &plane[..0]), ("table", &plane[..])] {
-            let frames: Vec<_> = (0..20).map(|k| observations(&rest, k, 5e-4)).collect();
-            let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-            let mut k = 0;
-            group.bench_function(BenchmarkId::new(name, count), |b| {
-                b.iter(|| {
-                    // Back and forth, so that every frame is a small motion from the last.
-                    let at = if k % 38 < 19 { k % 38 } else { 38 - k % 38 };
-                    k += 1;
-                    filter
-                        .step(&Frame::new(&frames[at]).with_planes(planes))
-                        .unwrap()
+    for (name, motion) in [("update", Motion::Still), ("step", Motion::Spread)] {
+        let mut group = c.benchmark_group(name);
+        for count in SIZES {
+            let (rest, edges, table) = body(count);
+            let frames = frames(&rest, motion == Motion::Spread);
+            let options = Options::default().with_motion(motion);
+            for (name, planes) in [("free", &[][..]), ("table_30_percent", &[table][..])] {
+                let mut filter = Filter::new(&rest, &edges, &options).unwrap();
+                let mut k = 0;
+                group.bench_function(BenchmarkId::new(name, count), |b| {
+                    b.iter(|| {
+                        let frame = Frame::new(&frames[at(k)]).with_planes(planes);
+                        k += 1;
+                        filter.step(&frame).unwrap()
+                    });
                 });
-            });
+            }
         }
+        group.finish();
     }
-    group.finish();
 }
 
 fn contacts(c: &mut Criterion) {
-    let mut group = c.benchmark_group("fold");
-    for side in [22, 32, 45] {
-        let spacing = 4e-3;
-        let (flat, edges, triangles) = sheet(side, spacing);
-        // Folded at 60 % of its width: a flap of 40 % lies 5 mm over the rest of the sheet.
-        let (start, r) = (0.6 * side as f64 * spacing, 2.5e-3);
-        let fold: Vec<_> = flat
-            .iter()
-            .map(|p| {
-                let s = p.x - start;
-                let a = (s / r).min(std::f64::consts::PI);
-                let beyond = (s - std::f64::consts::PI * r).max(0.0);
-                if s <= 0.0 {
-                    *p
-                } else {
-                    Point3::new(start + r * a.sin() - beyond, p.y, r - r * a.cos())
-                }
-            })
-            .collect();
+    let mut group = c.benchmark_group("contact");
+    for side in [22, 45, 90] {
+        let (_, edges, triangles) = sheet(side, 4e-3);
+        let fold = fold(side, 4e-3, if side == 22 { 4 } else { 5 });
         let plane = [Plane {
             normal: UnitVector3::new_unchecked(Vector3::z()),
             offset: 0.0,
         }];
-        let frames: Vec<Vec<_>> = (0..20)
-            .map(|k| {
-                let mut noise = Noise(k);
-                let drop = 4e-3 + 0.05e-3 * k as f64;
-                fold.iter()
-                    .enumerate()
-                    .filter(|(_, p)| p.z > 4.9e-3)
-                    .map(|(i, p)| Observation {
-                        vertex: i as u32,
-                        position: p - Vector3::z() * drop + noise.vector(2e-4),
-                        sigma: 1e-3,
-                    })
-                    .collect()
-            })
+        let frames: Vec<_> = (0..FRAMES)
+            .map(|k| fold.pressed(4.5e-3 + 0.05e-3 * k as f64, k as u64))
             .collect();
-        let mut filter = Filter::new(&fold, &edges, &Options::default()).unwrap();
-        let mut k = 0;
-        group.bench_function(BenchmarkId::new("table_and_contacts", side * side), |b| {
+        let mut filter = Filter::new(&fold.live, &edges, &Options::default()).unwrap();
+        let (mut k, mut pushing, mut solves) = (0, 0, 0);
+        group.bench_function(BenchmarkId::new("table_and_separations", side * side), |b| {
             b.iter(|| {
-                let at = if k % 38 < 19 { k % 38 } else { 38 - k % 38 };
-                k += 1;
-                let frame = Frame::new(&frames[at])
+                let frame = Frame::new(&frames[at(k)])
                     .with_planes(&plane)
                     .with_triangles(&triangles);
-                filter.step(&frame).unwrap()
+                k += 1;
+                let report = filter.step(&frame).unwrap();
+                (pushing, solves) = (pushing + report.pushing, solves + report.solves);
             });
         });
+        eprintln!("{} pushing, {} solves a frame", pushing / k.max(1), solves / k.max(1));
     }
     group.finish();
 }
 
-fn marginals(c: &mut Criterion) {
+fn graphs(c: &mut Criterion) {
     let mut group = c.benchmark_group("graph");
-    for count in [500, 1000, 2000] {
-        let (rest, edges) = body(count);
+    for count in SIZES {
+        let (rest, edges, _) = body(count);
         let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-        filter
-            .step(&Frame::new(&observations(&rest, 1, 5e-4)))
-            .unwrap();
+        filter.step(&Frame::new(&frames(&rest, true)[1])).unwrap();
         group.bench_function(BenchmarkId::new("marginal_sigmas", count), |b| {
             b.iter(|| filter.marginal_sigmas().unwrap());
         });
@@ -133,9 +120,38 @@ fn marginals(c: &mut Criterion) {
     group.finish();
 }
 
+/// What the update costs without sparsity: the dense factor and three columns.
+fn reference(c: &mut Criterion) {
+    let mut group = c.benchmark_group("dense_reference");
+    for count in [500, 2000] {
+        let (rest, edges, _) = body(count);
+        let mut s = DMatrix::from_diagonal_element(count, count, 4e6);
+        for e in &edges {
+            let (i, j) = (e[0] as usize, e[1] as usize);
+            s[(i, i)] += 4e6;
+            s[(j, j)] += 4e6;
+            s[(i, j)] -= 4e6;
+            s[(j, i)] -= 4e6;
+        }
+        let rhs = DMatrix::from_fn(count, 3, |i, axis| rest[i][axis]);
+        group.bench_function(BenchmarkId::new("factor_and_solve", count), |b| {
+            b.iter(|| {
+                use faer::linalg::solvers::Solve;
+                let view = faer::MatRef::from_column_major_slice(s.as_slice(), count, count);
+                let llt = view.llt(faer::Side::Lower).unwrap();
+                llt.solve(faer::MatRef::from_column_major_slice(rhs.as_slice(), count, 3))
+            });
+        });
+    }
+    group.finish();
+}
+
 criterion_group! {
     name = benches;
-    config = Criterion::default().sample_size(20).measurement_time(std::time::Duration::from_secs(1)).warm_up_time(std::time::Duration::from_millis(200));
-    targets = steps, contacts, marginals
+    config = Criterion::default()
+        .sample_size(15)
+        .measurement_time(std::time::Duration::from_millis(800))
+        .warm_up_time(std::time::Duration::from_millis(200));
+    targets = steps, contacts, graphs, reference
 }
 criterion_main!(benches);

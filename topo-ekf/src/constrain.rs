@@ -5,24 +5,19 @@ use std::collections::HashSet;
 use nalgebra::Point3;
 
 use crate::Error;
+use crate::compliance::Influence;
 use crate::contact::Surface;
 use crate::filter::{Filter, Update};
 use crate::observation::Frame;
 use crate::options::Projection;
 use crate::project::{Problem, Projected, Status, Warm, deepest, split_planes};
 use crate::report::StepReport;
-use crate::rows::{Key, Row, deepest_gap};
+use crate::rows::{FEASIBLE, Key, Row, SPARE, deepest_gap};
 use crate::system::Factor;
 
 /// Most times the contacts are linearised. Two are the rule; where two sheets are pressed hard onto each other, the triangle
 /// under a vertex changes with the push and five have been seen.
 const LINEARISATIONS: usize = 8;
-/// What a row asks for beyond the separation, m: the triangle turns while it is pushed, and this much of second order is
-/// then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
-const SPARE: f64 = 2e-5;
-/// Lack of separation that is left standing, m.
-const SEPARATED: f64 = 1e-6;
-
 /// A constrained estimate with what the next frame starts from.
 pub(crate) struct Constrained {
     pub positions: Vec<Point3<f64>>,
@@ -66,12 +61,13 @@ impl Filter {
                 .renewed(frame.triangles, &self.rest, self.options.separation);
         let metric = self.metric(update)?;
         let (values, factor) = metric.parts();
-        let mut contacts = self.watch(&surface, estimate);
+        let mut contacts = self.watch(&surface, &self.expected(estimate));
         let before = [
             deepest_gap(&fixed, estimate),
             lack(&contacts, estimate),
         ];
         let mut warm = self.warm.clone();
+        let mut influence = Influence::new(estimate.len());
         let mut work = Work::default();
         let (projected, left, watched) = loop {
             let rows: Vec<_> = fixed.iter().chain(&contacts).cloned().collect();
@@ -82,13 +78,13 @@ impl Filter {
                 plane,
                 rows: &rows,
             };
-            let projected = problem.solve(&mut self.system, &warm)?;
+            let projected = problem.solve(&mut self.system, &warm, &mut influence)?;
             warm.clone_from(&projected.warm);
             work.add(&projected);
             // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
             let again = self.watch(&surface, &projected.positions);
             let left = lack(&again, &projected.positions);
-            if left <= SEPARATED || work.linearisations == LINEARISATIONS {
+            if left <= FEASIBLE || work.linearisations == LINEARISATIONS {
                 break (projected, left, contacts.len());
             }
             contacts = merged(contacts, again);
@@ -97,7 +93,7 @@ impl Filter {
             return Err(Error::Overflow { vertex });
         }
         let status = match projected.status {
-            Status::Constrained if left > SEPARATED => Status::Unsettled,
+            Status::Constrained if left > FEASIBLE => Status::Unsettled,
             status => status,
         };
         let report = StepReport {
@@ -138,6 +134,12 @@ impl Filter {
                 Metric::Euclidean(values, factor)
             }
         })
+    }
+
+    /// Where the constraints will put the estimate if they do what they did last: there the contacts are linearised first.
+    fn expected(&self, estimate: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        let pushed = self.live.iter().zip(&self.estimate).map(|(x, e)| x - e);
+        estimate.iter().zip(pushed).map(|(p, d)| p + d).collect()
     }
 
     fn watch(&self, surface: &Surface, now: &[Point3<f64>]) -> Vec<Row> {

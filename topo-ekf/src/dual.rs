@@ -1,206 +1,233 @@
-//! Forces of the rows: a quadratic programme with bounds, solved without ever forming its matrix.
+//! Forces of the rows: a quadratic programme with bounds.
 //!
 //! ```text
 //! min ½ λᵀ G λ − gᵀ λ   s.t. λ ≥ 0              G = A S⁻¹ Aᵀ + ς I,  g: gaps without forces
-//! gradient q = Gλ − g;  free part φ: q where λ > 0;  chopped part β: min(q, 0) where λ = 0
-//! ‖β‖ ≤ ‖φ‖:  conjugate gradients among the rows that push;  a step that would make forces negative is cut at zero
-//! ‖β‖ > ‖φ‖:  a steepest descent step along β lets further rows push
+//! gradient q = Gλ − g
+//! model    μ = argmin ½ (μ − λ)ᵀ M (μ − λ) + qᵀ(μ − λ)   s.t. μ ≥ 0        M: dense, of the rows in play
+//! step     λ ← λ + t (μ − λ),   t from the exact G
 //! ```
 //!
-//! This is the modified proportioning with gradient projections (Dostál, *Optimal Quadratic Programming Algorithms*, 2009, ch. 5),
-//! with the projected conjugate gradient as expansion step: the cost falls in every step, so it cannot cycle where two
-//! sheets watch each other and their rows nearly repeat. A product with `G` is one sparse solve however many rows there are, where
-//! a dense `G` costs a solve per row. Among the pushing rows the steps are preconditioned by `A S Aᵀ`, the stiffness
-//! that the rows feel with everything else held (lumped preconditioner of domain decomposition).
+//! `M` is what `G` was when the rows came into play, with another set of resting vertices or before the last linearisation. The gradient and the length of the step are exact, so an old model costs steps and no accuracy: the cost falls in
+//! every step, and where it no longer does the answer is optimal for the exact `G`. A step is one sparse solve, where a fresh dense
+//! `G` would be a solve per row and per round. When the model has become too old to be of use it is made anew.
 
-/// The programme; closures, because the system behind them needs its working memory.
+use nalgebra::DMatrix;
+
+use crate::Error;
+use crate::compliance::{Compliance, Influence};
+use crate::pivots::minimise;
+
+/// Steps with a model before it is made anew.
+const PATIENCE: usize = 3;
+/// Most steps in all.
+const STEPS: usize = 60;
+
+/// The programme.
 pub(crate) struct Dual<'a> {
     /// Gaps without forces, m.
     pub gaps: &'a [f64],
     /// Softness `ς`: rows that repeat or contradict each other would make `G` singular.
-    pub soft: f64,
+    pub soft: &'a [f64],
     /// Gradient entries below this count as zero, m.
     pub tolerance: f64,
-    /// Most products with `G`.
-    pub allowance: usize,
+}
+
+/// `G` among the rows in play, as it was when each came into play.
+pub(crate) struct Model {
+    /// Positions of the rows in the stack.
+    rows: Vec<usize>,
+    gram: DMatrix<f64>,
 }
 
 /// Forces, and whether they are optimal within the tolerance.
 pub(crate) struct Forces {
     pub values: Vec<f64>,
     pub settled: bool,
+    /// Products with `G`.
     pub products: usize,
 }
 
 impl Dual<'_> {
-    /// Descends from the forces of `start`. `compliance` multiplies by `A S⁻¹ Aᵀ`, `stiffness` by the preconditioner.
+    /// Descends from the forces of `start`.
     pub fn solve(
         &self,
         start: Vec<f64>,
-        mut compliance: impl FnMut(&[f64]) -> Vec<f64>,
-        stiffness: impl Fn(&[f64]) -> Vec<f64>,
-    ) -> Forces {
-        let mut products = 0;
-        let mut multiply = |v: &[f64]| {
-            products += 1;
-            let mut product = compliance(v);
-            for (p, v) in product.iter_mut().zip(v) {
-                *p += self.soft * v;
-            }
-            (product, products)
-        };
-        let mut state = State::at(start, self.gaps, &mut multiply);
-        // Direction and its product, while the set of pushing rows stands.
-        let mut previous: Option<(Vec<f64>, Vec<f64>)> = None;
-        while state.products < self.allowance && state.defect() > self.tolerance {
-            let (free, chopped) = state.split();
-            if dot(&chopped, &chopped) > dot(&free, &free) {
-                state.step_along(&chopped, &mut multiply);
-                previous = None;
-                continue;
-            }
-            let mut direction = stiffness(&free);
-            for (d, f) in direction.iter_mut().zip(&state.forces) {
-                if *f <= 0.0 {
-                    *d = 0.0;
-                }
-            }
-            if let Some((p, gp)) = &previous {
-                let share = dot(&direction, gp) / dot(p, gp);
-                for (d, p) in direction.iter_mut().zip(p) {
-                    *d -= share * p;
-                }
-            }
-            previous = state.conjugate_step(direction, self.gaps, &mut multiply);
-        }
-        Forces {
-            settled: state.defect() <= self.tolerance,
-            values: state.forces,
-            products: state.products,
-        }
-    }
-}
-
-struct State {
-    forces: Vec<f64>,
-    gradient: Vec<f64>,
-    products: usize,
-}
-
-impl State {
-    fn at(
-        forces: Vec<f64>,
-        gaps: &[f64],
-        multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize),
-    ) -> Self {
-        let (mut gradient, products) = multiply(&forces);
-        for (q, g) in gradient.iter_mut().zip(gaps) {
+        model: &mut Model,
+        influence: &mut Influence,
+        compliance: &mut Compliance,
+    ) -> Result<Forces, Error> {
+        let mut forces = start;
+        let mut gradient = self.product(&forces, compliance);
+        for (q, g) in gradient.iter_mut().zip(self.gaps) {
             *q -= g;
         }
-        Self {
-            forces,
-            gradient,
+        let (mut products, mut age) = (1, 0);
+        let mut settled = false;
+        while products <= STEPS {
+            model.admit(&self.lacking(&forces, &gradient, model), influence, compliance);
+            if self.defect(&forces, &gradient, model) <= self.tolerance {
+                settled = true;
+                break;
+            }
+            age += 1;
+            if age > PATIENCE {
+                model.renew(&forces, &gradient, influence, compliance);
+                age = 0;
+            }
+            let mut target = self.target(&forces, &gradient, model);
+            if target.is_none() {
+                // Entries of different age need not make a positive matrix.
+                model.renew(&forces, &gradient, influence, compliance);
+                target = self.target(&forces, &gradient, model);
+            }
+            let direction = target.ok_or(Error::Factorisation)?;
+            let product = self.product(&direction, compliance);
+            products += 1;
+            let slope = dot(&gradient, &direction);
+            if slope >= 0.0 {
+                break;
+            }
+            advance(&mut forces, &mut gradient, &direction, &product, slope);
+        }
+        Ok(Forces {
+            values: forces,
+            settled,
             products,
+        })
+    }
+
+    fn product(&self, v: &[f64], compliance: &mut Compliance) -> Vec<f64> {
+        if v.iter().all(|v| *v == 0.0) {
+            return vec![0.0; v.len()];
         }
+        let mut product = compliance.times(v);
+        for (p, (v, soft)) in product.iter_mut().zip(v.iter().zip(self.soft)) {
+            *p += soft * v;
+        }
+        product
     }
 
-    /// `½ λᵀGλ − gᵀλ = ½ λᵀ(q − g)`.
-    fn cost(&self, gaps: &[f64]) -> f64 {
-        let terms = self.forces.iter().zip(&self.gradient).zip(gaps);
-        0.5 * terms.map(|((f, q), g)| f * (q - g)).sum::<f64>()
+    /// Rows that push or ought to, and are not in play.
+    fn lacking(&self, forces: &[f64], gradient: &[f64], model: &Model) -> Vec<usize> {
+        let mut known = vec![false; forces.len()];
+        for &k in &model.rows {
+            known[k] = true;
+        }
+        (0..forces.len())
+            .filter(|&k| !known[k] && (forces[k] > 0.0 || gradient[k] < -self.tolerance))
+            .collect()
     }
 
-    /// Largest gradient entry that a change of the forces could lower.
-    fn defect(&self) -> f64 {
-        let one = |(f, q): (&f64, &f64)| if *f > 0.0 { q.abs() } else { -q.min(0.0) };
-        self.forces
+    /// Largest of `min(λ_k G_kk, q_k)` in size: how far, in metres, the optimality conditions are from holding.
+    fn defect(&self, forces: &[f64], gradient: &[f64], model: &Model) -> f64 {
+        let inside = (0..model.rows.len()).map(|at| {
+            let k = model.rows[at];
+            let give = forces[k] * (model.gram[(at, at)] + self.soft[k]);
+            give.min(gradient[k]).abs()
+        });
+        inside.fold(0.0, f64::max)
+    }
+
+    /// Direction to the minimum of the model.
+    fn target(&self, forces: &[f64], gradient: &[f64], model: &Model) -> Option<Vec<f64>> {
+        let now: Vec<f64> = model.rows.iter().map(|&k| forces[k]).collect();
+        let mut gaps = vec![0.0; now.len()];
+        for (l, &f) in now.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+            for (g, m) in gaps.iter_mut().zip(model.gram.column(l).iter()) {
+                *g += m * f;
+            }
+        }
+        for (at, &k) in model.rows.iter().enumerate() {
+            gaps[at] += self.soft[k] * now[at] - gradient[k];
+        }
+        let soft: Vec<f64> = model.rows.iter().map(|&k| self.soft[k]).collect();
+        // Who pushes now, and who is violated now: mostly right, so that a pivot or two are enough.
+        let active = model
+            .rows
             .iter()
-            .zip(&self.gradient)
-            .map(one)
-            .fold(0.0, f64::max)
-    }
-
-    /// Free and chopped part of the gradient.
-    fn split(&self) -> (Vec<f64>, Vec<f64>) {
-        let pairs = || self.forces.iter().zip(&self.gradient);
-        (
-            pairs()
-                .map(|(f, q)| if *f > 0.0 { *q } else { 0.0 })
-                .collect(),
-            pairs()
-                .map(|(f, q)| if *f > 0.0 { 0.0 } else { q.min(0.0) })
-                .collect(),
-        )
-    }
-
-    /// Steepest descent along the chopped gradient: forces grow from zero.
-    fn step_along(&mut self, d: &[f64], multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize)) {
-        let (product, products) = multiply(d);
-        self.products = products;
-        let length = dot(&self.gradient, d) / dot(d, &product);
-        self.advance(length, d, &product);
-    }
-
-    fn advance(&mut self, length: f64, d: &[f64], product: &[f64]) {
-        for ((f, q), (d, p)) in self
-            .forces
-            .iter_mut()
-            .zip(&mut self.gradient)
-            .zip(d.iter().zip(product))
-        {
-            *f -= length * d;
-            *q -= length * p;
-        }
-    }
-
-    /// A conjugate gradient step; where it would make forces negative, the cut one. Returns what the next direction is
-    /// made conjugate to, nothing after a cut.
-    fn conjugate_step(
-        &mut self,
-        direction: Vec<f64>,
-        gaps: &[f64],
-        multiply: &mut impl FnMut(&[f64]) -> (Vec<f64>, usize),
-    ) -> Option<(Vec<f64>, Vec<f64>)> {
-        let (product, products) = multiply(&direction);
-        self.products = products;
-        let full = dot(&self.gradient, &direction) / dot(&direction, &product);
-        let (room, first) = self.room(&direction);
-        if full <= room {
-            self.advance(full, &direction, &product);
-            return Some((direction, product));
-        }
-        let cut: Vec<f64> = self
-            .forces
-            .iter()
-            .zip(&direction)
-            .map(|(f, d)| (f - full * d).max(0.0))
+            .map(|&k| forces[k] > 0.0 || gradient[k] < 0.0)
             .collect();
-        let there = Self::at(cut, gaps, multiply);
-        if there.cost(gaps) < self.cost(gaps) {
-            *self = there;
-        } else {
-            // Only as far as the first force that vanishes: the cost falls all along the way.
-            self.advance(room, &direction, &product);
-            self.products = there.products;
-            if let Some(first) = first {
-                self.forces[first] = 0.0;
-            }
-            for f in &mut self.forces {
-                *f = f.max(0.0);
-            }
+        let target = minimise(&model.gram, &gaps, active, &soft, 0.1 * self.tolerance)?;
+        let mut direction = vec![0.0; forces.len()];
+        for (at, &k) in model.rows.iter().enumerate() {
+            direction[k] = target[at] - now[at];
         }
-        None
+        Some(direction)
+    }
+}
+
+/// Steps to the lowest cost along the direction that keeps the forces positive.
+fn advance(
+    forces: &mut [f64],
+    gradient: &mut [f64],
+    direction: &[f64],
+    product: &[f64],
+    slope: f64,
+) {
+    let lowest = -slope / dot(direction, product);
+    let room = forces
+        .iter()
+        .zip(direction)
+        .filter(|(_, d)| **d < 0.0)
+        .map(|(f, d)| -f / d)
+        .fold(f64::INFINITY, f64::min);
+    // The model's own length makes forces that it takes away vanish exactly; within these limits it lowers the cost as well.
+    let length = if (0.7..1.5).contains(&lowest) {
+        1.0
+    } else {
+        lowest.min(room)
+    };
+    for ((f, q), (d, p)) in forces
+        .iter_mut()
+        .zip(gradient)
+        .zip(direction.iter().zip(product))
+    {
+        // Rounding of `f + (μ − f)` must not leave a force of 1e-17.
+        let next = f64::max(*f + length * d, 0.0);
+        *f = if next < 1e-14 * d.abs() { 0.0 } else { next };
+        *q += length * p;
+    }
+}
+
+impl Model {
+    pub fn new() -> Self {
+        Self {
+            rows: vec![],
+            gram: DMatrix::zeros(0, 0),
+        }
     }
 
-    /// How far a step may go before the first force vanishes, and which that is.
-    fn room(&self, direction: &[f64]) -> (f64, Option<usize>) {
-        let mut nearest = (f64::INFINITY, None);
-        for (k, (f, d)) in self.forces.iter().zip(direction).enumerate() {
-            if *d > 0.0 && f / d < nearest.0 {
-                nearest = (f / d, Some(k));
+    /// Takes rows into play.
+    fn admit(&mut self, new: &[usize], influence: &mut Influence, compliance: &mut Compliance) {
+        if new.is_empty() {
+            return;
+        }
+        let old = self.rows.len();
+        self.rows.extend_from_slice(new);
+        let columns = compliance.columns(&self.rows, new, influence);
+        let count = self.rows.len();
+        self.gram = std::mem::take(&mut self.gram).resize(count, count, 0.0);
+        for l in 0..new.len() {
+            for k in 0..=old + l {
+                self.gram[(k, old + l)] = columns[(k, l)];
+                self.gram[(old + l, k)] = columns[(k, l)];
             }
         }
-        nearest
+    }
+
+    /// Starts again with the rows that push or ought to.
+    fn renew(
+        &mut self,
+        forces: &[f64],
+        gradient: &[f64],
+        influence: &mut Influence,
+        compliance: &mut Compliance,
+    ) {
+        let of_use = |k: &usize| forces[*k] > 0.0 || gradient[*k] < 0.0;
+        let rows: Vec<usize> = self.rows.iter().copied().filter(of_use).collect();
+        influence.renew(compliance);
+        *self = Self::new();
+        self.admit(&rows, influence, compliance);
     }
 }
 

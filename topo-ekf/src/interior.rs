@@ -26,7 +26,7 @@ pub(crate) fn interior_point(
     problem: &Problem,
     stack: &Stack,
     gaps: &[f64],
-    soft: f64,
+    soft: &[f64],
     system: &System,
     table: &mut Table,
 ) -> Result<(Vec<f64>, Vec<f64>), Error> {
@@ -38,8 +38,8 @@ pub(crate) fn interior_point(
         .chain(table.heights().iter().map(|h| -h))
         .fold(f64::MIN_POSITIVE, f64::max);
     let unit = problem.values.iter().copied().fold(0.0, f64::max);
-    let slack = 1.0 / (soft * unit).max(f64::MIN_POSITIVE);
-    let quadratic = quadratic(&system.pattern, problem.values, unit, slack, rows);
+    let slack: Vec<f64> = soft.iter().map(|s| 1.0 / (s * unit)).collect();
+    let quadratic = quadratic(&system.pattern, problem.values, unit, &slack);
     let bounds = bounds(stack, size, problem.plane.is_some());
     let right: Vec<f64> = gaps
         .iter()
@@ -90,8 +90,7 @@ fn quadratic(
     pattern: &Pattern,
     values: &[f64],
     unit: f64,
-    slack: f64,
-    rows: usize,
+    slack: &[f64],
 ) -> CscMatrix<f64> {
     let size = pattern.size();
     let mut columns: Vec<Vec<(usize, f64)>> = vec![vec![]; size];
@@ -101,7 +100,7 @@ fn quadratic(
             columns[pattern.rows[at]].push((column, values[at] / unit));
         }
     }
-    let whole = 3 * size + rows;
+    let whole = 3 * size + slack.len();
     let (mut starts, mut at, mut entries) = (vec![0], vec![], vec![]);
     for axis in 0..3 {
         for column in &columns {
@@ -110,9 +109,9 @@ fn quadratic(
             starts.push(at.len());
         }
     }
-    for k in 0..rows {
+    for (k, &s) in slack.iter().enumerate() {
         at.push(3 * size + k);
-        entries.push(slack);
+        entries.push(s);
         starts.push(at.len());
     }
     CscMatrix::new(whole, whole, starts, at, entries)

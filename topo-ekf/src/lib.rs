@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod columns;
+mod compliance;
 mod consistency;
 mod constrain;
 mod contact;
@@ -15,6 +16,7 @@ mod motion;
 mod observability;
 mod observation;
 mod options;
+mod pivots;
 mod project;
 mod regraph;
 mod report;

@@ -16,11 +16,11 @@
 //! every frame).
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
-use crate::dual::{Dual, Forces};
+use crate::compliance::{Compliance, Influence};
+use crate::dual::{Dual, Forces, Model};
 use crate::interior::interior_point;
 use crate::observation::Plane;
 use crate::rows::{Key, Row, Stack, plane_rows};
@@ -31,17 +31,12 @@ use crate::{Error, columns};
 /// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
 /// of vertices.
 const ROUNDS: usize = 40;
-/// Products with the compliance of the rows that one alternation may take.
-const PRODUCTS: usize = 400;
 /// Height up to which a vertex that rested last time is taken to rest again, m.
 const NEAR: f64 = 1e-3;
 /// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
 const ROW_DEPTH: f64 = 1e-8;
 /// While the table still changes, forces need not be better than this share of the largest gap.
-const COARSE: f64 = 1e-2;
-/// Softness of a row relative to what it would give with everything around it held. A single row that is 1 mm violated keeps about
-/// 1e-9 m of it; rows that contradict each other share what is left by least squares.
-const SOFT: f64 = 2e-5;
+const COARSE: f64 = 1e-1;
 
 /// How the projection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,8 +85,13 @@ pub(crate) struct Warm {
 }
 
 impl Problem<'_> {
-    /// Solves from the active sets of `warm`.
-    pub fn solve(&self, system: &mut System, warm: &Warm) -> Result<Projected, Error> {
+    /// Solves from the active sets of `warm`; `influence` belongs to the metric and serves all linearisations.
+    pub fn solve(
+        &self,
+        system: &mut System,
+        warm: &Warm,
+        influence: &mut Influence,
+    ) -> Result<Projected, Error> {
         let heights: Vec<f64> = self
             .estimate
             .iter()
@@ -106,20 +106,21 @@ impl Problem<'_> {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
-        self.alternate(system, Table::new(heights, struck), &gaps, warm)
+        self.alternate((system, influence), Table::new(heights, struck), &gaps, warm)
     }
 
     /// The two active sets, turn and turn about.
     fn alternate(
         &self,
-        system: &mut System,
+        (system, influence): (&mut System, &mut Influence),
         mut table: Table,
         gaps: &[f64],
         warm: &Warm,
     ) -> Result<Projected, Error> {
         let basis = self.basis();
         let stack = Stack::new(self.rows, &basis);
-        let soft = SOFT * self.held_compliance(&stack, system);
+        let held = self.held_compliance(&stack, system);
+        let soft: Vec<f64> = self.rows.iter().map(|r| r.softness() * held).collect();
         let fine = ROW_DEPTH;
         let mut tolerance = gaps.iter().fold(fine, |a, g| a.max(COARSE * g));
         let mut forces: Vec<f64> = self
@@ -127,6 +128,7 @@ impl Problem<'_> {
             .iter()
             .map(|r| warm.forces.get(&r.key).copied().unwrap_or(0.0))
             .collect();
+        let mut model = Model::new();
         let (mut rounds, mut solves) = (0, 0);
         let mut settled = false;
         let mut shift = vec![];
@@ -134,7 +136,19 @@ impl Problem<'_> {
             rounds += 1;
             table.refactor(self.values, system)?;
             let lift = table.lift(self.values, system);
-            let found = self.forces(system, &table, &stack, gaps, &lift, tolerance, soft, forces);
+            let mut compliance = Compliance {
+                stack: &stack,
+                table: &table,
+                factor: self.factor,
+                system,
+            };
+            let dual = Dual {
+                gaps,
+                soft: &soft,
+                tolerance,
+            };
+            let play = (&mut model, &mut *influence);
+            let found = self.forces((&dual, &lift), forces, play, &mut compliance)?;
             solves += found.products;
             forces = found.values;
             let push = stack.push(&forces, self.estimate.len());
@@ -150,67 +164,31 @@ impl Problem<'_> {
             }
         }
         if !settled {
-            (shift, forces) = interior_point(self, &stack, gaps, soft, system, &mut table)?;
+            (shift, forces) = interior_point(self, &stack, gaps, &soft, system, &mut table)?;
         }
         Ok(self.finish(&basis, &shift, &forces, &table, (rounds, solves)))
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one call, one place")]
+    /// Forces of the rows with the table's set as it is.
     fn forces(
         &self,
-        system: &mut System,
-        table: &Table,
-        stack: &Stack,
-        gaps: &[f64],
-        lift: &[f64],
-        tolerance: f64,
-        soft: f64,
+        (dual, lift): (&Dual, &[f64]),
         start: Vec<f64>,
-    ) -> Forces {
-        let size = lift.len();
-        if stack.len() == 0 {
-            return Forces {
+        (model, influence): (&mut Model, &mut Influence),
+        compliance: &mut Compliance,
+    ) -> Result<Forces, Error> {
+        if self.rows.is_empty() {
+            return Ok(Forces {
                 values: start,
                 settled: true,
                 products: 0,
-            };
+            });
         }
-        let mut lifted = vec![0.0; 3 * size];
-        lifted[2 * size..].copy_from_slice(lift);
-        let left: Vec<f64> = gaps
-            .iter()
-            .zip(stack.reach(&lifted))
-            .map(|(g, r)| g - r)
-            .collect();
-        let dual = Dual {
-            gaps: &left,
-            soft,
-            tolerance,
-            allowance: PRODUCTS,
-        };
-        let pattern = Arc::clone(&system.pattern);
-        let compliance = |v: &[f64]| {
-            let mut block = stack.push(v, size);
-            table.respond(self.factor, system, &mut block);
-            stack.reach(&block)
-        };
-        let stiffness = |v: &[f64]| {
-            let scaled: Vec<f64> = v.iter().zip(&stack.squares).map(|(v, s)| v / s).collect();
-            let mut block = stack.push(&scaled, size);
-            table.hold(&mut block);
-            let mut pulled = Vec::with_capacity(3 * size);
-            for column in block.chunks_exact(size) {
-                pulled.extend(pattern.multiply(self.values, column));
-            }
-            table.hold(&mut pulled);
-            let reached = stack.reach(&pulled);
-            // A tenth of a single row's own stiffness for what the rows around cancel.
-            let own = 0.1 * SOFT / soft;
-            (0..v.len())
-                .map(|k| reached[k] / stack.squares[k] + own * v[k])
-                .collect()
-        };
-        dual.solve(start, compliance, stiffness)
+        let mut lifted = vec![0.0; 3 * lift.len()];
+        lifted[2 * lift.len()..].copy_from_slice(lift);
+        let reached = compliance.stack.reach(&lifted);
+        let gaps: Vec<f64> = dual.gaps.iter().zip(reached).map(|(g, r)| g - r).collect();
+        Dual { gaps: &gaps, ..*dual }.solve(start, model, influence, compliance)
     }
 
     /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.
@@ -256,19 +234,15 @@ impl Problem<'_> {
         if let Some(plane) = &self.plane {
             lift_above(&mut positions, plane);
         }
-        let left = self
-            .rows
-            .iter()
-            .map(|r| r.gap(&positions))
-            .fold(0.0, f64::max);
+        let feasible = self.rows.iter().all(|r| r.gap(&positions) <= r.tolerance());
         let pushing = |(r, f): (&Row, &f64)| (*f > 0.0).then_some((r.key, *f));
         let forces: HashMap<_, _> = self.rows.iter().zip(forces).filter_map(pushing).collect();
         Projected {
             positions,
-            status: if left > 1e-6 {
-                Status::Infeasible
-            } else {
+            status: if feasible {
                 Status::Constrained
+            } else {
+                Status::Infeasible
             },
             pushing: forces.len(),
             warm: Warm {

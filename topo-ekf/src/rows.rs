@@ -22,6 +22,19 @@ pub(crate) enum Key {
     Own(u32),
 }
 
+/// Softness of a row relative to what it would give with everything around it held. A single row that is 1 mm violated keeps about
+/// 1e-9 m of it; rows that contradict each other share what is left by least squares.
+const SOFT: f64 = 2e-5;
+/// The same for contacts. Two sheets that lie on each other watch each other from both sides: their rows repeat nearly, and what keeps
+/// their forces apart is this. What it leaves of a gap is covered by what contacts ask for in excess ([`crate::constrain`]).
+const SOFT_CONTACT: f64 = 3e-3;
+
+/// What a contact asks for beyond the separation, m: the triangle turns while it is pushed, and softness leaves something of the
+/// gap; this much is then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
+pub(crate) const SPARE: f64 = 2e-5;
+/// Violation that is left standing, m.
+pub(crate) const FEASIBLE: f64 = 1e-6;
+
 /// `Σ a · x_vertex ≥ bound`.
 #[derive(Clone, Debug)]
 pub(crate) struct Row {
@@ -39,6 +52,22 @@ impl Row {
             .map(|&(v, a)| a.dot(&positions[v as usize].coords))
             .sum();
         self.bound - sum
+    }
+
+    /// Compliance of the row itself, relative.
+    pub fn softness(&self) -> f64 {
+        match self.key {
+            Key::Contact(_) => SOFT_CONTACT,
+            Key::Plane(..) | Key::Own(_) => SOFT,
+        }
+    }
+
+    /// What may be left of a gap, m.
+    pub fn tolerance(&self) -> f64 {
+        match self.key {
+            Key::Contact(_) => SPARE + FEASIBLE,
+            Key::Plane(..) | Key::Own(_) => FEASIBLE,
+        }
     }
 
     /// The caller's inequality in metres: divided by its largest coefficient.
@@ -79,28 +108,21 @@ pub(crate) fn deepest_gap(rows: &[Row], positions: &[Point3<f64>]) -> f64 {
 pub(crate) struct Stack {
     starts: Vec<usize>,
     terms: Vec<(u32, Vector3<f64>)>,
-    /// `‖a_k‖²`.
-    pub squares: Vec<f64>,
 }
 
 impl Stack {
     /// `basis` turns into the frame whose third axis is the normal of the main plane.
     pub fn new(rows: &[Row], basis: &Matrix3<f64>) -> Self {
-        let (mut starts, mut terms, mut squares) = (vec![0], vec![], vec![]);
+        let (mut starts, mut terms) = (vec![0], vec![]);
         for row in rows {
             terms.extend(row.terms.iter().map(|&(v, a)| (v, basis * a)));
-            squares.push(row.terms.iter().map(|(_, a)| a.norm_squared()).sum());
             starts.push(terms.len());
         }
-        Self {
-            starts,
-            terms,
-            squares,
-        }
+        Self { starts, terms }
     }
 
     pub fn len(&self) -> usize {
-        self.squares.len()
+        self.starts.len() - 1
     }
 
     /// Terms of row `k`.

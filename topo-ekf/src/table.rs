@@ -50,6 +50,11 @@ impl Table {
             .collect()
     }
 
+    /// Whether a vertex rests on the plane.
+    pub fn rests(&self, vertex: u32) -> bool {
+        self.struck[vertex as usize]
+    }
+
     /// Takes over a set found elsewhere.
     pub fn set_resting(&mut self, struck: Vec<bool>) {
         self.struck = struck;
@@ -88,6 +93,20 @@ impl Table {
             system.solve(free, &mut block[2 * size..]);
         } else {
             system.solve(full, block);
+        }
+    }
+
+    /// The same for columns of forces that all lie along the normal, none of them on resting vertices, or all along the plane.
+    pub fn respond_along(
+        &self,
+        full: &Factor,
+        system: &mut System,
+        normal: bool,
+        block: &mut [f64],
+    ) {
+        match &self.free {
+            Some(free) if normal => system.solve(free, block),
+            _ => system.solve(full, block),
         }
     }
 

@@ -114,3 +114,57 @@ pub fn mean_error(
         .collect();
     picked.iter().sum::<f64>() / picked.len().max(1) as f64
 }
+
+/// A sheet folded onto itself and pressed.
+pub struct Fold {
+    /// Where it lies before the press: the flap 5 mm over the rest.
+    pub live: Vec<Point3<f64>>,
+    /// Vertices of the flap.
+    pub flap: Vec<usize>,
+    /// Vertices that a camera above sees: the flap and what it does not cover.
+    pub seen: Vec<usize>,
+}
+
+/// A sheet of `side × side` vertices whose last `columns` columns are folded over the others.
+pub fn fold(side: usize, spacing: f64, columns: usize) -> Fold {
+    let (flat, _, _) = sheet(side, spacing);
+    let r = 2.5e-3;
+    let arc = std::f64::consts::PI * r;
+    let start = (side - 1 - columns) as f64 * spacing - arc + 0.5 * spacing;
+    let live: Vec<_> = flat
+        .iter()
+        .map(|p| {
+            let s = p.x - start;
+            let a = (s / r).min(std::f64::consts::PI);
+            let beyond = (s - arc).max(0.0);
+            if s <= 0.0 {
+                *p
+            } else {
+                Point3::new(start + r * a.sin() - beyond, p.y, r - r * a.cos())
+            }
+        })
+        .collect();
+    let raised = |i: &usize| live[*i].z > 2.0 * r - 1e-4;
+    let flap: Vec<usize> = (0..live.len()).filter(raised).collect();
+    let edge = flap.iter().map(|&i| live[i].x).fold(f64::INFINITY, f64::min);
+    let seen = (0..live.len())
+        .filter(|i| raised(i) || live[*i].x < edge)
+        .collect();
+    Fold { live, flap, seen }
+}
+
+impl Fold {
+    /// What the camera reports when the flap has come down by `drop`.
+    pub fn pressed(&self, drop: f64, seed: u64) -> Vec<topo_ekf::Observation> {
+        let mut noise = Noise(seed);
+        let down = |i: usize| if self.flap.contains(&i) { drop } else { 0.0 };
+        self.seen
+            .iter()
+            .map(|&i| topo_ekf::Observation {
+                vertex: i as u32,
+                position: self.live[i] - Vector3::z() * down(i) + noise.vector(2e-4),
+                sigma: 1e-3,
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,120 @@
+//! The dense quadratic programme `min ½ μᵀ M μ − gᵀ μ, μ ≥ 0` by block principal pivoting.
+//!
+//! ```text
+//! optimal:  μ ≥ 0,  Mμ ≥ g,  μᵀ(Mμ − g) = 0
+//! ```
+//!
+//! Every wrong row changes sides at once, and when that stops making progress, the last wrong one alone (Júdice and Pires
+//! 1994, after Kostreva): fast where it is easy, and it does not cycle where two sheets watch each other and their rows nearly
+//! repeat.
+
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{
+    LltRegularization, cholesky_in_place, cholesky_in_place_scratch,
+};
+use faer::linalg::cholesky::llt::solve::solve_in_place;
+use faer::{MatMut, Par, Spec};
+use nalgebra::DMatrix;
+
+/// Pivots allowed. What is then reached still serves as a direction of descent.
+const STEPS: usize = 40;
+/// Block pivots without progress before single ones.
+const PATIENCE: usize = 3;
+
+/// Forces `μ` for the matrix with `soft` on its diagonal, from a guess of the rows that push; rows lacking less than `slack` are left alone. `None` if the
+/// matrix is not positive.
+pub(crate) fn minimise(
+    gram: &DMatrix<f64>,
+    gaps: &[f64],
+    mut active: Vec<bool>,
+    soft: &[f64],
+    slack: f64,
+) -> Option<Vec<f64>> {
+    let (mut fewest, mut patience) = (usize::MAX, PATIENCE);
+    let mut steps = 0;
+    loop {
+        steps += 1;
+        let forces = forces_of(gram, gaps, &active, soft)?;
+        let wrong = wrong_rows(gram, gaps, &active, &forces, slack);
+        let Some(&last) = wrong.last() else {
+            return Some(clipped(forces));
+        };
+        if steps == STEPS {
+            return Some(clipped(forces));
+        }
+        if wrong.len() < fewest {
+            (fewest, patience) = (wrong.len(), PATIENCE);
+        } else {
+            patience = patience.saturating_sub(1);
+        }
+        let turned = if patience > 0 { &wrong[..] } else { &[last] };
+        for &k in turned {
+            active[k] = !active[k];
+        }
+    }
+}
+
+/// Rows that pull, and idle ones that are violated.
+fn wrong_rows(
+    gram: &DMatrix<f64>,
+    gaps: &[f64],
+    active: &[bool],
+    forces: &[f64],
+    slack: f64,
+) -> Vec<usize> {
+    // Rounding of the largest force decides what counts as a pull.
+    let pull = -1e-12 * forces.iter().fold(0.0, |a: f64, f| a.max(f.abs()));
+    // An idle row has no force of its own, so its softness gives nothing.
+    let reached = |k: usize| {
+        let column = gram.column(k);
+        column.iter().zip(forces).map(|(g, f)| g * f).sum::<f64>()
+    };
+    (0..gaps.len())
+        .filter(|&k| {
+            if active[k] {
+                forces[k] < pull
+            } else {
+                reached(k) < gaps[k] - slack
+            }
+        })
+        .collect()
+}
+
+fn clipped(forces: Vec<f64>) -> Vec<f64> {
+    forces.into_iter().map(|f| f.max(0.0)).collect()
+}
+
+/// Forces that close the gaps of the active rows exactly.
+fn forces_of(gram: &DMatrix<f64>, gaps: &[f64], active: &[bool], soft: &[f64]) -> Option<Vec<f64>> {
+    let chosen: Vec<usize> = (0..gaps.len()).filter(|&k| active[k]).collect();
+    let count = chosen.len();
+    let mut part = Vec::with_capacity(count * count);
+    for &l in &chosen {
+        let column = gram.column(l);
+        part.extend(
+            chosen
+                .iter()
+                .map(|&k| column[k] + if k == l { soft[k] } else { 0.0 }),
+        );
+    }
+    let mut solved: Vec<f64> = chosen.iter().map(|&k| gaps[k]).collect();
+    let scratch = cholesky_in_place_scratch::<f64>(count, Par::Seq, Spec::default());
+    let mut memory = MemBuffer::try_new(scratch).ok()?;
+    let stack = MemStack::new(&mut memory);
+    let mut square = MatMut::from_column_major_slice_mut(&mut part, count, count);
+    cholesky_in_place(
+        square.as_mut(),
+        LltRegularization::default(),
+        Par::Seq,
+        stack,
+        Spec::default(),
+    )
+    .ok()?;
+    let rhs = MatMut::from_column_major_slice_mut(&mut solved, count, 1);
+    solve_in_place(square.as_ref(), rhs, Par::Seq, stack);
+    let mut forces = vec![0.0; gaps.len()];
+    for (&k, force) in chosen.iter().zip(solved) {
+        forces[k] = force;
+    }
+    Some(forces)
+}
