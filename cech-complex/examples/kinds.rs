@@ -1,0 +1,158 @@
+//! How often `classify` errs: counts of vertices by kind and by distance to the rim or junction, over many nets.
+//!
+//! `cargo run --release -p cech-complex --features manifolds --example kinds -- 30` (nets per surface and cylinder)
+//!
+//! Distances are in covering radii ε of the net; the cylinder is at least as wide as ε, so that it covers the surface.
+#![allow(clippy::print_stdout, reason = "an example talks")]
+
+use cech_complex::manifolds::Manifold;
+use cech_complex::nalgebra::Point3;
+use cech_complex::{Complex, Cylinder, Error, Options, VertexKind};
+
+const SURFACES: [(Manifold, usize); 12] = [
+    (Manifold::Sphere { radius: 1.0 }, 800),
+    (
+        Manifold::Ellipsoid {
+            axes: [1.0, 0.8, 0.6],
+        },
+        800,
+    ),
+    (
+        Manifold::Torus {
+            major: 1.0,
+            minor: 0.4,
+        },
+        1000,
+    ),
+    (
+        Manifold::Genus2 {
+            hole: 0.8,
+            web: 0.2,
+            tube: 0.4,
+        },
+        1500,
+    ),
+    (
+        Manifold::Plate {
+            radius: 1.0,
+            thickness: 0.5,
+        },
+        1000,
+    ),
+    (
+        Manifold::TwoSpheres {
+            radius: 1.0,
+            gap: 0.6,
+        },
+        1500,
+    ),
+    (Manifold::Disc { radius: 1.0 }, 800),
+    (
+        Manifold::Annulus {
+            inner: 0.5,
+            outer: 1.0,
+        },
+        800,
+    ),
+    (
+        Manifold::Tube {
+            radius: 0.5,
+            length: 1.5,
+        },
+        800,
+    ),
+    (Manifold::PinchedSphere { radius: 1.0 }, 1200),
+    (Manifold::CrossingSheets { radius: 1.0 }, 1200),
+    (Manifold::TJunction { radius: 1.0 }, 1500),
+];
+
+/// What was called what.
+#[derive(Default)]
+struct Tally {
+    vertices: usize,
+    /// Called non-manifold farther than 4 ε from any junction.
+    false_junction: usize,
+    /// Largest distance at which a vertex was called boundary, and least at which it was not.
+    last_boundary: f64,
+    first_interior: Option<f64>,
+    /// Within ε of a junction: how many, and how many of them were called non-manifold.
+    at_junction: usize,
+    found: usize,
+}
+
+impl Tally {
+    fn add(&mut self, kind: VertexKind, rim: f64, junction: f64) {
+        self.vertices += 1;
+        let far = junction > 4.0;
+        self.false_junction += usize::from(far && kind == VertexKind::NonManifold);
+        if far && kind == VertexKind::Boundary {
+            self.last_boundary = self.last_boundary.max(rim);
+        }
+        if far && rim.is_finite() && kind == VertexKind::Interior {
+            self.first_interior = Some(self.first_interior.map_or(rim, |first| first.min(rim)));
+        }
+        // Where a junction runs out at a rim, either answer will do.
+        if junction < 1.0 && rim > 4.0 {
+            self.at_junction += 1;
+            self.found += usize::from(kind == VertexKind::NonManifold);
+        }
+    }
+}
+
+fn main() -> Result<(), Error> {
+    let nets = std::env::args()
+        .nth(1)
+        .and_then(|word| word.parse().ok())
+        .unwrap_or(5);
+    println!(
+        "surface, height/radius: vertices, false NM, boundary up to, interior from (ε), NM within ε of a junction"
+    );
+    for (surface, count) in SURFACES {
+        for height in [0.5, 1.0] {
+            let mut tally = Tally::default();
+            for seed in 0..nets {
+                add_net(&mut tally, surface, count, height, seed)?;
+            }
+            let name = format!("{surface:?}");
+            let name = name.split(' ').next().unwrap_or_default();
+            print!(
+                "{name:15} {height}: {:6} {:4}",
+                tally.vertices, tally.false_junction
+            );
+            if let Some(first) = tally.first_interior {
+                print!("   {:.2} {first:.2}", tally.last_boundary);
+            }
+            if tally.at_junction > 0 {
+                print!("   {} of {}", tally.found, tally.at_junction);
+            }
+            println!();
+        }
+    }
+    Ok(())
+}
+
+fn add_net(
+    tally: &mut Tally,
+    surface: Manifold,
+    count: usize,
+    height: f64,
+    seed: u64,
+) -> Result<(), Error> {
+    let cloud = surface.net(count, seed);
+    let covering = surface.covering_radius(&cloud.points);
+    let radius = covering.max(1.25 * cloud.spacing);
+    let cylinder = Cylinder::new(radius, height * radius)?;
+    let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default())?;
+    let kinds = complex.classify(cloud.spacing)?;
+    let in_gaps = |p: &Point3<f64>| {
+        (
+            surface.boundary_distance(p) / covering,
+            surface.junction_distance(p) / covering,
+        )
+    };
+    for (kind, point) in kinds.iter().zip(&cloud.points) {
+        let (rim, junction) = in_gaps(point);
+        tally.add(*kind, rim, junction);
+    }
+    Ok(())
+}

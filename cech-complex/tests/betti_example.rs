@@ -1,0 +1,309 @@
+//! The example `betti` as its users meet it: files in, one line of JSON or one line of complaint out.
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "a test may panic"
+)]
+
+use cech_complex::manifolds::{Manifold, OrientedCloud};
+use cech_complex::{Complex, Cylinder, Options, VertexKind};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+/// The compiled example. Cargo does not name it to tests as it does programs, so it is built here (at once if it is there already).
+fn program() -> &'static Path {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    PROGRAM.get_or_init(|| {
+        // …/target/<profile>/deps/<this test>
+        let here = std::env::current_exe().unwrap();
+        let profile = here.ancestors().nth(2).unwrap();
+        let mut cargo = Command::new(env!("CARGO"));
+        cargo.args(["build", "--quiet", "--example", "betti", "--target-dir"]);
+        cargo
+            .arg(profile.parent().unwrap())
+            .current_dir(env!("CARGO_MANIFEST_DIR"));
+        if profile.ends_with("release") {
+            cargo.arg("--release");
+        }
+        assert!(cargo.status().unwrap().success());
+        profile
+            .join("examples")
+            .join(format!("betti{}", std::env::consts::EXE_SUFFIX))
+    })
+}
+
+/// A file of its own for every test, gone at its end.
+struct File(PathBuf);
+
+impl File {
+    fn new(name: &str, bytes: &[u8]) -> Self {
+        let name = format!("betti-{}-{name}.ply", std::process::id());
+        let path = std::env::temp_dir().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        Self(path)
+    }
+
+    fn run(&self, options: &[&str]) -> Output {
+        Command::new(program())
+            .arg(&self.0)
+            .args(options)
+            .output()
+            .unwrap()
+    }
+
+    /// The answer without its two times.
+    fn answer(&self, options: &[&str]) -> String {
+        let output = self.run(options);
+        let complaint = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            output.status.success() && complaint.is_empty(),
+            "{complaint}"
+        );
+        let line = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(line.lines().count(), 1);
+        let (answer, times) = line.trim_end().split_once(",\"build_ms\":").unwrap();
+        let (build, reduce) = times.split_once(",\"reduce_ms\":").unwrap();
+        assert!(build.parse::<f64>().unwrap() >= 0.0);
+        assert!(reduce.strip_suffix('}').unwrap().parse::<f64>().unwrap() >= 0.0);
+        answer.to_owned()
+    }
+
+    /// The one line that it ends with, after the name of the file.
+    fn complaint(&self, options: &[&str]) -> String {
+        let output = self.run(options);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(output.stdout.is_empty());
+        let line = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(line.lines().count(), 1, "{line}");
+        let file = format!("betti: {}: ", self.0.display());
+        line.trim_end()
+            .strip_prefix(&file)
+            .unwrap_or(line.trim_end())
+            .to_owned()
+    }
+}
+
+impl Drop for File {
+    fn drop(&mut self) {
+        // A file that cannot be removed is left to the system.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+const SIZE: [&str; 4] = ["--radius", "1", "--height", "0.5"];
+const HEADER: &str = "property double x\nproperty double y\nproperty double z\n\
+    property double nx\nproperty double ny\nproperty double nz\nend_header\n";
+
+fn ascii(rows: &[&str]) -> Vec<u8> {
+    let count = rows.len();
+    format!(
+        "ply\nformat ascii 1.0\nelement vertex {count}\n{HEADER}{}\n",
+        rows.join("\n")
+    )
+    .into_bytes()
+}
+
+/// Numbers in the shortest form that reads back as the same bits; normals of length 2.5.
+fn ascii_of(cloud: &OrientedCloud) -> Vec<u8> {
+    let rows = cloud.points.iter().zip(&cloud.normals).map(|(p, n)| {
+        let n = n.into_inner() * 2.5;
+        format!("{} {} {} {} {} {}", p.x, p.y, p.z, n.x, n.y, n.z)
+    });
+    let rows: Vec<String> = rows.collect();
+    ascii(&rows.iter().map(String::as_str).collect::<Vec<_>>())
+}
+
+/// The same with another element and a list ahead, a colour among the properties, and faces behind.
+fn binary_of(cloud: &OrientedCloud) -> Vec<u8> {
+    let mut header =
+        String::from("ply\r\nformat binary_little_endian 1.0\r\ncomment made by a test\r\n");
+    header += "element strip 2\r\nproperty uchar kind\r\nproperty list ushort int at\r\n";
+    write!(header, "element vertex {}\r\n", cloud.points.len()).unwrap();
+    header +=
+        "property double nz\r\nproperty double ny\r\nproperty double nx\r\nproperty uchar red\r\n";
+    header += "property list uchar short of\r\nproperty double x\r\nproperty double y\r\nproperty double z\r\n";
+    header += "element face 1\r\nproperty list uchar int vertex_indices\r\nend_header\r\n";
+    let mut bytes = header.into_bytes();
+    for length in [0u16, 3] {
+        bytes.push(7);
+        bytes.extend(length.to_le_bytes());
+        bytes.extend(std::iter::repeat_n(9, 4 * usize::from(length)));
+    }
+    for (i, (p, n)) in cloud.points.iter().zip(&cloud.normals).enumerate() {
+        let n = n.into_inner() * 2.5;
+        bytes.extend([n.z, n.y, n.x].iter().flat_map(|x| x.to_le_bytes()));
+        let length = (i % 3) as u8;
+        bytes.extend([200, length]);
+        bytes.extend(std::iter::repeat_n(1, 2 * usize::from(length)));
+        bytes.extend([p.x, p.y, p.z].iter().flat_map(|x| x.to_le_bytes()));
+    }
+    bytes.extend([3, 0, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0]);
+    bytes
+}
+
+#[test]
+fn the_answer_is_that_of_the_library() {
+    let tube = Manifold::Tube {
+        radius: 0.5,
+        length: 1.5,
+    };
+    let cloud = tube.net(500, 3);
+    let radius = 1.25 * cloud.spacing;
+    let cylinder = Cylinder::new(radius, 0.5 * radius).unwrap();
+    let options = Options::default().max_scale(1.2);
+    let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap();
+    let kinds = complex.classify(radius / 1.25).unwrap();
+    let count = |wanted| kinds.iter().filter(|kind| **kind == wanted).count();
+    let (rim, junction) = (count(VertexKind::Boundary), count(VertexKind::NonManifold));
+    assert!(rim > 50 && junction == 0);
+    let expected = format!(
+        "{{\"points\":500,\"simplices\":{:?},\"betti\":[1,1,0],\"persistent_betti\":[1,1,0],\"boundary\":{rim},\"non_manifold\":0",
+        complex.counts()
+    );
+    let (radius, height) = (radius.to_string(), cylinder.height().to_string());
+    let options = [
+        "--radius", &radius, "--height", &height, "--from", "1", "--to", "1.2",
+    ];
+    for (name, bytes) in [("ascii", ascii_of(&cloud)), ("binary", binary_of(&cloud))] {
+        let answer = File::new(name, &bytes).answer(&options);
+        assert_eq!(answer, expected.replace(", ", ","), "{name}");
+    }
+}
+
+#[test]
+fn small_and_degenerate_clouds_are_answered() {
+    let zeros = "\"boundary\":0,\"non_manifold\":0";
+    let empty = File::new("empty-cloud", &ascii(&[])).answer(&SIZE);
+    assert_eq!(
+        empty,
+        format!(
+            "{{\"points\":0,\"simplices\":[0,0,0,0],\"betti\":[0,0,0],\"persistent_betti\":[0,0,0],{zeros}"
+        )
+    );
+    let one = File::new("one", &ascii(&["1 2 3 0 0 1"])).answer(&SIZE);
+    assert_eq!(
+        one,
+        format!(
+            "{{\"points\":1,\"simplices\":[1,0,0,0],\"betti\":[1,0,0],\"persistent_betti\":[1,0,0],{zeros}"
+        )
+    );
+    let same = File::new("same", &ascii(&["1 2 3 0 0 1"; 7])).answer(&SIZE);
+    // Every subset of up to four of seven: 21, 35, 35.
+    assert!(
+        same.contains("\"simplices\":[7,21,35,35],\"betti\":[1,0,0]"),
+        "{same}"
+    );
+    let line: Vec<String> = (0..50).map(|i| format!("{i} 0 0 0 1 0")).collect();
+    let line: Vec<&str> = line.iter().map(String::as_str).collect();
+    let line = File::new("line", &ascii(&line)).answer(&SIZE);
+    assert!(line.contains("\"betti\":[1,0,0]"), "{line}");
+}
+
+/// Nothing is left of a million points but the message, and that within seconds.
+#[test]
+fn a_million_points_stop_at_the_limit() {
+    let mut bytes =
+        format!("ply\nformat binary_little_endian 1.0\nelement vertex 1000000\n{HEADER}")
+            .into_bytes();
+    for i in 0..1_000_000u32 {
+        let (x, y) = (f64::from(i % 1000), f64::from(i / 1000));
+        bytes.extend(
+            [x, y, 0.0, 0.0, 0.0, 1.0]
+                .iter()
+                .flat_map(|x| x.to_le_bytes()),
+        );
+    }
+    let options = [&SIZE[..], &["--max-simplices", "1000"]].concat();
+    let complaint = File::new("million", &bytes).complaint(&options);
+    assert!(
+        complaint.contains("1000") && complaint.contains("simplices"),
+        "{complaint}"
+    );
+}
+
+#[test]
+fn what_is_wrong_with_a_file_is_said_with_line_and_value() {
+    let good = "0 0 0 0 0 1";
+    let header = |text: &str| text.replace('|', "\n").into_bytes();
+    for (name, bytes, expected) in [
+        ("empty", Vec::new(), "line 1: the header has no end_header"),
+        ("other", header("solid thing|"), "line 1: not a PLY file"),
+        ("endless", header("ply|format ascii 1.0|element vertex 3|"), "line 4: the header has no end_header"),
+        ("big", header("ply|format binary_big_endian 1.0|end_header|"), "line 2: not ascii 1.0 or binary_little_endian 1.0"),
+        ("count", header("ply|format ascii 1.0|element vertex many|"), "line 3: not a number of elements: \"element vertex many\""),
+        ("type", header("ply|format ascii 1.0|element vertex 1|property real x|"), "line 4: not a property of an element: \"property real x\""),
+        ("order", header("ply|format ascii 1.0|property float x|"), "line 3: not a property of an element"),
+        ("word", header("ply|format ascii 1.0|vertices 3|"), "line 3: not a line of a PLY header: \"vertices 3\""),
+        ("format", header("ply|end_header|"), "the header names no format"),
+        ("vertex", header("ply|format ascii 1.0|end_header|"), "no element vertex"),
+        ("normal", header("ply|format ascii 1.0|element vertex 0|property float x|property float y|property float z|end_header|"), "element vertex has no property nx"),
+        ("nan", ascii(&[good, "0 NaN 0 0 0 1"]), "line 12: vertex 1: y is NaN"),
+        ("infinite", ascii(&["0 0 0 0 inf 1"]), "line 11: vertex 0: ny is inf"),
+        ("zero", ascii(&[good, good, "0 0 0 0 0 0"]), "line 13: vertex 2: normal [0.0, 0.0, 0.0] has no direction"),
+        ("letters", ascii(&["0 0 zero 0 0 1"]), "line 11: vertex 0: z is no number: \"zero\""),
+        ("few", ascii(&["0 0 0 0 0"]), "line 11: vertex 0: nz is missing"),
+        ("many", ascii(&["0 0 0 0 0 1 2"]), "line 11: vertex 0: one value too many: \"2\""),
+        ("short", format!("ply\nformat ascii 1.0\nelement vertex 2\n{HEADER}{good}\n").into_bytes(), "line 11: the file ends at vertex 1, the header promises 2"),
+        ("short-binary", format!("ply\nformat binary_little_endian 1.0\nelement vertex 18000000000000000000\n{HEADER}1234").into_bytes(), "vertex 0: the file ends in it, the header promises 18000000000000000000"),
+    ] {
+        let complaint = File::new(name, &bytes).complaint(&SIZE);
+        assert!(complaint.contains(expected), "{name}: {complaint}");
+    }
+}
+
+#[test]
+fn what_is_wrong_with_the_command_line_is_said() {
+    let file = File::new("options", &ascii(&["0 0 0 0 0 1"]));
+    for (options, expected) in [
+        (&["--height", "1"][..], "--radius is missing"),
+        (&["--radius", "1"], "--height is missing"),
+        (
+            &["--radius", "-1", "--height", "1"],
+            "--radius needs a positive number, got \"-1\"",
+        ),
+        (
+            &["--radius", "NaN", "--height", "1"],
+            "--radius needs a positive number, got \"NaN\"",
+        ),
+        (
+            &["--radius", "1", "--height"],
+            "--height needs a positive number, got \"\"",
+        ),
+        (
+            &["--radius", "1", "--height", "1", "--max-simplices", "1e6"],
+            "--max-simplices needs a whole number, got \"1e6\"",
+        ),
+        (
+            &["--radius", "1", "--height", "1", "--from", "2", "--to", "1"],
+            "scales must ascend",
+        ),
+        (
+            &[
+                "--radius",
+                "1",
+                "--height",
+                "1",
+                "--to",
+                "2",
+                "--max-scale",
+                "1",
+            ],
+            "scales must ascend",
+        ),
+        (&["--colour", "red"], "unknown option --colour"),
+        (&["another.ply"], "two files given"),
+    ] {
+        let complaint = file.complaint(options);
+        assert!(complaint.contains(expected), "{options:?}: {complaint}");
+    }
+    let missing = Command::new(program())
+        .args(["no-such.ply"])
+        .args(SIZE)
+        .output()
+        .unwrap();
+    assert_eq!(missing.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&missing.stderr).starts_with("betti: no-such.ply: "));
+}
