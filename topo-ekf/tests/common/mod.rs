@@ -8,7 +8,8 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{DMatrix, DVector, Point3, Rotation3, Vector3};
+use topo_ekf::Options;
 
 /// Deterministic noise: the same numbers in every run, on every machine.
 pub struct Noise(pub u64);
@@ -167,4 +168,22 @@ impl Fold {
             })
             .collect()
     }
+}
+
+/// `diag(d + anchor) + Σ w (e_i − e_j)(e_i − e_j)ᵀ`, dense.
+pub fn dense_information(information: &[f64], edges: &[[u32; 2]], options: &Options) -> DMatrix<f64> {
+    let n = information.len();
+    let mut s = DMatrix::from_diagonal(&DVector::from_column_slice(information));
+    for i in 0..n {
+        s[(i, i)] += options.anchor_sigma.powi(-2);
+    }
+    let w = options.edge_sigma.powi(-2);
+    for e in edges {
+        let (i, j) = (e[0] as usize, e[1] as usize);
+        s[(i, i)] += w;
+        s[(j, j)] += w;
+        s[(i, j)] -= w;
+        s[(j, i)] -= w;
+    }
+    s
 }
