@@ -1,8 +1,8 @@
-//! Nerve, reduction, vertex kinds and loops of ε-nets of a torus, three sizes; throughput in simplices.
+//! Nerve, reduction, vertex kinds, loops and updates of ε-nets of a torus, three sizes; throughput in simplices.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
-use cech_complex::{Complex, Cylinder, Options, filtration_value};
+use cech_complex::{Change, Complex, Cylinder, Options, filtration_value};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 const TORUS: Manifold = Manifold::Torus {
@@ -47,6 +47,42 @@ fn surfaces(c: &mut Criterion) {
     group.finish();
 }
 
+/// Five points in a hundred are added: the last ones of the net, scattered evenly, or the last ones by angle, a patch such as a camera
+/// uncovers. Throughput in added points.
+fn updates(c: &mut Criterion) {
+    let mut group = c.benchmark_group("torus_update");
+    group.sample_size(10);
+    for count in [500, 2000, 8000] {
+        let cloud = TORUS.net(count, 1);
+        let mut order: Vec<usize> = (0..count).collect();
+        for name in ["scattered", "patch"] {
+            if name == "patch" {
+                let angle = |i: usize| cloud.points[i].y.atan2(cloud.points[i].x);
+                order.sort_by(|&a, &b| angle(a).total_cmp(&angle(b)));
+            }
+            let (old, new) = order.split_at(count - count / 20);
+            let mut before = cloud.clone();
+            before.points = old.iter().map(|&i| cloud.points[i]).collect();
+            before.normals = old.iter().map(|&i| cloud.normals[i]).collect();
+            let complex = build(&before);
+            let add = |&i: &usize| Change::Add {
+                point: cloud.points[i],
+                normal: cloud.normals[i],
+            };
+            let changes: Vec<Change> = new.iter().map(add).collect();
+            group.throughput(Throughput::Elements(changes.len() as u64));
+            group.bench_function(BenchmarkId::new(name, count), |b| {
+                b.iter_batched_ref(
+                    || complex.clone(),
+                    |complex| complex.update(&changes).unwrap(),
+                    BatchSize::LargeInput,
+                );
+            });
+        }
+    }
+    group.finish();
+}
+
 fn values(c: &mut Criterion) {
     let cloud = TORUS.net(2000, 1);
     let complex = build(&cloud);
@@ -82,5 +118,5 @@ fn values(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, surfaces, values);
+criterion_group!(benches, surfaces, updates, values);
 criterion_main!(benches);
