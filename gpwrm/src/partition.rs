@@ -65,11 +65,11 @@ impl Partition {
         } else {
             Vector3::zeros()
         };
-        let mut reached = false;
+        let mut reached = distance <= self.radii[nearest];
         self.reach
             .visit(nearest, self.radii[nearest], distance, p, &self.tree, |i| {
                 let d = p - self.nodes[i];
-                reached |= d.norm_squared() <= self.radii[i] * self.radii[i];
+                reached = reached || d.norm_squared() <= self.radii[i] * self.radii[i];
                 parts.extend(self.raw(i, &d, distance, &outward));
             });
         normalise(parts, nearest);
