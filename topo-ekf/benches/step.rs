@@ -23,7 +23,14 @@ fn body(count: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Plane) {
     }
     // The table is 2 mm higher: it is pressed against the whole bottom in every frame.
     let normal = UnitVector3::new_unchecked(Vector3::z());
-    (points, edges, Plane { normal, offset: -(floor + 2e-3) })
+    (
+        points,
+        edges,
+        Plane {
+            normal,
+            offset: -(floor + 2e-3),
+        },
+    )
 }
 
 /// The upper side, while the body turns on the table by 1.5° a frame and back.
@@ -88,17 +95,24 @@ fn contacts(c: &mut Criterion) {
             .collect();
         let mut filter = Filter::new(&fold.live, &edges, &Options::default()).unwrap();
         let (mut k, mut pushing, mut solves) = (0, 0, 0);
-        group.bench_function(BenchmarkId::new("table_and_separations", side * side), |b| {
-            b.iter(|| {
-                let frame = Frame::new(&frames[at(k)])
-                    .with_planes(&plane)
-                    .with_triangles(&triangles);
-                k += 1;
-                let report = filter.step(&frame).unwrap();
-                (pushing, solves) = (pushing + report.pushing, solves + report.solves);
-            });
-        });
-        eprintln!("{} pushing, {} solves a frame", pushing / k.max(1), solves / k.max(1));
+        group.bench_function(
+            BenchmarkId::new("table_and_separations", side * side),
+            |b| {
+                b.iter(|| {
+                    let frame = Frame::new(&frames[at(k)])
+                        .with_planes(&plane)
+                        .with_triangles(&triangles);
+                    k += 1;
+                    let report = filter.step(&frame).unwrap();
+                    (pushing, solves) = (pushing + report.pushing, solves + report.solves);
+                });
+            },
+        );
+        eprintln!(
+            "{} pushing, {} solves a frame",
+            pushing / k.max(1),
+            solves / k.max(1)
+        );
     }
     group.finish();
 }
@@ -139,7 +153,11 @@ fn reference(c: &mut Criterion) {
                 use faer::linalg::solvers::Solve;
                 let view = faer::MatRef::from_column_major_slice(s.as_slice(), count, count);
                 let llt = view.llt(faer::Side::Lower).unwrap();
-                llt.solve(faer::MatRef::from_column_major_slice(rhs.as_slice(), count, 3))
+                llt.solve(faer::MatRef::from_column_major_slice(
+                    rhs.as_slice(),
+                    count,
+                    3,
+                ))
             });
         });
     }

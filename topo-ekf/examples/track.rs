@@ -55,12 +55,18 @@ fn track(arguments: &Arguments) -> Result<String, Failure> {
     }
     let table = std::fs::read_to_string(&arguments.observations)
         .map_err(|e| format!("{}: {e}", arguments.observations))?;
-    let frames = frames(&table, arguments.sigma)
-        .map_err(|e| format!("{}: {e}", arguments.observations))?;
+    let frames =
+        frames(&table, arguments.sigma).map_err(|e| format!("{}: {e}", arguments.observations))?;
     let mut filter = Filter::new(&mesh.points, &edges(&mesh.faces), &Options::default())?;
     // Written beside and moved into place at the end: a failure leaves no half table behind.
     let partial = format!("{}.partial", arguments.out);
-    let times = run(&mut filter, &frames, &mesh.faces, &arguments.planes, &partial);
+    let times = run(
+        &mut filter,
+        &frames,
+        &mesh.faces,
+        &arguments.planes,
+        &partial,
+    );
     let times = match times {
         Ok(times) => times,
         Err(failure) => {
@@ -97,7 +103,11 @@ fn run(
     for (number, observations) in frames {
         // Frames that show nothing still pass: everything is a little less certain after them.
         while next <= *number {
-            let seen = if next == *number { &observations[..] } else { &[] };
+            let seen = if next == *number {
+                &observations[..]
+            } else {
+                &[]
+            };
             let start = Instant::now();
             let frame = Frame::new(seen).with_planes(planes).with_triangles(faces);
             let report = filter
@@ -168,15 +178,22 @@ fn frames(table: &str, sigma: f64) -> Result<Vec<(u64, Vec<Observation>)>, Failu
         if line.is_empty() || (number == 0 && line.starts_with("frame")) {
             continue;
         }
-        let (frame, observation) =
-            parse(line, sigma).ok_or_else(|| format!("line {}: `{line}` is not frame,vertex,x,y,z", number + 1))?;
+        let (frame, observation) = parse(line, sigma)
+            .ok_or_else(|| format!("line {}: `{line}` is not frame,vertex,x,y,z", number + 1))?;
         match frames.last_mut() {
             Some((last, list)) if *last == frame => list.push(observation),
             Some((last, _)) if *last > frame => {
-                return Err(format!("line {}: frame {frame} after frame {last}", number + 1).into());
+                return Err(
+                    format!("line {}: frame {frame} after frame {last}", number + 1).into(),
+                );
             }
             Some((last, _)) if frame - *last > 100_000 => {
-                return Err(format!("line {}: {} frames are missing", number + 1, frame - *last - 1).into());
+                return Err(format!(
+                    "line {}: {} frames are missing",
+                    number + 1,
+                    frame - *last - 1
+                )
+                .into());
             }
             _ => frames.push((frame, vec![observation])),
         }

@@ -62,10 +62,7 @@ impl Filter {
         let metric = self.metric(update)?;
         let (values, factor) = metric.parts();
         let mut contacts = self.watch(&surface, &self.expected(estimate));
-        let before = [
-            deepest_gap(&fixed, estimate),
-            lack(&contacts, estimate),
-        ];
+        let before = lack(&contacts, estimate);
         let mut warm = self.warm.clone();
         let mut influence = Influence::new(estimate.len());
         let mut work = Work::default();
@@ -92,20 +89,23 @@ impl Filter {
         if let Some(vertex) = first_infinite(&projected.positions) {
             return Err(Error::Overflow { vertex });
         }
-        let status = match projected.status {
-            Status::Constrained if left > FEASIBLE => Status::Unsettled,
-            status => status,
+        let depths = |positions: &[Point3<f64>]| {
+            [
+                deepest(frame.planes, positions),
+                deepest_gap(&fixed, positions),
+            ]
         };
+        let (was, is) = (depths(estimate), depths(&projected.positions));
         let report = StepReport {
-            status,
+            status: match projected.status {
+                Status::Constrained if left > FEASIBLE => Status::Unsettled,
+                status => status,
+            },
             iterations: 0,
             last_move: 0.0,
-            plane_depth: [
-                deepest(frame.planes, estimate),
-                deepest(frame.planes, &projected.positions),
-            ],
-            contact_depth: [before[1], left],
-            inequality_depth: [before[0], deepest_gap(&fixed, &projected.positions)],
+            plane_depth: [was[0], is[0]],
+            contact_depth: [before, left],
+            inequality_depth: [was[1], is[1]],
             resting: warm.resting.clone(),
             pushing: projected.pushing,
             watched,

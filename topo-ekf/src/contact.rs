@@ -139,8 +139,12 @@ impl Surface {
         // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
         (was.abs() > 1e-9 && gap > -separation).then(|| {
             let direction = normal * side;
-            let terms = std::iter::once((vertex, direction))
-                .chain(triangle.iter().zip(weights).map(|(&k, b)| (k, direction * -b)));
+            let terms = std::iter::once((vertex, direction)).chain(
+                triangle
+                    .iter()
+                    .zip(weights)
+                    .map(|(&k, b)| (k, direction * -b)),
+            );
             (
                 gap,
                 Row {
@@ -162,7 +166,10 @@ fn around(from: u32, ring: &[Vec<u32>], rest: &[Point3<f64>], length: f64) -> Ve
         let (so_far, rings) = reached[&v];
         for &n in &ring[v as usize] {
             let path = so_far + (rest[n as usize] - rest[v as usize]).norm();
-            let old = reached.get(&n).copied().unwrap_or((f64::INFINITY, u32::MAX));
+            let old = reached
+                .get(&n)
+                .copied()
+                .unwrap_or((f64::INFINITY, u32::MAX));
             let better = (path.min(old.0), (rings + 1).min(old.1));
             if better != old && (better.0 <= length || better.1 <= 2) {
                 reached.insert(n, better);

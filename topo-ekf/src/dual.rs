@@ -64,7 +64,11 @@ impl Dual<'_> {
         let (mut products, mut age) = (1, 0);
         let mut settled = false;
         while products <= STEPS {
-            model.admit(&self.lacking(&forces, &gradient, model), influence, compliance);
+            model.admit(
+                &self.lacking(&forces, &gradient, model),
+                influence,
+                compliance,
+            );
             if self.defect(&forces, &gradient, model) <= self.tolerance {
                 settled = true;
                 break;

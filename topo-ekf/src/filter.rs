@@ -5,7 +5,7 @@
 //! predict    x⁻, ΔR from the motion of what is seen;  y ← x⁻ + ΔR (y − x̃);  d ← d/(1 + q d)
 //! update     S = diag(d + r + a) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ,   S x̂ = d y + r z + a x⁻ + shape(R)
 //! project    x̃ = argmin (x − x̂)ᵀ (S ⊗ I₃) (x − x̂) over the constraints
-//! keep       x̃, R;  d ← d + r,  y ← (d y + r z)/(d + r)
+//! keep       x̃, R;  d ← d + r,  y ← (d y + r z)/(d + r) + x̃ − x̂
 //! ```
 //!
 //! Data and shape are kept apart: `(d, y)` is what was measured, the shape memory is a standing prior that enters each
@@ -14,10 +14,11 @@
 use nalgebra::{Point3, Rotation3};
 
 use crate::consistency::Consistency;
+use crate::constrain::Constrained;
 use crate::contact::Surface;
 use crate::graph::{Graph, check_points};
 use crate::marginal::variances;
-use crate::memory::{Memory, Relaxed};
+use crate::memory::{Memory, Relaxed, fit_rotations};
 use crate::motion::{Moved, predict};
 use crate::observability::Observability;
 use crate::observation::{Frame, Observation, Seen};
@@ -300,31 +301,41 @@ impl Filter {
         let constrained = self.constrain(frame, &update)?;
         let rotations = match self.options.motion {
             Motion::Still => prediction.rotations.clone(),
-            Motion::Spread => self
-                .memory(&prediction, &update.weights, &[])
-                .fit(
-                    &constrained.positions,
-                    &update.relaxed.rotations,
-                    self.options.rotation_memory,
-                )
-                .iter()
-                .map(clean)
-                .collect(),
+            Motion::Spread => fit_rotations(
+                &self.graph,
+                &update.weights,
+                &constrained.positions,
+                &prediction.rotations,
+                &update.relaxed.rotations,
+                self.options.rotation_memory,
+            )
+            .iter()
+            .map(clean)
+            .collect(),
         };
-        let mut report = constrained.report;
-        report.iterations = update.relaxed.iterations;
-        report.last_move = update.relaxed.last_move;
+        let report = StepReport {
+            iterations: update.relaxed.iterations,
+            last_move: update.relaxed.last_move,
+            ..constrained.report.clone()
+        };
         // From here on nothing can fail.
+        self.rotations = rotations;
+        self.accept(prediction, update, constrained);
+        Ok(report)
+    }
+
+    fn accept(&mut self, prediction: Prediction, update: Update, constrained: Constrained) {
         let seen = &prediction.seen;
         self.seen = seen.information.iter().map(|&r| r > 0.0).collect();
         self.evidence = (0..self.live.len())
             .map(|i| {
                 let (y, z) = (prediction.evidence[i], seen.position[i]);
-                y + (z - y) * (seen.information[i] / update.information[i])
+                // What the constraints did is fed back, or a motion that they stop would carry the evidence on through the table.
+                let pushed = constrained.positions[i] - update.relaxed.positions[i];
+                y + (z - y) * (seen.information[i] / update.information[i]) + pushed
             })
             .collect();
         self.live = constrained.positions;
-        self.rotations = rotations;
         self.information = update.information;
         self.warm = constrained.warm;
         self.surface = constrained.surface;
@@ -335,7 +346,6 @@ impl Filter {
             origin: prediction.positions,
         });
         self.estimate = update.relaxed.positions;
-        Ok(report)
     }
 
     /// Carries everything to this frame.
@@ -352,11 +362,15 @@ impl Filter {
             )?,
         };
         let turned = |(turn, r): (&Rotation3<f64>, &Rotation3<f64>)| turn * r;
-        let carried = |i: usize| {
-            moved.positions[i] + moved.turns[i] * (self.evidence[i] - self.live[i])
-        };
+        let carried =
+            |i: usize| moved.positions[i] + moved.turns[i] * (self.evidence[i] - self.live[i]);
         Ok(Prediction {
-            rotations: moved.turns.iter().zip(&self.rotations).map(turned).collect(),
+            rotations: moved
+                .turns
+                .iter()
+                .zip(&self.rotations)
+                .map(turned)
+                .collect(),
             evidence: (0..self.live.len()).map(carried).collect(),
             information: self.decayed(frame.dt_frames),
             positions: moved.positions,
@@ -398,21 +412,6 @@ impl Filter {
             weights,
             information,
         })
-    }
-
-    fn memory<'a>(
-        &'a self,
-        prediction: &'a Prediction,
-        weights: &'a [f64],
-        data: &'a [f64],
-    ) -> Memory<'a> {
-        Memory {
-            graph: &self.graph,
-            weights,
-            predicted: &prediction.rotations,
-            origin: &prediction.positions,
-            data,
-        }
     }
 
     /// `d/(1 + q d)`: the information of a vertex that walked at random with variance `q`.

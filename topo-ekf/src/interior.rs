@@ -80,18 +80,19 @@ pub(crate) fn interior_point(
     }
     let shift = found.x[..3 * size].iter().map(|d| d * deepest).collect();
     let forces = (0..rows)
-        .map(|k| if found.z[k] > found.s[k] { found.z[k] * deepest * unit } else { 0.0 })
+        .map(|k| {
+            if found.z[k] > found.s[k] {
+                found.z[k] * deepest * unit
+            } else {
+                0.0
+            }
+        })
         .collect();
     Ok((shift, forces))
 }
 
 /// `diag(W, W, W, I/ς)`, upper triangle in compressed columns.
-fn quadratic(
-    pattern: &Pattern,
-    values: &[f64],
-    unit: f64,
-    slack: &[f64],
-) -> CscMatrix<f64> {
+fn quadratic(pattern: &Pattern, values: &[f64], unit: f64, slack: &[f64]) -> CscMatrix<f64> {
     let size = pattern.size();
     let mut columns: Vec<Vec<(usize, f64)>> = vec![vec![]; size];
     for column in 0..size {

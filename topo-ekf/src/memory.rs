@@ -67,7 +67,14 @@ impl Memory<'_> {
             match options.motion {
                 Motion::Still => break,
                 Motion::Spread => {
-                    rotations = self.fit(&positions, &rotations, options.rotation_memory);
+                    rotations = fit_rotations(
+                        self.graph,
+                        self.weights,
+                        &positions,
+                        self.predicted,
+                        &rotations,
+                        options.rotation_memory,
+                    );
                 }
             }
         }
@@ -115,26 +122,9 @@ impl Memory<'_> {
             .map(|(p, d)| p + d)
             .collect())
     }
-
-    /// Local step.
-    pub fn fit(
-        &self,
-        positions: &[Point3<f64>],
-        guess: &[Rotation3<f64>],
-        memory: f64,
-    ) -> Vec<Rotation3<f64>> {
-        fit_rotations(
-            self.graph,
-            self.weights,
-            positions,
-            self.predicted,
-            guess,
-            memory,
-        )
-    }
 }
 
-/// Rotation of every vertex from its edges, pulled by `memory` (relative) to `prior`.
+/// Local step: rotation of every vertex from its edges, pulled by `memory` (relative) to `prior`.
 pub(crate) fn fit_rotations(
     graph: &Graph,
     weights: &[f64],

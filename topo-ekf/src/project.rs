@@ -106,7 +106,12 @@ impl Problem<'_> {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
-        self.alternate((system, influence), Table::new(heights, struck), &gaps, warm)
+        self.alternate(
+            (system, influence),
+            Table::new(heights, struck),
+            &gaps,
+            warm,
+        )
     }
 
     /// The two active sets, turn and turn about.
@@ -153,7 +158,9 @@ impl Problem<'_> {
             forces = found.values;
             let push = stack.push(&forces, self.estimate.len());
             shift.clone_from(&push);
-            table.respond(self.factor, system, &mut shift);
+            if !self.rows.is_empty() {
+                table.respond(self.factor, system, &mut shift);
+            }
             for (s, l) in shift[2 * lift.len()..].iter_mut().zip(&lift) {
                 *s += l;
             }
@@ -188,7 +195,11 @@ impl Problem<'_> {
         lifted[2 * lift.len()..].copy_from_slice(lift);
         let reached = compliance.stack.reach(&lifted);
         let gaps: Vec<f64> = dual.gaps.iter().zip(reached).map(|(g, r)| g - r).collect();
-        Dual { gaps: &gaps, ..*dual }.solve(start, model, influence, compliance)
+        Dual {
+            gaps: &gaps,
+            ..*dual
+        }
+        .solve(start, model, influence, compliance)
     }
 
     /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.

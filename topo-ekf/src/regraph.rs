@@ -77,7 +77,9 @@ impl Filter {
             .iter()
             .zip(live)
             .map(|(k, p)| {
-                k.map_or(*p, |k| p + (self.evidence[k as usize] - self.live[k as usize]))
+                k.map_or(*p, |k| {
+                    p + (self.evidence[k as usize] - self.live[k as usize])
+                })
             })
             .collect();
         self.estimate = live.to_vec();

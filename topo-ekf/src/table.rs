@@ -67,8 +67,7 @@ impl Table {
             self.free = None;
             if self.struck.contains(&true) {
                 self.factorisations += 1;
-                self.free =
-                    Some(system.factorise(&system.pattern.strike(values, &self.struck))?);
+                self.free = Some(system.factorise(&system.pattern.strike(values, &self.struck))?);
             }
         }
         Ok(())

@@ -30,11 +30,19 @@ fn rows_of(planes: &[Plane], own: &[Inequality], vertices: usize) -> Vec<Row> {
 }
 
 fn gap((terms, bound): &Row, x: &[Point3<f64>]) -> f64 {
-    bound - terms.iter().map(|(v, a)| a.dot(&x[*v as usize].coords)).sum::<f64>()
+    bound
+        - terms
+            .iter()
+            .map(|(v, a)| a.dot(&x[*v as usize].coords))
+            .sum::<f64>()
 }
 
 /// `min ½ (x − x̂)ᵀ (S ⊗ I) (x − x̂)` over the rows, all 3Q unknowns at once, in displacements and millimetres.
-fn clarabel_projection(s: &DMatrix<f64>, estimate: &[Point3<f64>], rows: &[Row]) -> Vec<Point3<f64>> {
+fn clarabel_projection(
+    s: &DMatrix<f64>,
+    estimate: &[Point3<f64>],
+    rows: &[Row],
+) -> Vec<Point3<f64>> {
     let n = estimate.len();
     let scale = s.max();
     let (mut starts, mut at, mut values) = (vec![0], vec![], vec![]);
@@ -58,7 +66,13 @@ fn clarabel_projection(s: &DMatrix<f64>, estimate: &[Point3<f64>], rows: &[Row])
             }
         }
     }
-    let a = CscMatrix::from(dense.row_iter().map(|r| r.iter().copied().collect::<Vec<_>>()).collect::<Vec<_>>().as_slice());
+    let a = CscMatrix::from(
+        dense
+            .row_iter()
+            .map(|r| r.iter().copied().collect::<Vec<_>>())
+            .collect::<Vec<_>>()
+            .as_slice(),
+    );
     let b: Vec<f64> = rows.iter().map(|r| -1e3 * gap(r, estimate)).collect();
     let settings = DefaultSettingsBuilder::default()
         .verbose(false)
@@ -106,7 +120,11 @@ fn stationarity(s: &DMatrix<f64>, x: &[Point3<f64>], from: &[Point3<f64>], rows:
     }
     let forces = a.clone().svd(true, true).solve(&force, 1e-10).unwrap();
     let largest = forces.amax();
-    assert!(forces.iter().all(|f| *f > -1e-4 * largest), "a row pulls: {}", forces.min());
+    assert!(
+        forces.iter().all(|f| *f > -1e-4 * largest),
+        "a row pulls: {}",
+        forces.min()
+    );
     (a * forces - &force).norm() / force.norm()
 }
 
@@ -188,18 +206,27 @@ fn gain_projection_is_simons_formula() {
     let mut noise = Noise(4);
     let seen: Vec<_> = (0..16)
         .step_by(2)
-        .map(|i| Observation { vertex: i, position: rest[i as usize] + noise.vector(1e-3), sigma: 5e-4 })
+        .map(|i| Observation {
+            vertex: i,
+            position: rest[i as usize] + noise.vector(1e-3),
+            sigma: 5e-4,
+        })
         .collect();
     let mut filter = Filter::new(&rest, &edges, &options).unwrap();
     let prior = dense_information(filter.information(), &edges, &options);
-    let table = [Plane { normal: UP, offset: 0.0 }];
+    let table = [Plane {
+        normal: UP,
+        offset: 0.0,
+    }];
     let report = filter.step(&Frame::new(&seen).with_planes(&table)).unwrap();
     assert_eq!(report.status, Status::Constrained);
 
     let p = prior.try_inverse().unwrap();
     let h = DMatrix::from_fn(8, 16, |r, c| f64::from(seen[r].vertex as usize == c));
     let z = DVector::from_fn(8, |k, _| seen[k].position.z);
-    let s = (&h * &p * h.transpose() + DMatrix::from_diagonal_element(8, 8, 25e-8)).try_inverse().unwrap();
+    let s = (&h * &p * h.transpose() + DMatrix::from_diagonal_element(8, 8, 25e-8))
+        .try_inverse()
+        .unwrap();
     let gain = &p * h.transpose() * &s;
     let after = &gain * &z;
     // In this metric the rows of the table are orthogonal: those violated are those that bind.
@@ -224,13 +251,22 @@ fn a_binding_constraint_informs_the_hidden_vertices_around_it() {
     let (rest, edges, _) = sheet(9, 5e-3);
     let seen: Vec<_> = (0..81)
         .filter(|i| i % 9 < 2 || i % 9 > 6)
-        .map(|i| Observation { vertex: i, position: rest[i as usize], sigma: 5e-4 })
+        .map(|i| Observation {
+            vertex: i,
+            position: rest[i as usize],
+            sigma: 5e-4,
+        })
         .collect();
-    let lift = [Inequality { terms: vec![(40, Vector3::z())], bound: 4e-3 }];
+    let lift = [Inequality {
+        terms: vec![(40, Vector3::z())],
+        bound: 4e-3,
+    }];
     let rise = |projection| {
         let options = Options::default().with_projection(projection);
         let mut filter = Filter::new(&rest, &edges, &options).unwrap();
-        let report = filter.step(&Frame::new(&seen).with_inequalities(&lift)).unwrap();
+        let report = filter
+            .step(&Frame::new(&seen).with_inequalities(&lift))
+            .unwrap();
         assert_eq!(report.status, Status::Constrained);
         assert!((filter.live()[40].z - 4e-3).abs() < 1e-6);
         [39, 41, 31, 49, 22].map(|i: usize| filter.live()[i].z)
@@ -244,20 +280,38 @@ fn a_contradiction_is_split_evenly_and_said_to_be_one() {
     let (rest, edges, _) = sheet(5, 5e-3);
     let seen: Vec<_> = (0..25)
         .step_by(3)
-        .map(|i| Observation { vertex: i, position: rest[i as usize], sigma: 5e-4 })
+        .map(|i| Observation {
+            vertex: i,
+            position: rest[i as usize],
+            sigma: 5e-4,
+        })
         .collect();
     // Vertex 12 above 3 mm and below 1 mm.
     let own = [
-        Inequality { terms: vec![(12, Vector3::z())], bound: 3e-3 },
-        Inequality { terms: vec![(12, -Vector3::z())], bound: -1e-3 },
+        Inequality {
+            terms: vec![(12, Vector3::z())],
+            bound: 3e-3,
+        },
+        Inequality {
+            terms: vec![(12, -Vector3::z())],
+            bound: -1e-3,
+        },
     ];
     let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-    let report = filter.step(&Frame::new(&seen).with_inequalities(&own)).unwrap();
+    let report = filter
+        .step(&Frame::new(&seen).with_inequalities(&own))
+        .unwrap();
     assert_eq!(report.status, Status::Infeasible);
-    assert!((filter.live()[12].z - 2e-3).abs() < 1e-6, "{}", filter.live()[12].z);
+    assert!(
+        (filter.live()[12].z - 2e-3).abs() < 1e-6,
+        "{}",
+        filter.live()[12].z
+    );
     assert!((report.inequality_depth[1] - 1e-3).abs() < 1e-6);
     // The next frame without the contradiction is an ordinary one.
-    let report = filter.step(&Frame::new(&seen).with_inequalities(&own[..1])).unwrap();
+    let report = filter
+        .step(&Frame::new(&seen).with_inequalities(&own[..1]))
+        .unwrap();
     assert_eq!(report.status, Status::Constrained);
     assert!(filter.live()[12].z > 3e-3 - 1e-6);
 }
@@ -267,16 +321,25 @@ fn many_planes_make_a_box() {
     let (rest, edges) = ellipsoid(200, [0.03, 0.03, 0.03], 6);
     let seen: Vec<_> = (0..200)
         .step_by(2)
-        .map(|i| Observation { vertex: i, position: rest[i as usize], sigma: 5e-4 })
+        .map(|i| Observation {
+            vertex: i,
+            position: rest[i as usize],
+            sigma: 5e-4,
+        })
         .collect();
     let planes: Vec<_> = [Vector3::x(), Vector3::y(), Vector3::z()]
         .iter()
         .flat_map(|n| [*n, -n])
-        .map(|n| Plane { normal: UnitVector3::new_unchecked(n), offset: 0.027 })
+        .map(|n| Plane {
+            normal: UnitVector3::new_unchecked(n),
+            offset: 0.027,
+        })
         .collect();
     let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
     for _ in 0..3 {
-        let report = filter.step(&Frame::new(&seen).with_planes(&planes)).unwrap();
+        let report = filter
+            .step(&Frame::new(&seen).with_planes(&planes))
+            .unwrap();
         assert_eq!(report.status, Status::Constrained);
         assert!(report.plane_depth[0] > 1e-3);
         for p in filter.live() {
@@ -290,12 +353,17 @@ fn hard_presses_settle() {
     // Far deeper than any camera would report: the flap 8 mm down onto a sheet on the table, 200 contacts and more.
     let (_, edges, triangles) = sheet(30, 4e-3);
     let fold = fold(30, 4e-3, 9);
-    let table = [Plane { normal: UP, offset: 0.0 }];
+    let table = [Plane {
+        normal: UP,
+        offset: 0.0,
+    }];
     let mut filter = Filter::new(&fold.live, &edges, &Options::default()).unwrap();
     let mut pushing = 0;
     for k in 0..8 {
         let seen = fold.pressed(1e-3 * f64::from(k + 1), k as u64);
-        let frame = Frame::new(&seen).with_planes(&table).with_triangles(&triangles);
+        let frame = Frame::new(&seen)
+            .with_planes(&table)
+            .with_triangles(&triangles);
         let report = filter.step(&frame).unwrap();
         assert_eq!(report.status, Status::Constrained, "{report:?}");
         assert!(report.contact_depth[1] <= 1e-6 && report.plane_depth[1] <= 1e-6);

@@ -46,7 +46,11 @@ impl Motion<'_> {
         let mut noise = Noise(1);
         let mut nearest = self.rest.clone();
         let mut before = self.rest.clone();
-        let mut sums = Errors { hidden: 0.0, nearest: 0.0, worst: 0.0 };
+        let mut sums = Errors {
+            hidden: 0.0,
+            nearest: 0.0,
+            worst: 0.0,
+        };
         for frame in 1..=self.frames {
             let share = frame as f64 / self.frames as f64;
             let truth = (self.truth)(share);
@@ -59,11 +63,19 @@ impl Motion<'_> {
                     sigma: self.sigma.max(1e-4),
                 })
                 .collect();
-            let given = Frame::new(&observations).with_planes(&table).with_triangles(&self.triangles);
+            let given = Frame::new(&observations)
+                .with_planes(&table)
+                .with_triangles(&self.triangles);
             let report = filter.step(&given).unwrap();
-            assert!(matches!(report.status, Status::Free | Status::Constrained), "{report:?}");
+            assert!(
+                matches!(report.status, Status::Free | Status::Constrained),
+                "{report:?}"
+            );
             for p in filter.live() {
-                assert!(p.z >= self.table - 1e-6, "{p} under the table in frame {frame}");
+                assert!(
+                    p.z >= self.table - 1e-6,
+                    "{p} under the table in frame {frame}"
+                );
             }
             nearest = followed(&nearest, &truth, &before, &seen);
             let hidden = mean_error(filter.live(), &truth, |i| !seen[i]);
@@ -99,7 +111,11 @@ fn followed(
     let shown: Vec<usize> = (0..truth.len()).filter(|&i| seen[i]).collect();
     let nearest = |i: usize| {
         let distance = |j: usize| (last[j] - last[i]).norm_squared();
-        shown.iter().copied().min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap()
+        shown
+            .iter()
+            .copied()
+            .min_by(|&a, &b| distance(a).total_cmp(&distance(b)))
+            .unwrap()
     };
     (0..truth.len())
         .map(|i| {
@@ -117,23 +133,36 @@ fn followed(
 fn turned_over(name: &str, half: [f64; 3]) {
     let (rest, edges) = ellipsoid(500, half, 6);
     let outward = |p: &Point3<f64>| {
-        Vector3::new(p.x / half[0].powi(2), p.y / half[1].powi(2), p.z / half[2].powi(2)).normalize()
+        Vector3::new(
+            p.x / half[0].powi(2),
+            p.y / half[1].powi(2),
+            p.z / half[2].powi(2),
+        )
+        .normalize()
     };
     let turn = |share: f64| Rotation3::from_axis_angle(&Vector3::y_axis(), PI * share);
     let truth = |share: f64| {
         let turned: Vec<_> = rest.iter().map(|p| turn(share) * p).collect();
         let low = turned.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
-        turned.iter().map(|p| p - Vector3::z() * (low + half[2])).collect::<Vec<_>>()
+        turned
+            .iter()
+            .map(|p| p - Vector3::z() * (low + half[2]))
+            .collect::<Vec<_>>()
     };
     let seen = |_: &[Point3<f64>], share: f64| {
-        rest.iter().map(|p| (turn(share) * outward(p)).z > 0.1).collect::<Vec<_>>()
+        rest.iter()
+            .map(|p| (turn(share) * outward(p)).z > 0.1)
+            .collect::<Vec<_>>()
     };
     for sigma in [0.0, 0.5e-3] {
         let low = rest.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
         // The sphere's lowest vertex is a little above its south pole: the truth starts where the rest is.
         let shift = low + half[2];
         let place = |share: f64| {
-            truth(share).iter().map(|p| p + Vector3::z() * shift).collect::<Vec<_>>()
+            truth(share)
+                .iter()
+                .map(|p| p + Vector3::z() * shift)
+                .collect::<Vec<_>>()
         };
         Motion {
             rest: rest.clone(),
@@ -229,8 +258,14 @@ fn folding_sheet() {
     let (square, square_edges, square_triangles) = sheet(25, 4e-3);
     let inside = |k: usize| square[k].y < 74e-3;
     let rest: Vec<_> = (0..625).filter(|&k| inside(k)).map(|k| square[k]).collect();
-    let edges: Vec<_> = square_edges.into_iter().filter(|e| e.iter().all(|&k| inside(k as usize))).collect();
-    let triangles: Vec<_> = square_triangles.into_iter().filter(|t| t.iter().all(|&k| inside(k as usize))).collect();
+    let edges: Vec<_> = square_edges
+        .into_iter()
+        .filter(|e| e.iter().all(|&k| inside(k as usize)))
+        .collect();
+    let triangles: Vec<_> = square_triangles
+        .into_iter()
+        .filter(|t| t.iter().all(|&k| inside(k as usize)))
+        .collect();
     let (start, radius) = (56e-3, 8e-3);
     let truth = |share: f64| {
         let angle = share * 170f64.to_radians();
@@ -252,7 +287,12 @@ fn folding_sheet() {
             .collect::<Vec<_>>()
     };
     let seen = |live: &[Point3<f64>], _: f64| {
-        let tip = live.iter().zip(&rest).filter(|(_, r)| r.x > 95e-3).map(|(p, _)| p.x).fold(f64::INFINITY, f64::min);
+        let tip = live
+            .iter()
+            .zip(&rest)
+            .filter(|(_, r)| r.x > 95e-3)
+            .map(|(p, _)| p.x)
+            .fold(f64::INFINITY, f64::min);
         live.iter()
             .zip(&rest)
             .map(|(p, r)| {
@@ -292,7 +332,11 @@ fn a_fully_visible_object_is_tracked_exactly() {
         let seen: Vec<_> = truth
             .iter()
             .zip(0..)
-            .map(|(&position, vertex)| Observation { vertex, position, sigma: 1e-7 })
+            .map(|(&position, vertex)| Observation {
+                vertex,
+                position,
+                sigma: 1e-7,
+            })
             .collect();
         filter.step(&Frame::new(&seen)).unwrap();
         for (p, t) in filter.live().iter().zip(&truth) {

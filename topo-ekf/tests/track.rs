@@ -18,7 +18,10 @@ fn program() -> PathBuf {
     let tests = std::env::current_exe().unwrap();
     let program = tests.ancestors().nth(2).unwrap().join("examples/track");
     let program = program.with_extension(std::env::consts::EXE_EXTENSION);
-    assert!(program.exists(), "first: cargo build --example track with the profile of the tests");
+    assert!(
+        program.exists(),
+        "first: cargo build --example track with the profile of the tests"
+    );
     program
 }
 
@@ -119,7 +122,13 @@ fn states(path: &Path) -> BTreeMap<usize, BTreeMap<usize, (Point3<f64>, f64)>> {
         let n: Vec<f64> = line.split(',').map(|f| f.parse().unwrap()).collect();
         assert_eq!(n.len(), 6);
         let state = (Point3::new(n[2], n[3], n[4]), n[5]);
-        assert!(states.entry(n[0] as usize).or_default().insert(n[1] as usize, state).is_none());
+        assert!(
+            states
+                .entry(n[0] as usize)
+                .or_default()
+                .insert(n[1] as usize, state)
+                .is_none()
+        );
     }
     states
 }
@@ -141,7 +150,9 @@ impl Files {
 }
 
 fn files() -> Files {
-    Files { folder: tempfile::tempdir().unwrap() }
+    Files {
+        folder: tempfile::tempdir().unwrap(),
+    }
 }
 
 #[test]
@@ -151,15 +162,36 @@ fn a_rolling_ball_is_tracked_above_the_table_and_before_the_wall() {
     let files = files();
     let table = files.put("observations.csv", observations(&rest, radius).as_bytes());
     let mut answers = vec![];
-    for (name, bytes) in [("a.ply", ascii(&rest, &faces)), ("b.ply", binary(&rest, &faces))] {
+    for (name, bytes) in [
+        ("a.ply", ascii(&rest, &faces)),
+        ("b.ply", binary(&rest, &faces)),
+    ] {
         let mesh = files.put(name, &bytes);
         let out = files.path(&format!("{name}.csv"));
         // The second plane has no unit normal: 2 x ≤ 2 · 65 mm.
-        let run = track(&[&mesh, &table, "--plane", "0,0,1,0", "--plane", "-2,0,0,0.13", "--out", &out]);
-        assert!(run.status.success(), "{}", String::from_utf8_lossy(&run.stderr));
+        let run = track(&[
+            &mesh,
+            &table,
+            "--plane",
+            "0,0,1,0",
+            "--plane",
+            "-2,0,0,0.13",
+            "--out",
+            &out,
+        ]);
+        assert!(
+            run.status.success(),
+            "{}",
+            String::from_utf8_lossy(&run.stderr)
+        );
         let json = String::from_utf8(run.stdout).unwrap();
         assert_eq!(json.lines().count(), 1);
-        for key in ["\"vertices\":146", "\"frames\":12", "\"step_ms\":{\"median\":", "\"sigmas_ms\":{"] {
+        for key in [
+            "\"vertices\":146",
+            "\"frames\":12",
+            "\"step_ms\":{\"median\":",
+            "\"sigmas_ms\":{",
+        ] {
             assert!(json.contains(key), "{json}");
         }
         assert!(json.trim().starts_with('{') && json.trim().ends_with('}'));
@@ -178,12 +210,19 @@ fn a_rolling_ball_is_tracked_above_the_table_and_before_the_wall() {
             error += (p - truth[*i]).norm() / rest.len() as f64;
         }
         // The lost frame is predicted to stand still: off by one frame's motion of 2.4 mm plus turn.
-        assert!(error < if *frame == 7 { 5e-3 } else { 1e-3 }, "{frame} {error}");
+        assert!(
+            error < if *frame == 7 { 5e-3 } else { 1e-3 },
+            "{frame} {error}"
+        );
     }
     // Hidden vertices are less certain than seen ones.
     let last = &states[&(FRAMES - 1)];
     let sd = |above: bool| {
-        let chosen: Vec<f64> = last.values().filter(|(p, _)| (p.z > radius) == above).map(|s| s.1).collect();
+        let chosen: Vec<f64> = last
+            .values()
+            .filter(|(p, _)| (p.z > radius) == above)
+            .map(|s| s.1)
+            .collect();
         chosen.iter().sum::<f64>() / chosen.len() as f64
     };
     assert!(sd(false) > sd(true));
@@ -206,7 +245,10 @@ fn mistakes_are_named_and_leave_no_table_behind() {
     for (arguments, message) in [
         (vec![&mesh[..], &words], "line 2"),
         (vec![&mesh, &far], "frame 1: observation 0 names vertex 146"),
-        (vec![&mesh, &nan], "frame 1: observation 0 is not a usable point"),
+        (
+            vec![&mesh, &nan],
+            "frame 1: observation 0 is not a usable point",
+        ),
         (vec![&mesh, &back], "frame 1 after frame 2"),
         (vec![&mesh, &empty], "no observations"),
         (vec![&cloud, &good], "no faces"),
@@ -222,7 +264,10 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         let run = track(&[&arguments[..], &["--out", &out]].concat());
         let said = String::from_utf8_lossy(&run.stderr).into_owned();
         assert!(!run.status.success(), "{arguments:?}");
-        assert!(said.contains(message) && !said.contains("panicked"), "{said}");
+        assert!(
+            said.contains(message) && !said.contains("panicked"),
+            "{said}"
+        );
         assert!(run.stdout.is_empty());
         assert!(!Path::new(&out).exists() && !Path::new(&format!("{out}.partial")).exists());
     }

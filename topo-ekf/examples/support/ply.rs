@@ -62,13 +62,16 @@ fn parse(bytes: &[u8]) -> Result<Mesh, String> {
         for index in 0..element.count {
             let mut row = vec![];
             for property in &element.properties {
-                let values = body
-                    .property(property)
-                    .ok_or(format!("{} {index} is cut short or no number", element.name))?;
+                let values = body.property(property).ok_or(format!(
+                    "{} {index} is cut short or no number",
+                    element.name
+                ))?;
                 row.push((property.name.as_str(), values));
             }
             match element.name.as_str() {
-                "vertex" => mesh.points.push(point(&row).ok_or("a vertex needs x, y and z")?),
+                "vertex" => mesh
+                    .points
+                    .push(point(&row).ok_or("a vertex needs x, y and z")?),
                 "face" => fan(&row, index, &mut mesh.faces)?,
                 _ => {}
             }

@@ -147,7 +147,10 @@ pub fn fold(side: usize, spacing: f64, columns: usize) -> Fold {
         .collect();
     let raised = |i: &usize| live[*i].z > 2.0 * r - 1e-4;
     let flap: Vec<usize> = (0..live.len()).filter(raised).collect();
-    let edge = flap.iter().map(|&i| live[i].x).fold(f64::INFINITY, f64::min);
+    let edge = flap
+        .iter()
+        .map(|&i| live[i].x)
+        .fold(f64::INFINITY, f64::min);
     let seen = (0..live.len())
         .filter(|i| raised(i) || live[*i].x < edge)
         .collect();
@@ -171,7 +174,11 @@ impl Fold {
 }
 
 /// `diag(d + anchor) + Σ w (e_i − e_j)(e_i − e_j)ᵀ`, dense.
-pub fn dense_information(information: &[f64], edges: &[[u32; 2]], options: &Options) -> DMatrix<f64> {
+pub fn dense_information(
+    information: &[f64],
+    edges: &[[u32; 2]],
+    options: &Options,
+) -> DMatrix<f64> {
     let n = information.len();
     let mut s = DMatrix::from_diagonal(&DVector::from_column_slice(information));
     for i in 0..n {
