@@ -2,7 +2,8 @@
 //!
 //! Every sub-folder has `source.ply`, `target.ply`, `truth.ply` (where each source point went), `landmarks.csv` and
 //! `features.csv`. Prints, in mm, mean and 95th percentile of the distance to the truth, the mean over the tenth of the points with
-//! least and the half with most confidence, the distance before registration, and milliseconds (best of three).
+//! least and the half with most confidence, the mean over `hidden.ply` (what the source does not show; truth in `hidden_truth.ply`; by
+//! `gpwrm::Field` through the nodes) if there is one, the distance before registration, and milliseconds with a fresh registrar (best of three).
 #![allow(clippy::print_stdout)] // a table is what the program is for
 
 #[path = "register/ply.rs"]
@@ -22,6 +23,7 @@ struct Pair {
     truth: Ply,
     landmarks: Vec<Landmark>,
     features: Vec<Feature>,
+    hidden: Option<(Ply, Ply)>,
 }
 
 /// How well one pair was registered, in mm.
@@ -30,6 +32,8 @@ struct Score {
     p95: f64,
     doubted: f64,
     trusted: f64,
+    /// NaN where nothing is known of what is hidden.
+    hidden: f64,
     still: f64,
 }
 
@@ -51,8 +55,18 @@ fn main() -> Result<(), Box<dyn Error>> {
     folders.sort();
 
     println!(
-        "{:24} {:>6} {:>6} {:>7} {:>7} {:>6} {:>7} {:>5} {:>6} {:>5} status",
-        "pair", "mean", "p95", "doubted", "trusted", "still", "overlap", "rms", "ms", "nodes"
+        "{:24} {:>6} {:>6} {:>7} {:>7} {:>6} {:>6} {:>7} {:>5} {:>6} {:>5} status",
+        "pair",
+        "mean",
+        "p95",
+        "doubted",
+        "trusted",
+        "hidden",
+        "still",
+        "overlap",
+        "rms",
+        "ms",
+        "nodes"
     );
     let mut core = Vec::new();
     for path in folders {
@@ -61,11 +75,12 @@ fn main() -> Result<(), Box<dyn Error>> {
         let score = pair.score(&result);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!(
-            "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
+            "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
             score.mean,
             score.p95,
             score.doubted,
             score.trusted,
+            score.hidden,
             score.still,
             result.overlap,
             result.residuals.rms * 1e3,
@@ -114,6 +129,13 @@ impl Pair {
                 .into_iter()
                 .map(|(source, target)| Feature { source, target })
                 .collect(),
+            hidden: match path.join("hidden.ply").exists() {
+                true => Some((
+                    Ply::read(&file("hidden.ply"))?,
+                    Ply::read(&file("hidden_truth.ply"))?,
+                )),
+                false => None,
+            },
         })
     }
 
@@ -138,6 +160,22 @@ impl Pair {
         Ok((result, fastest))
     }
 
+    /// Registered nodes carry some noise, and what is hidden is far from them: wide supports, more shrinkage.
+    fn hidden_error(&self, result: &Registration) -> f64 {
+        let options = gpwrm::FieldOptions {
+            support: gpwrm::Support::Nearest(64),
+            shrinkage: 0.03,
+            ..Default::default()
+        };
+        let field = gpwrm::Field::new(&result.node_positions, &result.node_displacements, &options);
+        let (Some((hidden, truth)), Ok(field)) = (&self.hidden, field) else {
+            return f64::NAN;
+        };
+        let found = field.warp(&hidden.points);
+        let off = found.iter().zip(&truth.points).map(|(a, b)| (a - b).norm());
+        off.sum::<f64>() * 1e3 / found.len() as f64
+    }
+
     fn score(&self, result: &Registration) -> Score {
         let count = self.source.points.len();
         let off = |i: usize, u: nalgebra::Vector3<f64>| {
@@ -157,6 +195,7 @@ impl Pair {
             p95: sorted[count * 95 / 100],
             doubted: mean(&by_confidence[..count / 10]),
             trusted: mean(&by_confidence[count / 2..]),
+            hidden: self.hidden_error(result),
             still: (0..count)
                 .map(|i| off(i, nalgebra::Vector3::zeros()))
                 .sum::<f64>()

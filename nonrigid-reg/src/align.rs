@@ -31,6 +31,8 @@ const COARSE: usize = 150;
 const FINE: usize = 600;
 /// Candidates refined.
 const REFINED: usize = 6;
+/// Steps of the refinement.
+const REFINING: i32 = 30;
 /// Share of the matches kept, those with the smallest distances.
 const TRIM: f64 = 0.8;
 /// Smallest cosine between the normals of a match.
@@ -100,8 +102,9 @@ pub fn align_rigid(source: &Cloud, target: &Cloud) -> Result<Alignment, Error> {
     // Stable: among equals the earliest start comes first, rest before all.
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (fine_source, fine_target) = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
-    let gates =
-        [0.15, 0.12, 0.1, 0.08, 0.06, 0.05, 0.04, 0.04, 0.04, 0.04].map(|share| share * extent);
+    let gates: Vec<f64> = (0..REFINING)
+        .map(|k| extent * (0.15 * 0.85_f64.powi(k)).max(0.04))
+        .collect();
     let refined = found.iter().take(REFINED).map(|(_, pose)| {
         let pose = descend(&fine_source, &fine_target, *pose, &gates);
         (score(&fine_source, &fine_target, &pose), pose)

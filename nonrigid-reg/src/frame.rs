@@ -1,19 +1,25 @@
 //! One pair of frames: what every iteration adds to the equations.
 
-use gpwrm::nearest_rotation;
 use nalgebra::{Matrix3, Vector3};
 
+use crate::align::Alignment;
 use crate::cloud::Cloud;
 use crate::each::each;
+use crate::error::Error;
 use crate::model::{Model, Shape, blend};
 use crate::options::Options;
 use crate::registration::{Feature, Landmark};
 use crate::seams::{Correspondence, Pair, Probe, Rejection, Residual};
-use crate::system::System;
+use crate::system::{Solver, System};
 use crate::target::Target;
 
 /// Ties what nothing else determines (a part without matches or neighbours that have any) to where it started.
 const ANCHOR: f64 = 1e-7;
+
+/// Turns of a field of landmarks settle within these.
+const LANDMARK_ITERATIONS: usize = 6;
+/// Local rotations out of given displacements settle within these: each leaves a small part of the angle.
+const ROTATION_ITERATIONS: usize = 6;
 
 /// A displacement field on the way to the answer.
 #[derive(Clone)]
@@ -39,10 +45,32 @@ pub(crate) struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    pub fn state(&self, u: Vec<Vector3<f64>>) -> State {
-        let polar = |g: &Matrix3<f64>| nearest_rotation(&(Matrix3::identity() + g)).into_inner();
-        let rotations = self.model.prior.gradients(&u).iter().map(polar).collect();
+    /// The next state, given the one before: local rotations are followed, so that they may grow beyond half a turn.
+    pub fn advance(&self, before: &State, u: Vec<Vector3<f64>>) -> State {
+        let rotations = self.model.prior.rotations(&u, &before.rotations);
         State { u, rotations }
+    }
+
+    /// A state out of nothing but displacements.
+    pub fn state(&self, u: Vec<Vector3<f64>>) -> State {
+        let mut state = self.rest();
+        state.u = u;
+        for _ in 0..ROTATION_ITERATIONS {
+            state.rotations = self.model.prior.rotations(&state.u, &state.rotations);
+        }
+        state
+    }
+
+    pub fn rigid(&self, pose: &Alignment) -> State {
+        let turn = pose
+            .target_from_source
+            .rotation
+            .to_rotation_matrix()
+            .into_inner();
+        State {
+            u: pose.displacements(&self.model.nodes.positions),
+            rotations: vec![turn; self.model.nodes.len()],
+        }
     }
 
     pub fn rest(&self) -> State {
@@ -68,7 +96,7 @@ impl Frame<'_> {
             .map(|(sum, w)| if *w > 0.0 { sum / *w } else { Vector3::zeros() })
             .collect();
         for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
-            start[node] = landmark.target - landmark.source;
+            start[node] = landmark.motion();
         }
         start
     }
@@ -86,13 +114,34 @@ impl Frame<'_> {
             // Exact landmarks have relative = ∞.
             let w = (relative * relative).min(self.options.landmark_weight) / points;
             system.add_scalar(structure, node, node, w);
-            system.add_right(node, &(w * (landmark.target - landmark.source)));
+            system.add_right(node, &(w * (landmark.motion())));
         }
         let anchor = ANCHOR / self.model.nodes.len() as f64;
         for (k, u) in start.iter().enumerate() {
             system.add_scalar(structure, k, k, anchor);
             system.add_right(k, &(anchor * u));
         }
+    }
+
+    /// The smoothest field that meets the landmarks; `fixed` as assembled at rest.
+    pub fn from_landmarks(
+        &self,
+        fixed: &System,
+        system: &mut System,
+        solver: &mut Solver,
+    ) -> Result<State, Error> {
+        let mut state = self.rest();
+        // The strain is measured against the local rotations: found anew as the field turns.
+        for iteration in 0..LANDMARK_ITERATIONS {
+            system.copy_from(fixed);
+            let structure = &self.model.structure;
+            self.model
+                .prior
+                .add_forms(&state.rotations, structure, system);
+            let u = solver.solve(structure, system);
+            state = self.advance(&state, u.ok_or(Error::Singular { iteration })?);
+        }
+        Ok(state)
     }
 
     /// Every source point is drawn to its predicted displacement, as strongly as `weight` cloud points would.

@@ -26,7 +26,7 @@ pub use error::Error;
 pub use nalgebra;
 pub use options::Options;
 pub use register::{Registrar, register};
-pub use registration::{Feature, Landmark, Registration, Residuals, Status};
+pub use registration::{Feature, Landmark, LandmarkField, Registration, Residuals, Status};
 pub use seams::{
     Correspondence, Linearised, Pair, Probe, Progress, Rejection, Residual, Termination,
 };

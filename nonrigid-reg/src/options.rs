@@ -46,8 +46,8 @@ pub struct Options {
     pub landmark_weight: f64,
     /// Standard deviation of an image feature, in m; outliers are found by a robust weight.
     pub feature_sigma: f64,
-    /// Share of matched source points below which, without landmarks, features or `initial`, the registration begins anew from
-    /// [`align_rigid`](crate::align_rigid); 0 never does unless the status is a failure.
+    /// Without landmarks, features or `initial`: share of source points matched, at the start or in the end, below which the
+    /// registration also begins from [`align_rigid`](crate::align_rigid) and the better answer is taken. 0: only if it failed.
     pub align_below: f64,
     /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
     pub min_overlap: f64,
@@ -63,7 +63,7 @@ impl Default for Options {
             gates: vec![0.020, 0.014, 0.009, 0.006],
             tolerance: 1.5e-4,
             bending: 1.0,
-            strain: 0.025,
+            strain: 0.02,
             drag: 0.012,
             prediction: 0.0,
             denoise: 12,
@@ -71,7 +71,7 @@ impl Default for Options {
             boundary_weight: 0.05,
             boundary_angle: 130_f64.to_radians(),
             point_sigma: 0.001,
-            landmark_weight: 1e4,
+            landmark_weight: 1e7,
             feature_sigma: 0.0011,
             align_below: 0.6,
             min_overlap: 0.3,
@@ -81,6 +81,23 @@ impl Default for Options {
 }
 
 impl Options {
+    /// These settings for an object `factor` times as large, seen with as many points and noise in proportion: all lengths are multiplied.
+    /// Weights have no unit and stay.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.gates.iter_mut().for_each(|gate| *gate *= factor);
+        for length in [
+            &mut self.node_spacing,
+            &mut self.tolerance,
+            &mut self.point_sigma,
+            &mut self.feature_sigma,
+            &mut self.max_residual,
+        ] {
+            *length *= factor;
+        }
+        self
+    }
+
     pub(crate) fn check(&self) -> Result<(), Error> {
         let positive = [
             ("node_spacing", self.node_spacing),
@@ -121,6 +138,8 @@ impl Options {
             check_range(option, share, ok, "in [0, 1]")?;
         }
         check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
+        let neighbours = self.denoise as f64;
+        check_range("denoise", neighbours, self.denoise <= 100, "at most 100")?;
         check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
         for &gate in &self.gates {
             check_range(

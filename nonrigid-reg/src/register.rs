@@ -23,7 +23,7 @@ use crate::frame::Frame;
 use crate::input::Input;
 use crate::model::Model;
 use crate::options::Options;
-use crate::registration::{Feature, Landmark, Registration, Status};
+use crate::registration::{Feature, Landmark, LandmarkField, Registration, Status};
 use crate::seams::{Correspondence, Progress, Rejection, Residual, Termination};
 use crate::system::{Solver, System};
 use crate::target::Target;
@@ -169,9 +169,9 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         input.check(&self.options)?;
         self.kept.model = Some(self.take_model(&input)?);
         self.kept.target = Some(self.take_target(target)?);
-        let result = self.follow(&input, None)?;
+        let (result, met) = self.follow(&input, None)?;
         let free = landmarks.is_empty() && features.is_empty() && initial.is_none();
-        if free && is_poor(&result, &self.options) {
+        if free && is_poor(&result, met, &self.options) {
             return self.realign(&input, result);
         }
         Ok(result)
@@ -183,9 +183,56 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         if found.overlap <= poor.overlap {
             return Ok(poor);
         }
-        let aligned = self.follow(input, Some(&found))?;
+        let (aligned, _) = self.follow(input, Some(&found))?;
         let better = aligned.overlap > poor.overlap;
         Ok(if better { aligned } else { poor })
+    }
+
+    /// The smoothest field that meets the landmarks, without any target: every node and every source point moves as the prior alone
+    /// carries it. No landmark: no motion.
+    ///
+    /// # Errors
+    /// As for [`Registrar::register`].
+    ///
+    /// # Complexity
+    /// Six solves of the normal equations.
+    pub fn from_landmarks(
+        &mut self,
+        source: &Cloud,
+        landmarks: &[Landmark],
+    ) -> Result<LandmarkField, Error> {
+        let input = Input {
+            source,
+            target: source,
+            landmarks,
+            features: &[],
+            initial: None,
+        };
+        input.check(&self.options)?;
+        let model = self.take_model(&input)?;
+        let frame = Frame {
+            source,
+            landmarks,
+            features: &[],
+            predicted: false,
+            options: &self.options,
+            model: &model,
+        };
+        let Kept {
+            fixed,
+            system,
+            solver,
+            ..
+        } = &mut self.kept;
+        frame.assemble_fixed(&frame.rest().u, fixed);
+        let state = frame.from_landmarks(fixed, system, solver)?;
+        let field = LandmarkField {
+            node_positions: model.nodes.positions.clone(),
+            displacements: model.displacements(&state.u),
+            node_displacements: state.u,
+        };
+        self.kept.model = Some(model);
+        Ok(field)
     }
 
     /// The kept model, if it is one of this source, or a new one.
@@ -207,12 +254,12 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         }
     }
 
-    /// From the start to the report.
+    /// From the start to the report, and the share of source points that met something at the start.
     fn follow(
         &mut self,
         input: &Input,
         aligned: Option<&Alignment>,
-    ) -> Result<Registration, Error> {
+    ) -> Result<(Registration, f64), Error> {
         let Self {
             options,
             correspondence,
@@ -240,17 +287,22 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
             model,
         };
         let mut state = match (aligned, input.initial) {
-            (Some(pose), _) => frame.state(pose.displacements(&model.nodes.positions)),
+            (Some(pose), _) => frame.rigid(pose),
             (None, Some(predicted)) => frame.state(frame.smoothed(predicted)),
             (None, None) => frame.rest(),
         };
         frame.assemble_fixed(&state.u, fixed);
+        // From rest, closest points lead astray where the motion is a good part of the gate; what is held says more then.
+        let far = 0.5 * rejection.reach(0);
+        if input.initial.is_none() && input.landmarks.iter().any(|l| l.motion().norm() > far) {
+            state = frame.from_landmarks(fixed, system, solver)?;
+        }
         if let Some(predicted) = input.initial.filter(|_| frame.predicted) {
             frame.add_prediction(predicted, options.prediction, fixed);
         }
         let search = (&*correspondence, &*rejection);
         let mut status = Status::MaxIterations;
-        let mut iterations = 0;
+        let (mut iterations, mut met) = (0, 0.0);
         while iterations < options.iterations {
             let matches = frame.find_matches(&state, iterations, search, target);
             system.copy_from(fixed);
@@ -270,23 +322,27 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
                 overlap: matches.iter().flatten().count() as f64 / matches.len() as f64,
                 residual: squares.sqrt(),
             };
-            state = frame.state(next);
+            if iterations == 1 {
+                met = progress.overlap;
+            }
+            state = frame.advance(&state, next);
             if let Some(verdict) = termination.verdict(&progress) {
                 status = verdict;
                 break;
             }
         }
         let matches = frame.find_matches(&state, usize::MAX, search, target);
-        Ok(frame.report(state, &matches, residual, iterations, status))
+        let result = frame.report(state, &matches, residual, iterations, status);
+        Ok((result, met))
     }
 }
 
-fn is_poor(result: &Registration, options: &Options) -> bool {
+fn is_poor(result: &Registration, met: f64, options: &Options) -> bool {
     let failed = matches!(
         result.status,
         Status::LowOverlap { .. } | Status::HighResidual { .. }
     );
-    failed || result.overlap < options.align_below
+    failed || met.min(result.overlap) < options.align_below
 }
 
 fn largest_step(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {

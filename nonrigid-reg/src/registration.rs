@@ -11,6 +11,13 @@ pub struct Landmark {
     pub sigma: f64,
 }
 
+impl Landmark {
+    /// From where it was to where it is, in m.
+    pub fn motion(&self) -> Vector3<f64> {
+        self.target - self.source
+    }
+}
+
 /// A point believed to move to another: an image feature. May be wrong altogether.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feature {
@@ -48,6 +55,17 @@ pub enum Status {
         /// The threshold it passed.
         threshold: f64,
     },
+}
+
+/// What the landmarks alone say of the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LandmarkField {
+    /// Deformation nodes on the source, landmarks first.
+    pub node_positions: Vec<Point3<f64>>,
+    /// Their displacements, in m.
+    pub node_displacements: Vec<Vector3<f64>>,
+    /// Displacement of each source point, in m.
+    pub displacements: Vec<Vector3<f64>>,
 }
 
 /// The motion from source to target.

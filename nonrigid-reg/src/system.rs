@@ -199,6 +199,23 @@ impl System {
         }
     }
 
+    /// `H u − f`.
+    #[cfg(test)]
+    pub fn residual(&self, structure: &Structure, u: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut left: Vec<Vector3<f64>> = self.right.iter().map(|f| -f).collect();
+        for (l, ends) in structure.starts.windows(2).enumerate() {
+            for slot in ends[0]..ends[1] {
+                let k = structure.rows[slot] as usize;
+                let block = Matrix3::from_column_slice(&self.blocks[slot]);
+                left[k] += block * u[l];
+                if k != l {
+                    left[l] += block.transpose() * u[k];
+                }
+            }
+        }
+        left
+    }
+
     /// `f_k += force`.
     pub fn add_right(&mut self, k: usize, force: &Vector3<f64>) {
         self.right[k] += force;

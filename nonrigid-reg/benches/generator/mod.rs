@@ -20,8 +20,8 @@ use rand_chacha::ChaCha8Rng;
 pub use shapes::Shape;
 pub use view::View;
 
-/// Dense points from which views are taken: about one per mm².
-const DENSE: usize = 60_000;
+/// Dense points from which views are taken: a little less than one per mm².
+const DENSE: usize = 40_000;
 
 /// What to make.
 #[derive(Debug, Clone, Copy)]

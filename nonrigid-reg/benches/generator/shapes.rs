@@ -115,7 +115,7 @@ impl Shape {
             if self.level(&p).abs() > 0.002 {
                 continue;
             }
-            for _ in 0..8 {
+            for _ in 0..5 {
                 let g = self.gradient(&p);
                 p -= g * (self.level(&p) / g.norm_squared().max(1e-12));
             }

@@ -43,7 +43,7 @@ impl Track {
     /// What the camera sees in frame `k`: about 3,000 points, 0.5 mm of noise.
     pub fn look(&mut self, k: usize) -> View {
         let mut rng = self.rng.clone();
-        let (rest, normals) = self.shape.surfels(30_000, &mut rng);
+        let (rest, normals) = self.shape.surfels(16_000, &mut rng);
         let now: Vec<Point3<f64>> = rest.iter().map(|p| self.place(p, k)).collect();
         let turned = view::carry(&rest, &normals, |p| self.place(p, k));
         let seen = view::visible(&now, &turned);
@@ -68,7 +68,7 @@ impl Track {
         grips.iter().map(step).collect()
     }
 
-    /// Sixty image features from frame `k` to the next, given where points of the rest shape are believed to be.
+    /// Sixty image features from frame `k` to the next, at points of the rest shape.
     pub fn features(&mut self, rest: &[Point3<f64>], k: usize) -> Vec<Feature> {
         let mut rng = self.rng.clone();
         let now: Vec<Point3<f64>> = rest.iter().map(|p| self.place(p, k)).collect();
