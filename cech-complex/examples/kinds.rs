@@ -72,6 +72,8 @@ struct Tally {
     vertices: usize,
     /// Called non-manifold farther than 4 ε from any junction.
     false_junction: usize,
+    /// Within 1.5 ε of a rim and not called boundary.
+    missed: usize,
     /// Largest distance at which a vertex was called boundary, and least at which it was not.
     last_boundary: f64,
     first_interior: Option<f64>,
@@ -91,6 +93,7 @@ impl Tally {
         if far && rim.is_finite() && kind == VertexKind::Interior {
             self.first_interior = Some(self.first_interior.map_or(rim, |first| first.min(rim)));
         }
+        self.missed += usize::from(far && rim <= 1.5 && kind != VertexKind::Boundary);
         // Where a junction runs out at a rim, either answer will do.
         if junction < 1.0 && rim > 4.0 {
             self.at_junction += 1;
@@ -105,7 +108,7 @@ fn main() -> Result<(), Error> {
         .and_then(|word| word.parse().ok())
         .unwrap_or(5);
     println!(
-        "surface, height/radius: vertices, false NM, boundary up to, interior from (ε), NM within ε of a junction"
+        "surface, height/radius: vertices, false NM, boundary up to, interior from (ε), missed within 1.5 ε, NM within ε of a junction"
     );
     for (surface, count) in SURFACES {
         for height in [0.5, 1.0] {
@@ -120,7 +123,7 @@ fn main() -> Result<(), Error> {
                 tally.vertices, tally.false_junction
             );
             if let Some(first) = tally.first_interior {
-                print!("   {:.2} {first:.2}", tally.last_boundary);
+                print!("   {:.2} {first:.2} {}", tally.last_boundary, tally.missed);
             }
             if tally.at_junction > 0 {
                 print!("   {} of {}", tally.found, tally.at_junction);
