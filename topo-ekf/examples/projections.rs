@@ -50,12 +50,14 @@ struct Score {
     consistency: f64,
 }
 
+type Truth = fn(&[Point3<f64>], f64) -> Vec<Point3<f64>>;
+
 /// A scene: rest shape and graph, the truth at a share of the motion, what is seen, and what is known beside it.
 struct Scene {
     name: &'static str,
     rest: Vec<Point3<f64>>,
     edges: Vec<[u32; 2]>,
-    truth: fn(&[Point3<f64>], f64) -> Vec<Point3<f64>>,
+    truth: Truth,
     seen: fn(&Point3<f64>) -> bool,
     planes: Vec<Plane>,
     pin: Option<u32>,

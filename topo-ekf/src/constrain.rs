@@ -8,7 +8,7 @@ use crate::Error;
 use crate::compliance::Influence;
 use crate::contact::Surface;
 use crate::filter::{Filter, Update};
-use crate::observation::Frame;
+use crate::observation::{Frame, Plane};
 use crate::options::Projection;
 use crate::project::{Problem, Projected, Status, Warm, deepest, split_planes};
 use crate::report::StepReport;
@@ -59,33 +59,14 @@ impl Filter {
             self.surface
                 .clone()
                 .renewed(frame.triangles, &self.rest, self.options.separation);
+        let before = lack(&self.watch(&surface, estimate), estimate);
         let metric = self.metric(update)?;
-        let (values, factor) = metric.parts();
-        let mut contacts = self.watch(&surface, &self.expected(estimate));
-        let before = lack(&contacts, estimate);
-        let mut warm = self.warm.clone();
-        let mut influence = Influence::new(estimate.len());
-        let mut work = Work::default();
-        let (projected, left, watched) = loop {
-            let rows: Vec<_> = fixed.iter().chain(&contacts).cloned().collect();
-            let problem = Problem {
-                values,
-                factor,
-                estimate,
-                plane,
-                rows: &rows,
-            };
-            let projected = problem.solve(&mut self.system, &warm, &mut influence)?;
-            warm.clone_from(&projected.warm);
-            work.add(&projected);
-            // Normals and feet were those of the estimate; what the projection bent is linearised again where it ended.
-            let again = self.watch(&surface, &projected.positions);
-            let left = lack(&again, &projected.positions);
-            if left <= FEASIBLE || work.linearisations == LINEARISATIONS {
-                break (projected, left, contacts.len());
-            }
-            contacts = merged(contacts, again);
-        };
+        let Settled {
+            projected,
+            left,
+            watched,
+            work,
+        } = self.linearise(&metric, estimate, plane, &fixed, &surface)?;
         if let Some(vertex) = first_infinite(&projected.positions) {
             return Err(Error::Overflow { vertex });
         }
@@ -106,7 +87,7 @@ impl Filter {
             plane_depth: [was[0], is[0]],
             contact_depth: [before, left],
             inequality_depth: [was[1], is[1]],
-            resting: warm.resting.clone(),
+            resting: projected.warm.resting.clone(),
             pushing: projected.pushing,
             watched,
             rounds: work.rounds,
@@ -115,10 +96,51 @@ impl Filter {
         };
         Ok(Constrained {
             positions: projected.positions,
-            warm,
+            warm: projected.warm,
             surface,
             report,
         })
+    }
+
+    /// Projects, looks at the contacts where that ended, and projects again until they hold.
+    fn linearise(
+        &mut self,
+        metric: &Metric,
+        estimate: &[Point3<f64>],
+        plane: Option<Plane>,
+        fixed: &[Row],
+        surface: &Surface,
+    ) -> Result<Settled, Error> {
+        let (values, factor) = metric.parts();
+        let mut contacts = self.watch(surface, &self.expected(estimate));
+        let mut warm = self.warm.clone();
+        let mut influence = Influence::new(estimate.len());
+        let mut work = Work::default();
+        loop {
+            let rows: Vec<_> = fixed.iter().chain(&contacts).cloned().collect();
+            let problem = Problem {
+                values,
+                factor,
+                estimate,
+                plane,
+                rows: &rows,
+            };
+            let projected = problem.solve(&mut self.system, &warm, &mut influence)?;
+            work.add(&projected);
+            // Normals and feet were those expected; what the projection bent is linearised again where it ended.
+            let again = self.watch(surface, &projected.positions);
+            let left = lack(&again, &projected.positions);
+            if left <= FEASIBLE || work.linearisations == LINEARISATIONS {
+                return Ok(Settled {
+                    projected,
+                    left,
+                    watched: contacts.len(),
+                    work,
+                });
+            }
+            warm = projected.warm;
+            contacts = merged(contacts, again);
+        }
     }
 
     fn metric<'a>(&mut self, update: &'a Update) -> Result<Metric<'a>, Error> {
@@ -146,6 +168,14 @@ impl Filter {
         let separation = self.options.separation + SPARE;
         surface.watch(&self.live, now, separation, self.options.contact_reach)
     }
+}
+
+/// Where the linearisations ended.
+struct Settled {
+    projected: Projected,
+    left: f64,
+    watched: usize,
+    work: Work,
 }
 
 #[derive(Default)]

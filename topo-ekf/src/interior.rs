@@ -9,7 +9,7 @@
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
+    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
 };
 
 use crate::Error;
@@ -53,16 +53,8 @@ pub(crate) fn interior_point(
         )
         .collect();
     let cone = [SupportedConeT::NonnegativeConeT(right.len())];
-    let settings = DefaultSettingsBuilder::default()
-        .verbose(false)
-        .max_threads(1)
-        .tol_gap_abs(TOLERANCE)
-        .tol_gap_rel(TOLERANCE)
-        .tol_feas(TOLERANCE)
-        .build()
-        .map_err(|_| Error::Factorisation)?;
     let zero = vec![0.0; 3 * size + rows];
-    let mut solver = DefaultSolver::new(&quadratic, &zero, &bounds, &right, &cone, settings)
+    let mut solver = DefaultSolver::new(&quadratic, &zero, &bounds, &right, &cone, settings()?)
         .map_err(|_| Error::Factorisation)?;
     solver.solve();
     let found = &solver.solution;
@@ -89,6 +81,17 @@ pub(crate) fn interior_point(
         })
         .collect();
     Ok((shift, forces))
+}
+
+fn settings() -> Result<DefaultSettings<f64>, Error> {
+    DefaultSettingsBuilder::default()
+        .verbose(false)
+        .max_threads(1)
+        .tol_gap_abs(TOLERANCE)
+        .tol_gap_rel(TOLERANCE)
+        .tol_feas(TOLERANCE)
+        .build()
+        .map_err(|_| Error::Factorisation)
 }
 
 /// `diag(W, W, W, I/ς)`, upper triangle in compressed columns.

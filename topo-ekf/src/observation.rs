@@ -190,7 +190,8 @@ impl Inequality {
                 must: "at least 1e-9",
             });
         }
-        if !(self.bound.abs() <= FARTHEST) {
+        // A range, so that NaN is refused too.
+        if !(-FARTHEST..=FARTHEST).contains(&self.bound) {
             return Err(Error::Value {
                 what: "bound of inequality",
                 index,

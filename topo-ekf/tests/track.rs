@@ -80,12 +80,16 @@ fn binary(points: &[Point3<f64>], faces: &[[u32; 3]]) -> Vec<u8> {
     )
     .into_bytes();
     for p in points {
-        p.iter().for_each(|c| bytes.extend(c.to_le_bytes()));
+        for c in p.iter() {
+            bytes.extend(c.to_le_bytes());
+        }
         bytes.push(200);
     }
     for f in faces {
         bytes.push(3);
-        f.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+        for v in f {
+            bytes.extend(v.to_le_bytes());
+        }
     }
     bytes
 }
