@@ -129,12 +129,11 @@ impl Pair {
                 .into_iter()
                 .map(|(source, target)| Feature { source, target })
                 .collect(),
-            hidden: match path.join("hidden.ply").exists() {
-                true => Some((
-                    Ply::read(&file("hidden.ply"))?,
-                    Ply::read(&file("hidden_truth.ply"))?,
-                )),
-                false => None,
+            hidden: if path.join("hidden.ply").exists() {
+                let truth = Ply::read(&file("hidden_truth.ply"))?;
+                Some((Ply::read(&file("hidden.ply"))?, truth))
+            } else {
+                None
             },
         })
     }

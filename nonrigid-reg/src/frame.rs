@@ -124,7 +124,7 @@ impl Frame<'_> {
     }
 
     /// The smoothest field that meets the landmarks; `fixed` as assembled at rest.
-    pub fn from_landmarks(
+    pub fn landmark_field(
         &self,
         fixed: &System,
         system: &mut System,

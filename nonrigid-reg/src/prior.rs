@@ -220,6 +220,7 @@ fn conjugate(r: &Matrix3<f64>, form: &Matrix9) -> Matrix9 {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::system::Solver;

@@ -19,7 +19,7 @@ use crate::align::{Alignment, align_rigid};
 use crate::cloud::Cloud;
 use crate::defaults::{AnnealedTukey, ClosestPoint, PointToPlane, Settled};
 use crate::error::Error;
-use crate::frame::Frame;
+use crate::frame::{Frame, State};
 use crate::input::Input;
 use crate::model::Model;
 use crate::options::Options;
@@ -196,7 +196,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
     ///
     /// # Complexity
     /// Six solves of the normal equations.
-    pub fn from_landmarks(
+    pub fn landmark_field(
         &mut self,
         source: &Cloud,
         landmarks: &[Landmark],
@@ -225,7 +225,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
             ..
         } = &mut self.kept;
         frame.assemble_fixed(&frame.rest().u, fixed);
-        let state = frame.from_landmarks(fixed, system, solver)?;
+        let state = frame.landmark_field(fixed, system, solver)?;
         let field = LandmarkField {
             node_positions: model.nodes.positions.clone(),
             displacements: model.displacements(&state.u),
@@ -260,24 +260,24 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         input: &Input,
         aligned: Option<&Alignment>,
     ) -> Result<(Registration, f64), Error> {
-        let Self {
-            options,
-            correspondence,
-            residual,
-            rejection,
-            termination,
-            kept,
-        } = self;
-        let Kept {
-            model: Some(model),
-            target: Some(target),
-            fixed,
-            system,
-            solver,
-        } = kept
-        else {
+        let (Some(model), Some(target)) = (self.kept.model.take(), self.kept.target.take()) else {
             return Err(Error::EmptyCloud { cloud: "source" });
         };
+        let mut target = target;
+        let answer = self.iterate(input, aligned, &model, &mut target);
+        self.kept.model = Some(model);
+        self.kept.target = Some(target);
+        answer
+    }
+
+    fn iterate(
+        &mut self,
+        input: &Input,
+        aligned: Option<&Alignment>,
+        model: &Model,
+        target: &mut Target,
+    ) -> Result<(Registration, f64), Error> {
+        let options = &self.options;
         let frame = Frame {
             source: input.source,
             landmarks: input.landmarks,
@@ -286,21 +286,15 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
             options,
             model,
         };
-        let mut state = match (aligned, input.initial) {
-            (Some(pose), _) => frame.rigid(pose),
-            (None, Some(predicted)) => frame.state(frame.smoothed(predicted)),
-            (None, None) => frame.rest(),
-        };
-        frame.assemble_fixed(&state.u, fixed);
-        // From rest, closest points lead astray where the motion is a good part of the gate; what is held says more then.
-        let far = 0.5 * rejection.reach(0);
-        if input.initial.is_none() && input.landmarks.iter().any(|l| l.motion().norm() > far) {
-            state = frame.from_landmarks(fixed, system, solver)?;
-        }
-        if let Some(predicted) = input.initial.filter(|_| frame.predicted) {
-            frame.add_prediction(predicted, options.prediction, fixed);
-        }
-        let search = (&*correspondence, &*rejection);
+        let far = 0.5 * self.rejection.reach(0);
+        let mut state = start(&frame, input.initial, aligned, far, &mut self.kept)?;
+        let Kept {
+            fixed,
+            system,
+            solver,
+            ..
+        } = &mut self.kept;
+        let search = (&self.correspondence, &self.rejection);
         let mut status = Status::MaxIterations;
         let (mut iterations, mut met) = (0, 0.0);
         while iterations < options.iterations {
@@ -309,12 +303,11 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
             model
                 .prior
                 .add_forms(&state.rotations, &model.structure, system);
-            let squares = frame.add_matches(&matches, residual, system);
+            let squares = frame.add_matches(&matches, &self.residual, system);
             frame.add_features(&state.u, system);
+            let iteration = iterations;
             let next = solver.solve(&model.structure, system);
-            let next = next.ok_or(Error::Singular {
-                iteration: iterations,
-            })?;
+            let next = next.ok_or(Error::Singular { iteration })?;
             iterations += 1;
             let progress = Progress {
                 iteration: iterations,
@@ -326,15 +319,45 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
                 met = progress.overlap;
             }
             state = frame.advance(&state, next);
-            if let Some(verdict) = termination.verdict(&progress) {
+            if let Some(verdict) = self.termination.verdict(&progress) {
                 status = verdict;
                 break;
             }
         }
         let matches = frame.find_matches(&state, usize::MAX, search, target);
-        let result = frame.report(state, &matches, residual, iterations, status);
+        let result = frame.report(state, &matches, &self.residual, iterations, status);
         Ok((result, met))
     }
+}
+
+/// Where the search starts, and in `kept.fixed` what does not change from there on.
+fn start(
+    frame: &Frame,
+    initial: Option<&[Vector3<f64>]>,
+    aligned: Option<&Alignment>,
+    far: f64,
+    kept: &mut Kept,
+) -> Result<State, Error> {
+    let Kept {
+        fixed,
+        system,
+        solver,
+        ..
+    } = kept;
+    let state = match (aligned, initial) {
+        (Some(pose), _) => frame.rigid(pose),
+        (None, Some(predicted)) => frame.state(frame.smoothed(predicted)),
+        (None, None) => frame.rest(),
+    };
+    frame.assemble_fixed(&state.u, fixed);
+    if let Some(predicted) = initial.filter(|_| frame.predicted) {
+        frame.add_prediction(predicted, frame.options.prediction, fixed);
+    }
+    // From rest, closest points lead astray where the motion is a good part of the gate; what is held says more then.
+    if initial.is_none() && frame.landmarks.iter().any(|l| l.motion().norm() > far) {
+        return frame.landmark_field(fixed, system, solver);
+    }
+    Ok(state)
 }
 
 fn is_poor(result: &Registration, met: f64, options: &Options) -> bool {

@@ -49,15 +49,21 @@ impl Structure {
         };
         for group in groups {
             for &(k, _) in group {
-                group.iter().for_each(|&(l, _)| mark(k, l));
+                for &(l, _) in group {
+                    mark(k, l);
+                }
             }
         }
         for group in terms {
             for &(k, _) in group {
-                group.iter().for_each(|&(l, _)| mark(k, l));
+                for &(l, _) in group {
+                    mark(k, l);
+                }
             }
         }
-        (0..count).for_each(|k| mark(k, k));
+        for k in 0..count {
+            mark(k, k);
+        }
         let (mut starts, mut rows) = (vec![0], Vec::new());
         for l in 0..count {
             for k in l..count {
@@ -292,6 +298,7 @@ impl Solver {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};

@@ -92,7 +92,7 @@ fn symmetric_shapes_stay_at_rest() {
         found.target_from_source.rotation.angle() < 0.05,
         "{found:?}"
     );
-    assert_eq!(found.overlap, 1.0);
+    assert!(found.overlap > 0.999);
     let result = register(&ball.cloud(), &ball.cloud(), &[], &[], &Options::default()).unwrap();
     assert_eq!(result.status, Status::Undetermined { free_motions: 3 });
 }

@@ -88,10 +88,10 @@ fn feature_confidence_tells_outliers() {
     let (mut right, mut wrong) = (0, 0);
     for (k, &c) in result.feature_confidence.iter().enumerate() {
         // Every fifth is 15 mm off.
-        if k % 5 == 0 {
-            wrong += u32::from(c > 0.1)
+        if k.is_multiple_of(5) {
+            wrong += u32::from(c > 0.1);
         } else {
-            right += u32::from(c > 0.3)
+            right += u32::from(c > 0.3);
         }
     }
     assert!(wrong == 0 && right >= 44, "{wrong} {right}");

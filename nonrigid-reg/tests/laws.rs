@@ -96,7 +96,7 @@ proptest! {
 
     /// Without a target the landmarks alone make a field, and it passes through every one of them; any rigid motion of them is continued.
     #[test]
-    fn landmark_fields_interpolate(picks in prop::collection::btree_set(0_usize..500, 1..8), push in prop::array::uniform3(-0.02..0.02), wild in 0.0..0.01, turn in prop::array::uniform3(-0.6..0.6)) {
+    fn landmark_fields_interpolate(picks in prop::collection::btree_set(0_usize..440, 1..8), push in prop::array::uniform3(-0.02..0.02), wild in 0.0..0.01, turn in prop::array::uniform3(-0.6..0.6)) {
         let source = seen(&potato(1200, 0.0));
         let push = Vector3::from(push);
         let land = |k: usize, wild: f64| {
@@ -111,13 +111,13 @@ proptest! {
         }
         let landmarks: Vec<Landmark> = chosen.iter().map(|&k| land(k, wild)).collect();
         let mut registrar = Registrar::new(coarse());
-        let field = registrar.from_landmarks(&source.cloud(), &landmarks).unwrap();
+        let field = registrar.landmark_field(&source.cloud(), &landmarks).unwrap();
         for (k, landmark) in landmarks.iter().enumerate() {
             prop_assert!((field.node_displacements[k] - landmark.motion()).norm() < 1e-6);
         }
         let r = Rotation3::new(Vector3::from(turn));
         let rigid: Vec<Landmark> = [3, 150, 290, 420].map(|k| Landmark { source: source.points[k], target: r * source.points[k] + push, sigma: 0.0 }).to_vec();
-        let field = registrar.from_landmarks(&source.cloud(), &rigid).unwrap();
+        let field = registrar.landmark_field(&source.cloud(), &rigid).unwrap();
         let error = mean_error(&field.displacements, |i| r * source.points[i] + push - source.points[i]);
         // Of up to 100 mm; the strain is measured against rotations that settle in a few iterations.
         prop_assert!(error < 0.002, "{error}");
@@ -146,8 +146,8 @@ proptest! {
     /// far. A prediction of rest holds all but the surroundings of the grip, and the grip still goes its way.
     #[test]
     fn a_prediction_holds_what_geometry_lets_slide(x in 0.001..0.006, y in -0.006..0.006, weight in 0.05..2.0) {
-        let points: Vec<Point3<f64>> = (0..900)
-            .map(|k| Point3::new(f64::from(k % 30), f64::from(k / 30), 0.0) * 0.005)
+        let points: Vec<Point3<f64>> = (0..400)
+            .map(|k| Point3::new(f64::from(k % 20), f64::from(k / 20), 0.0) * 0.0075)
             .collect();
         let normals = vec![Vector3::z_axis(); points.len()];
         let sheet = Cloud { points: &points, normals: &normals };

@@ -178,7 +178,7 @@ pub fn features(
 ) -> Vec<Feature> {
     let make = |k: usize, rng: &mut ChaCha8Rng| {
         let source = points[rng.random_range(0..points.len())];
-        let wrong = if k % 5 == 0 { 0.015 } else { 0.0 };
+        let wrong = if k.is_multiple_of(5) { 0.015 } else { 0.0 };
         let off =
             view::normal_vector(rng) * 0.000_64 + view::normal_vector(rng).normalize() * wrong;
         Feature {

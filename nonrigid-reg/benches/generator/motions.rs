@@ -59,9 +59,9 @@ impl Motion {
         for _ in 0..40 {
             let middle = 0.5 * (low + high);
             if largest(middle) < size {
-                low = middle
+                low = middle;
             } else {
-                high = middle
+                high = middle;
             }
         }
         low

@@ -71,9 +71,9 @@ pub fn sample(
     for _ in 0..20 {
         let middle = 0.5 * (fine + coarse);
         if cells(middle).len() > count {
-            fine = middle
+            fine = middle;
         } else {
-            coarse = middle
+            coarse = middle;
         }
     }
     let chosen = cells(coarse).into_values().map(|cell| {
