@@ -99,12 +99,12 @@ fn picture(complex: &Complex, spacing: f64) -> Result<String, cech_complex::Erro
     // One path for all triangles and one for all edges keep the file small.
     let corner = |v: u32| place(v).map(|x| format!("{x:.0}")).join(" ");
     let mut path = |simplices: &mut dyn Iterator<Item = Vec<u32>>, style: &str| {
-        let outlines: String = simplices
-            .map(|vertices| {
-                let corners: Vec<String> = vertices.iter().map(|&v| corner(v)).collect();
-                format!("M{}", corners.join("L"))
-            })
-            .collect();
+        let mut outlines = String::new();
+        for vertices in simplices {
+            let corners: Vec<String> = vertices.iter().map(|&v| corner(v)).collect();
+            outlines += "M";
+            outlines += &corners.join("L");
+        }
         let _ = writeln!(svg, "<path d=\"{outlines}\" {style}/>");
     };
     path(

@@ -88,7 +88,7 @@ impl Complex {
     /// # Limits
     /// `Boundary` means within about two spacings of a rim, `NonManifold` within about one of a junction. On ε-nets whose gaps the cylinders cover
     /// (`cargo run --release -p cech-complex --features manifolds --example kinds -- 30`): no vertex of 396,000 on closed surfaces and of
-    /// 144,000 on open ones is called non-manifold; `Boundary` are those within 1.5 ε of the rim but for two of them, and none
+    /// 144,000 on open ones is called non-manifold; `Boundary` are those within 1.5 ε of the rim but for seven of them, and none
     /// beyond 2.7 ε; within ε of a junction 99 % are found under cylinders half as high as their radius, and 94 % or more under cylinders as high as their
     /// radius. The vertices of a strip narrower than four spacings are `NonManifold` though a strip is a surface. Where the sampling leaves a
     /// hole in the complex, the vertices around it are those of a rim.
