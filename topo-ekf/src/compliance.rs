@@ -16,6 +16,8 @@ use crate::rows::Stack;
 use crate::system::{Factor, System};
 use crate::table::Table;
 
+/// A row whose direction is nearer to the normal than this (sine of the angle) is taken for normal by the model.
+const TILT: f64 = 0.3;
 /// Columns that are held at once.
 const BATCH: usize = 64;
 
@@ -104,6 +106,8 @@ pub(crate) struct Influence {
     slots: Vec<u32>,
     full: DMatrix<f64>,
     free: DMatrix<f64>,
+    /// Vertices that some row pushes along the plane by more than [`TILT`]; the model leaves out the rest's `full`.
+    tilted: Vec<bool>,
 }
 
 impl Influence {
@@ -113,6 +117,7 @@ impl Influence {
             slots: vec![u32::MAX; size],
             full: DMatrix::zeros(0, 0),
             free: DMatrix::zeros(0, 0),
+            tilted: vec![],
         }
     }
 
@@ -125,10 +130,15 @@ impl Influence {
     fn learn(&mut self, compliance: &mut Compliance, rows: &[usize]) {
         let old = self.vertices.len();
         for &k in rows {
-            for &(v, _) in compliance.stack.row(k) {
-                if self.slots[v as usize] == u32::MAX {
+            for &(v, a) in compliance.stack.row(k) {
+                let tilted = a.xy().norm() > TILT * a.norm();
+                let slot = self.slots[v as usize] as usize;
+                if slot >= self.vertices.len() {
                     self.slots[v as usize] = self.vertices.len() as u32;
                     self.vertices.push(v);
+                    self.tilted.push(tilted);
+                } else if slot >= old {
+                    self.tilted[slot] |= tilted;
                 }
             }
         }
@@ -136,16 +146,26 @@ impl Influence {
         if new.is_empty() {
             return;
         }
-        for (known, normal) in [(&mut self.full, false), (&mut self.free, true)] {
-            let columns = compliance.inverse(&self.vertices, &new, normal);
-            let count = self.vertices.len();
-            *known = std::mem::take(known).resize(count, count, 0.0);
-            for l in 0..new.len() {
-                for k in 0..count {
-                    known[(k, old + l)] = columns[(k, l)];
-                    known[(old + l, k)] = columns[(k, l)];
-                }
-            }
+        let columns = compliance.inverse(&self.vertices, &new, true);
+        let all: Vec<usize> = (old..self.vertices.len()).collect();
+        extend(&mut self.free, &all, &columns);
+        // Left out on both sides or on none: the model stays symmetric and positive.
+        let steep: Vec<usize> = all.into_iter().filter(|&l| self.tilted[l]).collect();
+        let new: Vec<u32> = steep.iter().map(|&l| self.vertices[l]).collect();
+        let mut columns = compliance.inverse(&self.vertices, &new, false);
+        for (k, _) in self.tilted.iter().enumerate().filter(|(_, t)| !**t) {
+            columns.row_mut(k).fill(0.0);
         }
+        extend(&mut self.full, &steep, &columns);
+    }
+}
+
+/// Writes columns and their mirror images into a matrix that grows with them.
+fn extend(known: &mut DMatrix<f64>, at: &[usize], columns: &DMatrix<f64>) {
+    let count = columns.nrows();
+    *known = std::mem::take(known).resize(count, count, 0.0);
+    for (column, &l) in columns.column_iter().zip(at) {
+        known.column_mut(l).copy_from(&column);
+        known.row_mut(l).tr_copy_from(&column);
     }
 }

@@ -192,7 +192,7 @@ impl Filter {
     /// As [`Filter::step`], after stiffness or options that leave the information matrix unusable.
     ///
     /// # Complexity
-    /// One factorisation and one selected inverse, about 6 ms at 2,000 vertices: ask for it every few frames.
+    /// One factorisation and one selected inverse, some ten times a linear update: ask for it every few frames.
     pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
         Ok(self.variances()?.into_iter().map(f64::sqrt).collect())
     }
