@@ -15,7 +15,7 @@ impl Filter {
     /// Replaces the graph: vertices added, removed, joined otherwise, or with relaxed rest positions.
     ///
     /// `keep[i]` is the old vertex that new vertex `i` continues; it hands on its information and, unless `rotations` gives
-    /// others, its rotation. Vertices without one get [`Options::initial_sigma`] and the rotation that fits their edges.
+    /// others, its rotation. Vertices without one get [`Options::initial_sigma`](crate::Options::initial_sigma) and the rotation that fits their edges.
     ///
     /// # Errors
     /// Lists of different lengths, unusable points or rotations, indices out of range; the filter then keeps its graph.

@@ -16,7 +16,7 @@ use common::{Noise, ellipsoid, mean_error, sheet};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use topo_ekf::{Filter, Frame, Observation, Options, Plane, Status};
 
-type Seen = dyn Fn(&[Point3<f64>], f64) -> Vec<bool>;
+type Seen<'a> = dyn Fn(&[Point3<f64>], f64) -> Vec<bool> + 'a;
 
 struct Motion<'a> {
     rest: Vec<Point3<f64>>,
@@ -27,7 +27,7 @@ struct Motion<'a> {
     /// Where everything is when a share of the motion is done.
     truth: &'a dyn Fn(f64) -> Vec<Point3<f64>>,
     /// What is seen then, told by the truth.
-    seen: &'a Seen,
+    seen: &'a Seen<'a>,
     /// The table is `z = table`.
     table: f64,
 }
