@@ -1,18 +1,19 @@
 //! Planning a manipulation: from what is known of the object to grips and paths.
 //!
 //! [`Planner`] is the seam; [`CoveragePlanner`] asks `grip-planner` for the set with the best null-space coverage
-//! whose motion can be done, [`RandomPlanner`] draws grips at random among the same candidates and moves them the
+//! whose motion can be done, [`RandomPlanner`] draws feasible grips at random on the boundary and moves them the
 //! same way: the paper's baseline.
 
 use crate::Error;
 use crate::canonical::topology::Topology;
 use crate::cell::CellInfo;
 use grip_planner::{
-    Arm, Candidate, Grip, GripSet, Model, Motion, PlanOptions, Role, Scene, Workspace,
+    Arm, Candidate, CandidateSource, Coverage, GripSet, Model, Motion, PlanOptions, Role, Scene,
+    Turn, Workspace,
 };
-use nalgebra::{Isometry3, Point3, Translation3, UnitVector3};
-use rand::Rng;
+use nalgebra::{Isometry3, Point3, UnitVector3};
 use rand::SeedableRng;
+use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 
 /// What a planner may know.
@@ -117,7 +118,7 @@ impl Planner for CoveragePlanner {
         options.turn.speed = input.speed;
         let (model, scene) = (model(input), scene(input, &arms));
         let sets = match grip_planner::plan_grips(&model, &scene, &options.grips) {
-            Ok(sets) => sets,
+            Ok(ranked) => ranked.sets,
             Err(error @ grip_planner::Error::NoGrips { .. }) => return Ok(Err(error.to_string())),
             Err(error) => return Err(error.into()),
         };
@@ -141,7 +142,11 @@ impl Planner for CoveragePlanner {
     }
 }
 
-/// Random grips among the candidates.
+/// Random grips on the boundary: what planning the grips is worth is measured against them.
+///
+/// Everything but the choice is that of [`CoveragePlanner`]: the candidates are vertices that an arm can take hold of (on the boundary, or
+/// on the visible outline when fewer than two are on the boundary), the arms do not cross, the motion is the same turn with the same
+/// checks, about the side of the box away from the grips that shows most. A third arm holds a random candidate near the pivot.
 #[derive(Debug, Clone)]
 pub struct RandomPlanner {
     options: PlanOptions,
@@ -160,48 +165,49 @@ impl RandomPlanner {
         }
     }
 
-    /// A random pair of candidates with arms that reach them, turned the way it suits best.
+    /// The boundary, or the outline too when the boundary gives no pair.
+    fn candidates(
+        &self,
+        model: &Model<'_>,
+        scene: &Scene<'_>,
+    ) -> Result<Vec<Candidate>, grip_planner::Error> {
+        let mut options = self.options.grips.clone();
+        options.source = CandidateSource::Boundary;
+        let boundary = grip_planner::candidates(model, scene, &options)?.accepted;
+        if boundary.len() >= 2 {
+            return Ok(boundary);
+        }
+        Ok(grip_planner::candidates(model, scene, &self.options.grips)?.accepted)
+    }
+
+    /// A random pair of candidates, and a random third that can hold the body meanwhile.
     fn draw(
         &mut self,
         found: &[Candidate],
-        turns: &[grip_planner::Turn],
+        turns: &[Turn],
         scene: &Scene<'_>,
+        coverage: &Coverage,
     ) -> Option<GripSet> {
-        let [a, b] = [0, 1].map(|_| &found[self.random.random_range(0..found.len())]);
+        let pair: Vec<&Candidate> = found.choose_multiple(&mut self.random, 2).collect();
+        let [a, b] = pair[..] else {
+            return None;
+        };
         if (a.point - b.point).norm() < scene.jaw_separation {
             return None;
         }
-        let free = |c: &Candidate, not: Option<usize>| {
-            c.arms.iter().copied().find(|arm| Some(*arm) != not)
+        // The pivot lies away from the grips, on the side that shows most.
+        let shows = |t: &Turn| {
+            let lever = t.local(&a.point).y.min(t.local(&b.point).y) / t.span;
+            t.gain * lever
         };
-        let first = free(a, None)?;
-        let second = free(b, Some(first))?;
-        let suits = |t: &grip_planner::Turn| t.suitability([&a.point, &b.point], [0.0, 10.0]);
-        let turn = turns.iter().max_by(|s, t| suits(s).total_cmp(&suits(t)))?;
-        let grips = vec![self.grip(first, a, scene), self.grip(second, b, scene)];
-        Some(GripSet {
-            grips,
-            coverage: 0.0,
-            lifting_coverage: 0.0,
-            suitability: suits(turn),
-            score: 0.0,
-            turn: *turn,
-        })
-    }
-
-    fn grip(&self, arm: usize, candidate: &Candidate, scene: &Scene<'_>) -> Grip {
-        let camera_from_tip = candidate.camera_from_tip();
-        let back = |d: f64| camera_from_tip * Translation3::new(0.0, 0.0, -d);
-        let camera_from_approach = back(self.options.grips.approach_distance);
-        let up = Translation3::from(scene.table.normal.into_inner() * 0.02);
-        Grip {
-            arm,
-            vertex: candidate.vertex,
-            role: Role::Lift,
-            camera_from_tip,
-            camera_from_approach,
-            camera_from_retreat: up * camera_from_approach,
-        }
+        let turn = turns.iter().max_by(|s, t| shows(s).total_cmp(&shows(t)))?;
+        let options = &self.options.grips;
+        let set = GripSet::lifting(scene, options, coverage, [a, b], turn).ok()?;
+        let thirds: Vec<GripSet> = found
+            .iter()
+            .filter_map(|c| set.supported(scene, options, coverage, c).ok())
+            .collect();
+        Some(thirds.choose(&mut self.random).cloned().unwrap_or(set))
     }
 }
 
@@ -209,23 +215,29 @@ impl Planner for RandomPlanner {
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<ManipulationPlan, String>, Error> {
         let arms = arms(input.cell);
         let (model, scene) = (model(input), scene(input, &arms));
-        let found = grip_planner::candidates(&model, &scene, &self.options.grips)?;
-        let turns = grip_planner::turns(&model, &scene)?;
-        self.options.turn.speed = input.speed;
-        if found.accepted.len() < 2 {
-            return Ok(Err(format!("{} candidates", found.accepted.len())));
+        let found = self.candidates(&model, &scene)?;
+        if found.len() < 2 {
+            return Ok(Err(format!("{} candidates", found.len())));
         }
+        let turns = grip_planner::turns(&model, &scene)?;
+        let vertices: Vec<u32> = found.iter().map(|c| c.vertex).collect();
+        let stiffness = &self.options.grips.coverage;
+        let coverage = Coverage::new(&model, &scene.table, &vertices, stiffness)?;
+        self.options.turn.speed = input.speed;
         for _ in 0..DRAWS {
-            let Some(set) = self.draw(&found.accepted, &turns, &scene) else {
+            let Some(set) = self.draw(&found, &turns, &scene, &coverage) else {
                 continue;
             };
-            if let Ok(motion) = grip_planner::turn_over(&model, &scene, &set, &self.options.turn) {
-                return Ok(Ok(manipulation(&set, motion)));
+            for set in [set.clone(), set.without_support()] {
+                let motion = grip_planner::turn_over(&model, &scene, &set, &self.options.turn);
+                if let Ok(motion) = motion {
+                    return Ok(Ok(manipulation(&set, motion)));
+                }
             }
         }
         Ok(Err(format!(
             "none of {DRAWS} random pairs of {} candidates can be moved",
-            found.accepted.len()
+            found.len()
         )))
     }
 }
@@ -273,6 +285,7 @@ fn scene<'a>(input: &PlanInput<'_>, arms: &'a [Arm]) -> Scene<'a> {
         arms,
         camera: Point3::origin(),
         jaw_radius,
+        shaft_length: 0.05,
         jaw_separation: 4.0 * jaw_radius,
         clearance: 2e-3,
     }

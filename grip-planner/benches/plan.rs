@@ -6,7 +6,7 @@ mod fixture;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use grip_planner::{
-    Coverage, CoverageOptions, Options, PlanOptions, TurnOptions, agent_box, candidates, plan,
+    Action, Coverage, CoverageOptions, Options, PlanOptions, TurnOptions, agent_box, candidates, plan,
     plan_grips, turn_over,
 };
 
@@ -21,7 +21,7 @@ fn bench(c: &mut Criterion) {
         let options = PlanOptions::default();
         group.throughput(Throughput::Elements(model.points.len() as u64));
         group.bench_function(BenchmarkId::new("whole", count), |b| {
-            b.iter(|| plan(&model, &scene, &options).unwrap());
+            b.iter(|| plan(&model, &scene, Action::TurnOver, &options).unwrap());
         });
         let found = candidates(&model, &scene, &Options::default()).unwrap();
         let vertices: Vec<u32> = found.accepted.iter().map(|c| c.vertex).collect();
@@ -42,7 +42,7 @@ fn bench(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("agent box", count), |b| {
             b.iter(|| agent_box(model.points, &scene.table));
         });
-        let sets = plan_grips(&model, &scene, &Options::default()).unwrap();
+        let sets = plan_grips(&model, &scene, &Options::default()).unwrap().sets;
         group.bench_function(BenchmarkId::new("turn over", count), |b| {
             b.iter(|| turn_over(&model, &scene, &sets[0], &TurnOptions::default()));
         });

@@ -6,7 +6,7 @@
 #[path = "../tests/fixture/mod.rs"]
 mod fixture;
 
-use grip_planner::{PlanOptions, missing_vector_area, plan, turns};
+use grip_planner::{Action, PlanOptions, missing_vector_area, plan, turns};
 
 fn main() -> Result<(), grip_planner::Error> {
     let body = fixture::usual(4000);
@@ -28,7 +28,7 @@ fn main() -> Result<(), grip_planner::Error> {
         );
     }
     let start = std::time::Instant::now();
-    let plan = plan(&model, &scene, &PlanOptions::default())?;
+    let plan = plan(&model, &scene, Action::TurnOver, &PlanOptions::default())?;
     println!(
         "planned in {:.1} ms after {} refusals",
         1e3 * start.elapsed().as_secs_f64(),
@@ -37,12 +37,16 @@ fn main() -> Result<(), grip_planner::Error> {
     for r in &plan.refused {
         println!("  refused {:?} {:.3}: {}", r.vertices, r.score, r.reason);
     }
-    let set = &plan.grips;
     println!(
-        "coverage {:.3}, suitability {:.3}, score {:.3}, {:.1} s",
-        set.coverage, set.suitability, set.score, plan.motion.duration
+        "coverage {:.3}, score {:.3}, {:.1} s to the grips, {:.1} s, {:.1} s home; at most {:.3} m/s",
+        plan.coverage,
+        plan.score,
+        plan.reach.duration,
+        plan.motion.duration,
+        plan.withdraw.duration,
+        plan.speed_limit
     );
-    for (grip, path) in set.grips.iter().zip(&plan.motion.arms) {
+    for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
         println!(
             "arm {} ({:?}) holds vertex {} until {:.1} s",
             grip.arm, grip.role, grip.vertex, path.release

@@ -1,18 +1,21 @@
-//! Grip candidates: which vertices an arm could take hold of, and how it would come.
+//! Grip candidates: which vertices an arm could take hold of, and why the others are none.
 //!
-//! A candidate is on the boundary of the explored part, seen now, high enough above the table, within the reach of an
-//! arm, and the way to it is free. The tool comes against the outward normal (pitch); where the normal is lower
-//! than a tool may lean, it is tilted up to the least elevation in the same vertical plane. The jaws open along the
-//! boundary tangent (roll), which keeps both at the same height, away from the table.
+//! A vertex on the boundary of the explored part (or, to fill up, on the visible outline) is a candidate when
+//! 1. the camera sees it and the surface does not face the table;
+//! 2. a tool comes to it with its tip above the table (module `orientation`);
+//! 3. an arm reaches the approach, grasp and retreat poses;
+//! 4. the open jaws go round it: the surface does not stand up beside it;
+//! 5. the body is not in the way of the tool at these poses;
+//! 6. it is as far as possible from those already taken, while there is room.
+//!
+//! Every vertex that was looked at and failed comes back with its [`Reason`].
 
-use nalgebra::{
-    Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion,
-    UnitVector3, Vector3,
-};
+use nalgebra::{Isometry3, Point3, UnitVector3};
 
-use crate::model::Adjacency;
+use crate::body::{Body, Tool};
 use crate::options::CandidateSource;
-use crate::{AgentBox, Error, Model, Options, Scene, agent_box};
+use crate::orientation::{Orientation, backed_off, pose, retreat};
+use crate::{Error, Model, Options, Reason, Scene, Waypoint};
 
 /// A vertex that can be gripped.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,7 +30,7 @@ pub struct Candidate {
     pub roll: UnitVector3<f64>,
     /// Where the tip grips: a little beyond the vertex, never nearer to the table than the clearance.
     pub tip: Point3<f64>,
-    /// The arms that reach the grip and the approach.
+    /// The arms that reach the approach, the grasp and the retreat.
     pub arms: Vec<usize>,
     /// Whether it is on the boundary of the explored part (otherwise only visible).
     pub boundary: bool,
@@ -40,45 +43,12 @@ impl Candidate {
     }
 }
 
-/// Why a boundary vertex cannot be gripped.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum Reason {
-    /// The camera does not see it.
-    #[error("not visible")]
-    Hidden,
-    /// The tip would be too near the table.
-    #[error("{height} m above the table")]
-    TooLow {
-        /// Height of the tip above the table, metres.
-        height: f64,
-    },
-    /// The surface faces the table.
-    #[error("the normal dips {dip} rad under the horizon")]
-    FacesTable {
-        /// Angle between the normal and the horizon, radians.
-        dip: f64,
-    },
-    /// No arm reaches it.
-    #[error("out of the reach of every arm")]
-    OutOfReach,
-    /// The body is in the way of the tool.
-    #[error("vertex {by} is in the way of the tool")]
-    Blocked {
-        /// The vertex in the way.
-        by: u32,
-    },
-    /// Other candidates are near and there are enough of them.
-    #[error("another candidate is near")]
-    Thinned,
-}
-
 /// The vertices that can be gripped, and why the others cannot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Candidates {
     /// Accepted, in vertex order.
     pub accepted: Vec<Candidate>,
-    /// Boundary vertices that were rejected, in vertex order.
+    /// Every other vertex that was looked at, with its reason, in vertex order.
     pub rejected: Vec<(u32, Reason)>,
 }
 
@@ -88,7 +58,7 @@ pub struct Candidates {
 /// A model, scene or setting that is not usable.
 ///
 /// # Complexity
-/// `O(n)` per candidate that is looked at.
+/// `O(n log n)` for the obstacle, `O(log n)` per candidate where the body is not near its tool.
 pub fn candidates(model: &Model, scene: &Scene, options: &Options) -> Result<Candidates, Error> {
     Ok(Search::new(model, scene, options)?.run())
 }
@@ -130,8 +100,8 @@ struct Search<'a> {
     model: &'a Model<'a>,
     scene: &'a Scene<'a>,
     options: &'a Options,
-    near: Adjacency,
-    outline: AgentBox,
+    orientation: Orientation<'a>,
+    body: Body,
 }
 
 impl<'a> Search<'a> {
@@ -143,14 +113,12 @@ impl<'a> Search<'a> {
         model.check()?;
         scene.check()?;
         options.check()?;
-        let near = Adjacency::new(model.points.len(), model.edges);
-        let outline = agent_box(model.points, &scene.table)?;
         Ok(Self {
             model,
             scene,
             options,
-            near,
-            outline,
+            orientation: Orientation::new(model, scene, options)?,
+            body: Body::new(model.points, scene.tool_radius()),
         })
     }
 
@@ -167,14 +135,12 @@ impl<'a> Search<'a> {
         };
         let mut accepted = self.keep_free(&reachable, room, &[], &mut rejected);
         if fill {
-            // Why a vertex that is not on the boundary was passed over interests nobody.
-            let mut ignored = Vec::new();
-            let outline = self.examine(self.visible_outline(), &mut ignored);
+            let outline = self.examine(self.visible_outline(), &mut rejected);
             let more = self.keep_free(
                 &outline,
                 self.options.max_candidates - accepted.len(),
                 &accepted,
-                &mut ignored,
+                &mut rejected,
             );
             accepted.extend(more);
         }
@@ -183,9 +149,9 @@ impl<'a> Search<'a> {
 
     /// Visible vertices in the outer quarter of the footprint, not on the boundary.
     fn visible_outline(&self) -> impl Iterator<Item = u32> + '_ {
-        let half = self.outline.half_extents;
+        let half = self.orientation.outline.half_extents;
         let outer = move |p: &Point3<f64>| {
-            let q = self.outline.local(p);
+            let q = self.orientation.outline.local(p);
             q.x.abs() >= 0.75 * half.x || q.y.abs() >= 0.75 * half.y
         };
         let wanted = move |v: usize| {
@@ -217,23 +183,11 @@ impl<'a> Search<'a> {
         if !self.model.visible[v] {
             return Err(Reason::Hidden);
         }
-        let table = &self.scene.table;
-        let point = self.model.points[v];
-        let normal = self.model.normals[v];
-        let elevation = normal.dot(&table.normal).clamp(-1.0, 1.0).asin();
-        if elevation < -self.options.max_dip {
-            return Err(Reason::FacesTable { dip: -elevation });
-        }
-        let approach = self.approach(&normal, elevation);
-        let tip = self.tip(point + approach.as_ref() * self.options.grip_depth)?;
-        let roll = self.roll(v, &approach, &tip);
-        let arms = self.reached_by(&pose(tip, &approach, &roll));
-        if arms.is_empty() {
-            return Err(Reason::OutOfReach);
-        }
+        let (tip, approach, roll) = self.orientation.at(v)?;
+        let arms = self.reached_by(&pose(tip, &approach, &roll))?;
         Ok(Candidate {
             vertex,
-            point,
+            point: self.model.points[v],
             approach,
             roll,
             tip,
@@ -242,89 +196,37 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Against the normal, tilted up to the least elevation.
-    fn approach(&self, normal: &UnitVector3<f64>, elevation: f64) -> UnitVector3<f64> {
-        if elevation >= self.options.min_elevation {
-            return -*normal;
-        }
-        let up = self.scene.table.normal;
-        let out = self
-            .scene
-            .table
-            .along(normal)
-            .try_normalize(1e-9)
-            .unwrap_or(*self.outline.axes[1]);
-        let (sin, cos) = self.options.min_elevation.sin_cos();
-        -UnitVector3::new_normalize(out * cos + up.as_ref() * sin)
+    /// The poses of a grip, in the order in which they are passed.
+    fn waypoints(&self, grasp: &Isometry3<f64>) -> [(Waypoint, Isometry3<f64>); 3] {
+        let distance = self.options.approach_distance;
+        [
+            (Waypoint::Approach, backed_off(grasp, distance)),
+            (Waypoint::Grasp, *grasp),
+            (Waypoint::Retreat, retreat(grasp, self.scene, distance)),
+        ]
     }
 
-    /// A tip that is a little too low is raised: the jaws are wide enough to hold the vertex all the same.
-    fn tip(&self, tip: Point3<f64>) -> Result<Point3<f64>, Reason> {
-        let height = self.scene.table.height(&tip);
-        let missing = self.scene.clearance - height;
-        if missing <= 0.0 {
-            return Ok(tip);
-        }
-        if missing > self.scene.jaw_radius {
-            return Err(Reason::TooLow { height });
-        }
-        Ok(tip + self.scene.table.normal.as_ref() * missing)
-    }
-
-    /// Along the boundary; along the table when there is no boundary or a jaw would meet the table.
-    fn roll(&self, v: usize, approach: &UnitVector3<f64>, tip: &Point3<f64>) -> UnitVector3<f64> {
-        let free = |d: &UnitVector3<f64>| {
-            let drop = self.scene.table.normal.dot(d).abs() * self.scene.jaw_radius;
-            self.scene.table.height(tip) - drop >= 0.0
+    /// The arms that reach all poses of the grip, or what the nearest one does not reach.
+    fn reached_by(&self, grasp: &Isometry3<f64>) -> Result<Vec<usize>, Reason> {
+        let poses = self.waypoints(grasp);
+        let missed = |arm: usize| {
+            let workspace = &self.scene.arms[arm].workspace;
+            poses.iter().find(|(_, pose)| !workspace.contains(pose))
         };
-        let level = || {
-            let across = self.scene.table.normal.cross(approach);
-            // A tool that stands upright may have any roll: along the longer side of the box.
-            UnitVector3::try_new(across, 1e-6).unwrap_or(self.outline.axes[0])
-        };
-        let tangent = self
-            .tangent(v)
-            .and_then(|t| UnitVector3::try_new(t - approach.as_ref() * approach.dot(&t), 1e-3));
-        let roll = tangent.filter(free).unwrap_or_else(level);
-        let roll =
-            UnitVector3::new_normalize(roll.into_inner() - approach.as_ref() * approach.dot(&roll));
-        // Both signs are the same grip; one is chosen so that the answer does not depend on an eigenvector's sign.
-        let side = self.scene.table.normal.cross(approach);
-        if roll.dot(&side) < 0.0 { -roll } else { roll }
-    }
-
-    /// Direction of the boundary at `v`: the principal direction of the edges to boundary neighbours.
-    fn tangent(&self, v: usize) -> Option<Vector3<f64>> {
-        let rim = self
-            .near
-            .of(v)
-            .iter()
-            .filter(|&&w| self.model.boundary[w as usize] && self.model.boundary[v]);
-        let scatter: Matrix3<f64> = rim
-            .filter_map(|&w| {
-                (self.model.points[w as usize] - self.model.points[v]).try_normalize(0.0)
-            })
-            .map(|d| d * d.transpose())
-            .sum();
-        if scatter.trace() == 0.0 {
-            return None;
+        let arms = 0..self.scene.arms.len();
+        let reaching: Vec<usize> = arms.clone().filter(|&a| missed(a).is_none()).collect();
+        if !reaching.is_empty() {
+            return Ok(reaching);
         }
-        let eigen = SymmetricEigen::new(scatter);
-        Some(
-            eigen
-                .eigenvectors
-                .column(eigen.eigenvalues.imax())
-                .into_owned(),
-        )
-    }
-
-    fn reached_by(&self, grasp: &Isometry3<f64>) -> Vec<usize> {
-        let approach = backed_off(grasp, self.options.approach_distance);
-        let reaches =
-            |a: &crate::Arm| a.workspace.contains(grasp) && a.workspace.contains(&approach);
-        (0..self.scene.arms.len())
-            .filter(|&a| reaches(&self.scene.arms[a]))
-            .collect()
+        let way = |arm: &usize| {
+            (self.scene.arms[*arm].base.coords - grasp.translation.vector).norm_squared()
+        };
+        let nearest = arms.min_by(|a, b| way(a).total_cmp(&way(b))).unwrap_or(0);
+        let at = (!self.scene.arms.is_empty()).then(|| missed(nearest)).flatten();
+        Err(Reason::OutOfReach {
+            arm: nearest,
+            at: at.map_or(Waypoint::Grasp, |(at, _)| *at),
+        })
     }
 
     /// Takes candidates one by one, each as far as possible from those already taken (farthest point sampling),
@@ -336,78 +238,59 @@ impl<'a> Search<'a> {
         taken: &[Candidate],
         rejected: &mut Vec<(u32, Reason)>,
     ) -> Vec<Candidate> {
-        let nearest = |c: &Candidate| {
-            taken
-                .iter()
-                .map(|t| (t.point - c.point).norm())
-                .fold(f64::INFINITY, f64::min)
+        // Without anything taken the first is the one farthest from the middle of the box.
+        let middle = |c: &Candidate| 1e3 + (c.point - self.orientation.outline.center).norm();
+        let mut gap: Vec<(f64, u32)> = from.iter().map(|c| (middle(c), c.vertex)).collect();
+        let near = |gap: &mut [(f64, u32)], kept: &Candidate| {
+            for (g, c) in gap.iter_mut().zip(from) {
+                let d = (c.point - kept.point).norm();
+                if d < g.0 {
+                    *g = (d, kept.vertex);
+                }
+            }
         };
-        let mut gap: Vec<f64> = from.iter().map(nearest).collect();
-        if taken.is_empty() {
-            // Without anything taken the first is the one farthest from the middle of the box.
-            gap.iter_mut()
-                .zip(from)
-                .for_each(|(g, c)| *g = 1e3 + (c.point - self.outline.center).norm());
-        }
+        taken.iter().for_each(|t| near(&mut gap, t));
         let mut open = vec![true; from.len()];
         let mut kept: Vec<Candidate> = Vec::new();
         while kept.len() < room {
-            let farther = |a: &usize, b: &usize| gap[*a].total_cmp(&gap[*b]).then(b.cmp(a));
+            let farther = |a: &usize, b: &usize| gap[*a].0.total_cmp(&gap[*b].0).then(b.cmp(a));
             let Some(i) = (0..from.len()).filter(|&i| open[i]).max_by(farther) else {
                 break;
             };
             open[i] = false;
-            if let Some(by) = self.blocked_by(&from[i]) {
-                rejected.push((from[i].vertex, Reason::Blocked { by }));
+            if let Err(reason) = self.check_way(&from[i]) {
+                rejected.push((from[i].vertex, reason));
                 continue;
             }
-            for (g, c) in gap.iter_mut().zip(from) {
-                *g = g.min((c.point - from[i].point).norm());
-            }
+            near(&mut gap, &from[i]);
             kept.push(from[i].clone());
         }
-        rejected.extend(
-            (0..from.len())
-                .filter(|&i| open[i])
-                .map(|i| (from[i].vertex, Reason::Thinned)),
-        );
+        rejected.extend((0..from.len()).filter(|&i| open[i]).map(|i| {
+            let (distance, near) = gap[i];
+            (from[i].vertex, Reason::Thinned { near, distance })
+        }));
         kept
     }
 
-    /// The first vertex within half a jaw of the tool behind its jaws.
-    fn blocked_by(&self, candidate: &Candidate) -> Option<u32> {
-        let back = -candidate.approach.into_inner();
-        // The jaws themselves straddle the surface; only what is behind them can be in the way.
-        let from = 2.0 * self.scene.jaw_radius + self.options.grip_depth;
-        let length = self.options.shaft_length - from;
-        if length <= 0.0 {
-            return None;
+    /// Room for the jaws and for the tool behind them.
+    fn check_way(&self, candidate: &Candidate) -> Result<(), Reason> {
+        let grasp = candidate.camera_from_tip();
+        let (jaw, depth) = (self.scene.jaw_radius, self.options.grip_depth);
+        for side in [-jaw, jaw] {
+            // Tissue may bulge by half an opening between the fingers.
+            let finger = [1.0, 2.0].map(|k| grasp * Point3::new(0.0, side, -depth - k * jaw));
+            if let Some((by, _)) = self.body.hit(finger) {
+                return Err(Reason::TooWide { by });
+            }
         }
-        let start = candidate.tip + back * from;
-        let limit = (0.5 * self.scene.jaw_radius).powi(2);
-        let hit = |p: &Point3<f64>| {
-            let d = p - start;
-            (d - back * back.dot(&d).clamp(0.0, length)).norm_squared() < limit
-        };
-        self.model.points.iter().position(hit).map(|v| v as u32)
+        for (at, pose) in self.waypoints(&grasp) {
+            // The wrist link differs from arm to arm and is looked at when the way is planned.
+            let tool = Tool::new(&pose, &candidate.tip, self.scene.shaft_length);
+            let jaws = self.scene.jaw_length();
+            if let Some((by, _)) = tool.shaft(jaws).and_then(|s| self.body.hit(s)) {
+                return Err(Reason::Blocked { by, at });
+            }
+        }
+        Ok(())
     }
-}
-
-/// Tip pose from its origin, approach (+z) and jaw direction (+y), which are perpendicular.
-pub(crate) fn pose(
-    tip: Point3<f64>,
-    approach: &UnitVector3<f64>,
-    roll: &UnitVector3<f64>,
-) -> Isometry3<f64> {
-    let (z, y) = (approach.into_inner(), roll.into_inner());
-    let axes = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]));
-    Isometry3::from_parts(
-        Translation3::from(tip.coords),
-        UnitQuaternion::from_rotation_matrix(&axes),
-    )
-}
-
-/// The pose `distance` back along the tool.
-pub(crate) fn backed_off(camera_from_tip: &Isometry3<f64>, distance: f64) -> Isometry3<f64> {
-    camera_from_tip * Translation3::new(0.0, 0.0, -distance)
 }

@@ -1,181 +1,249 @@
 //! What makes a motion impossible.
 //!
-//! At every key frame and half-way between: each tip in its workspace, tips and jaws above the table, and
-//! the tools apart. A tool is two segments as thick as its jaws, from the tip back along its straight part and from there
-//! to the base of its arm.
+//! At every key frame and half-way between: each tip in its workspace; tip, jaws and wrist above the table; the tools apart; and no tool
+//! in the body, which moves. The body is seen from each tool as a rigid one:
+//!
+//! ```text
+//! lies still                camera_from_body = constant
+//! carried by a tip          camera_from_body = T(p(t)) · R(a, θ(t)) · T(−p(0))
+//! ```
+//!
+//! with `p` the tip of that tool, or the middle of the lifting tips for a tool that does not hold. A soft body hangs lower than that, away from the
+//! tools, but where a tool holds it there is tissue whatever the rest does. The poses of the tools are taken back into the frame of the body at
+//! rest, so the obstacle is built once.
 
-use nalgebra::{Isometry3, Point3, Vector3};
-use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as closest;
-use parry3d_f64::shape::Segment;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3};
 
+use crate::body::{Body, Tool};
 use crate::motion::between;
-use crate::{Error, Motion, Scene};
-
-/// Why a motion was not planned.
-#[derive(Debug, Clone, thiserror::Error)]
-#[non_exhaustive]
-pub enum Refusal {
-    /// The input cannot be used.
-    #[error(transparent)]
-    Input(#[from] Error),
-    /// A tip would have to leave its workspace.
-    #[error("arm {arm} cannot reach {position:?} at {time:.2} s")]
-    OutOfWorkspace {
-        /// The arm.
-        arm: usize,
-        /// When, seconds.
-        time: f64,
-        /// Where, metres.
-        position: [f64; 3],
-    },
-    /// A tip or jaw would hit the table.
-    #[error(
-        "arm {arm} is {height:.4} m above the table at {time:.2} s, it must stay {clearance} m above"
-    )]
-    HitsTable {
-        /// The arm.
-        arm: usize,
-        /// When, seconds.
-        time: f64,
-        /// Height of its tip, or of its lower jaw plus the clearance, metres.
-        height: f64,
-        /// What must be kept, metres.
-        clearance: f64,
-    },
-    /// Two tools would meet.
-    #[error("arms {arms:?} come within {distance:.4} m of each other at {time:.2} s")]
-    ArmsCollide {
-        /// The arms.
-        arms: [usize; 2],
-        /// When, seconds.
-        time: f64,
-        /// Distance of their surfaces, metres.
-        distance: f64,
-    },
-    /// The set does not have two lifting grips on the lifted side.
-    #[error("{lifting} lifting grips on the lifted side: a turn takes 2")]
-    CannotLift {
-        /// How many there are.
-        lifting: usize,
-    },
-    /// A hole needs a grip on each of its sides.
-    #[error("no candidate that an arm can take on side {side} of the hole")]
-    NoGripBesideHole {
-        /// Which side, 0 or 1.
-        side: usize,
-    },
-    /// A hole this small or thin has no long axis.
-    #[error("the loop of {vertices} vertices does not span a hole")]
-    NotAHole {
-        /// Vertices of the loop.
-        vertices: usize,
-    },
-}
+use crate::{ArmPath, Motion, Refusal, Role, Scene};
 
 /// Rounding of poses that touch a bound exactly (the grasp itself may stand at the clearance).
 const ROUNDING: f64 = 1e-9;
 
-/// Refuses a motion that leaves a workspace, meets the table or lets two tools meet.
-pub(crate) fn check(motion: &Motion, scene: &Scene, shaft_length: f64) -> Result<(), Refusal> {
-    let frames = motion.arms.first().map_or(0, |p| p.keyframes.len());
-    for k in 0..frames {
-        check_instant(motion, scene, shaft_length, k, 0.0)?;
-        if k + 1 < frames {
-            check_instant(motion, scene, shaft_length, k, 0.5)?;
-        }
-    }
-    Ok(())
+/// How the body goes with the tools.
+pub(crate) enum Carried<'a> {
+    /// It lies at `body_from_camera`; jaws are in it within `approach` metres of a grasp.
+    Still {
+        body_from_camera: Isometry3<f64>,
+        grasps: &'a [Point3<f64>],
+        approach: f64,
+    },
+    /// It is held, and turned about `axis` by so much at every key frame.
+    Turned {
+        axis: UnitVector3<f64>,
+        angles: &'a [f64],
+        /// A supporting tool is still leaving its grip within this distance of where it let go.
+        leaving: f64,
+    },
 }
 
-fn check_instant(
-    motion: &Motion,
-    scene: &Scene,
-    shaft: f64,
-    k: usize,
+/// What a motion is checked against.
+pub(crate) struct Surroundings<'a> {
+    pub(crate) scene: &'a Scene<'a>,
+    pub(crate) body: &'a Body,
+    jaws: f64,
+}
+
+/// A moment of a motion: between two key frames, or at one.
+#[derive(Clone, Copy)]
+struct Moment {
+    frame: usize,
     share: f64,
-) -> Result<(), Refusal> {
-    let instant = |path: &crate::ArmPath| {
-        let from = path.keyframes[k];
-        let Some(to) = path.keyframes.get(k + 1) else {
-            return (from.time, from.camera_from_tip);
+    time: f64,
+}
+
+impl<'a> Surroundings<'a> {
+    pub(crate) fn new(scene: &'a Scene<'a>, body: &'a Body) -> Self {
+        Self {
+            scene,
+            body,
+            jaws: scene.jaw_length(),
+        }
+    }
+
+    /// Refuses a motion that leaves a workspace, meets the table or the body, or lets two tools meet.
+    pub(crate) fn check(&self, motion: &Motion, carried: &Carried) -> Result<(), Refusal> {
+        let Some(first) = motion.arms.first() else {
+            return Ok(());
         };
-        let pose = if share > 0.0 {
-            between(&from.camera_from_tip, &to.camera_from_tip, share)
-        } else {
-            from.camera_from_tip
+        let frames = &first.keyframes;
+        for (frame, key) in frames.iter().enumerate() {
+            let at = |share: f64, time: f64| Moment { frame, share, time };
+            self.check_moment(motion, carried, at(0.0, key.time))?;
+            if let Some(next) = frames.get(frame + 1) {
+                self.check_moment(motion, carried, at(0.5, 0.5 * (key.time + next.time)))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn check_moment(
+        &self,
+        motion: &Motion,
+        carried: &Carried,
+        moment: Moment,
+    ) -> Result<(), Refusal> {
+        let mut tools: Vec<(usize, Tool)> = Vec::with_capacity(motion.arms.len());
+        for path in &motion.arms {
+            let pose = pose_at(path, moment);
+            let base = &self.scene.arms[path.arm].base;
+            let tool = Tool::new(&pose, base, self.scene.shaft_length);
+            self.check_tip(motion, path.arm, moment, &pose, &tool)?;
+            for (other, o) in &tools {
+                let distance = tool.distance(o) - 2.0 * self.scene.jaw_radius;
+                if distance < self.scene.clearance {
+                    return Err(Refusal::ArmsCollide {
+                        stage: motion.stage_at(moment.time),
+                        arms: [*other, path.arm],
+                        time: moment.time,
+                        distance,
+                    });
+                }
+            }
+            tools.push((path.arm, tool));
+        }
+        for (path, (_, tool)) in motion.arms.iter().zip(&tools) {
+            self.check_body(motion, carried, path, moment, tool)?;
+        }
+        Ok(())
+    }
+
+    fn check_tip(
+        &self,
+        motion: &Motion,
+        arm: usize,
+        moment: Moment,
+        pose: &Isometry3<f64>,
+        tool: &Tool,
+    ) -> Result<(), Refusal> {
+        let (stage, time) = (motion.stage_at(moment.time), moment.time);
+        if !self.scene.arms[arm].workspace.contains(pose) {
+            return Err(Refusal::OutOfWorkspace {
+                stage,
+                arm,
+                time,
+                position: [tool.tip.x, tool.tip.y, tool.tip.z],
+            });
+        }
+        let table = &self.scene.table;
+        let opening = table.normal.dot(&(pose.rotation * Vector3::y())).abs();
+        // The tip keeps the clearance; a jaw may come down to the table.
+        let lowest_jaw = table.height(&tool.tip) - opening * self.scene.jaw_radius;
+        let height = table
+            .height(&tool.tip)
+            .min(lowest_jaw + self.scene.clearance)
+            .min(table.height(&tool.wrist));
+        if height < self.scene.clearance - ROUNDING {
+            return Err(Refusal::HitsTable {
+                stage,
+                arm,
+                time,
+                height,
+                clearance: self.scene.clearance,
+            });
+        }
+        Ok(())
+    }
+
+    fn check_body(
+        &self,
+        motion: &Motion,
+        carried: &Carried,
+        path: &ArmPath,
+        moment: Moment,
+        tool: &Tool,
+    ) -> Result<(), Refusal> {
+        let (body_from_camera, jaws) = match carried {
+            Carried::Still {
+                body_from_camera,
+                grasps,
+                approach,
+            } => {
+                let near = |g: &Point3<f64>| (g - tool.tip).norm() <= approach + ROUNDING;
+                let inside = grasps.iter().any(near);
+                (*body_from_camera, if inside { self.jaws } else { 0.0 })
+            }
+            Carried::Turned {
+                axis,
+                angles,
+                leaving,
+            } => {
+                let holds = path.role == Role::Lift || moment.time <= path.release;
+                let let_go = path.at(path.release).unwrap_or_else(Isometry3::identity);
+                let let_go = Point3::from(let_go.translation.vector);
+                let near = holds || (let_go - tool.tip).norm() <= *leaving;
+                // What a tool lets go lies where it was let go.
+                let by = near.then_some((path, if holds { tool.tip } else { let_go }));
+                let body = carried_by(motion, by, moment, turned(axis, angles, moment));
+                (body.inverse(), if near { self.jaws } else { 0.0 })
+            }
         };
-        (from.time + share * (to.time - from.time), pose)
-    };
-    let mut tools: Vec<(usize, Tool)> = Vec::with_capacity(motion.arms.len());
-    for path in &motion.arms {
-        let (time, pose) = instant(path);
-        check_tip(path.arm, time, &pose, scene)?;
-        let tool = Tool::new(&pose, &scene.arms[path.arm].base, shaft);
-        for (other, o) in &tools {
-            let distance = tool.distance(o) - 2.0 * scene.jaw_radius;
-            if distance < scene.clearance {
-                return Err(Refusal::ArmsCollide {
-                    arms: [*other, path.arm],
-                    time,
+        let tool = tool.seen_from(&body_from_camera);
+        let parts = tool.shaft(jaws).into_iter().chain([tool.link()]);
+        for part in parts {
+            if let Some((vertex, distance)) = self.body.hit(part) {
+                return Err(Refusal::HitsBody {
+                    stage: motion.stage_at(moment.time),
+                    arm: path.arm,
+                    time: moment.time,
+                    vertex,
                     distance,
                 });
             }
         }
-        tools.push((path.arm, tool));
+        Ok(())
     }
-    Ok(())
 }
 
-fn check_tip(arm: usize, time: f64, pose: &Isometry3<f64>, scene: &Scene) -> Result<(), Refusal> {
-    let tip = Point3::from(pose.translation.vector);
-    if !scene.arms[arm].workspace.contains(pose) {
-        return Err(Refusal::OutOfWorkspace {
-            arm,
-            time,
-            position: [tip.x, tip.y, tip.z],
-        });
-    }
-    let drop = scene
-        .table
-        .normal
-        .dot(&(pose.rotation * Vector3::y()))
-        .abs()
-        * scene.jaw_radius;
-    // The tip keeps the clearance; a jaw may come down to the table.
-    let height = scene
-        .table
-        .height(&tip)
-        .min(scene.table.height(&tip) - drop + scene.clearance);
-    if height < scene.clearance - ROUNDING {
-        return Err(Refusal::HitsTable {
-            arm,
-            time,
-            height,
-            clearance: scene.clearance,
-        });
-    }
-    Ok(())
+/// Where the body is when it goes with a tip that is at a point now, or with the middle of the lifting tips.
+fn carried_by(
+    motion: &Motion,
+    by: Option<(&ArmPath, Point3<f64>)>,
+    moment: Moment,
+    turned: UnitQuaternion<f64>,
+) -> Isometry3<f64> {
+    let start = |p: &ArmPath| p.keyframes[0].camera_from_tip.translation.vector;
+    let now = |p: &ArmPath| pose_at(p, moment).translation.vector;
+    let (from, to) = match by {
+        Some((path, tip)) => (start(path), tip.coords),
+        None => (mean_of_lifting(motion, &start), mean_of_lifting(motion, &now)),
+    };
+    Translation3::from(to) * turned * Translation3::from(-from)
 }
 
-/// Tip, end of the straight part, base.
-struct Tool([parry3d_f64::math::Vector; 3]);
+fn turned(axis: &UnitVector3<f64>, angles: &[f64], moment: Moment) -> UnitQuaternion<f64> {
+    let angle = |frame: usize| angles.get(frame).or(angles.last()).copied().unwrap_or(0.0);
+    let (a, b) = (angle(moment.frame), angle(moment.frame + 1));
+    UnitQuaternion::from_axis_angle(axis, a + moment.share * (b - a))
+}
 
-impl Tool {
-    fn new(pose: &Isometry3<f64>, base: &Point3<f64>, shaft: f64) -> Self {
-        let wrist = pose.translation.vector - pose.rotation * Vector3::z() * shaft;
-        Self([pose.translation.vector, wrist, base.coords].map(Into::into))
-    }
+/// Where the body lies after a motion that turned it by `angle` about `axis`: with the middle of the lifting tips.
+pub(crate) fn laid_down(motion: &Motion, axis: &UnitVector3<f64>, angle: f64) -> Isometry3<f64> {
+    let frames = motion.arms.first().map_or(1, |p| p.keyframes.len());
+    let end = Moment {
+        frame: frames.saturating_sub(1),
+        share: 0.0,
+        time: motion.duration,
+    };
+    let turned = UnitQuaternion::from_axis_angle(axis, angle);
+    carried_by(motion, None, end, turned)
+}
 
-    fn distance(&self, other: &Self) -> f64 {
-        let mut least = f64::INFINITY;
-        for a in self.0.windows(2) {
-            for b in other.0.windows(2) {
-                let (at, bt) = closest((&a[0], &a[1]), (&b[0], &b[1]));
-                let gap =
-                    Segment::new(a[0], a[1]).point_at(&at) - Segment::new(b[0], b[1]).point_at(&bt);
-                least = least.min(gap.length());
-            }
-        }
-        least
+fn mean_of_lifting(motion: &Motion, at: &dyn Fn(&ArmPath) -> Vector3<f64>) -> Vector3<f64> {
+    let lifting: Vec<_> = motion
+        .arms
+        .iter()
+        .filter(|p| p.role == Role::Lift)
+        .map(at)
+        .collect();
+    lifting.iter().sum::<Vector3<f64>>() / lifting.len().max(1) as f64
+}
+
+fn pose_at(path: &ArmPath, moment: Moment) -> Isometry3<f64> {
+    let from = &path.keyframes[moment.frame].camera_from_tip;
+    match path.keyframes.get(moment.frame + 1) {
+        Some(to) if moment.share > 0.0 => between(from, &to.camera_from_tip, moment.share),
+        _ => *from,
     }
 }

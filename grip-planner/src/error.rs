@@ -1,6 +1,8 @@
 //! What can be wrong with an input, said with the index and the value.
 
 use crate::plan::RefusedSet;
+use crate::reason::tally;
+use crate::{Reason, Refusal};
 
 /// Why nothing was computed.
 #[derive(Debug, Clone, thiserror::Error)]
@@ -109,10 +111,21 @@ pub enum Error {
         total: f64,
     },
     /// No set of grips can turn the body.
-    #[error("no grips: {accepted} candidates were accepted, none of their sets can turn the body")]
+    #[error(
+        "no grips: {accepted} candidates were accepted, none of their sets can be used; rejected: {}",
+        tally(rejected)
+    )]
     NoGrips {
         /// Number of accepted candidates.
         accepted: usize,
+        /// The other vertices that were looked at, with their reasons.
+        rejected: Vec<(u32, Reason)>,
+    },
+    /// The hole cannot be used.
+    #[error("the hole: {reason}")]
+    BadHole {
+        /// Why.
+        reason: Box<Refusal>,
     },
     /// Every set of grips has a motion that was refused.
     #[error("all {} sets of grips were refused; the best: {}", refused.len(), first_reason(refused))]

@@ -10,20 +10,23 @@
 //!
 //! A grip that is not on the boundary of the explored part counts less ([`Options::outline_weight`]). A third arm holds the body near the pivot, at the vertex with the best coverage of all three.
 
-use nalgebra::{Isometry3, Point3, Translation3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::assign::{assign, cross};
-use crate::candidates::backed_off;
+use crate::mouth::Mouth;
 use crate::options::Support;
+use crate::orientation::{backed_off, retreat};
 use crate::turn::{Turn, turns};
-use crate::{Candidate, Candidates, Coverage, Error, Model, Options, Scene, candidates};
+use crate::{
+    Candidate, Candidates, Coverage, Error, Model, Options, Refusal, Scene, candidates,
+};
 
 /// What a grip is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// It lifts.
     Lift,
-    /// It holds the body near the pivot for the first part of the lift.
+    /// It holds the body down: near the pivot for the first part of a lift, or beyond the reach of a stretch all the time.
     Support,
 }
 
@@ -76,6 +79,59 @@ pub struct GripSet {
 }
 
 impl GripSet {
+    /// The set that lifts with two candidates of one's own choice; the arms are assigned by the shortest ways that do not cross.
+    ///
+    /// # Errors
+    /// [`Refusal::ArmsCross`] when no two arms take them; a candidate that is not in `coverage`.
+    pub fn lifting(
+        scene: &Scene,
+        options: &Options,
+        coverage: &Coverage,
+        candidates: [&Candidate; 2],
+        turn: &Turn,
+    ) -> Result<Self, Refusal> {
+        let vertices = candidates.map(|c| c.vertex);
+        let start = candidates.map(|c| c.tip);
+        let end = start.map(|p| turn.mirrored(&p));
+        let arms =
+            assign(scene, candidates, &[start, end]).ok_or(Refusal::ArmsCross { vertices })?;
+        let lifting_coverage = coverage.score(&vertices)?;
+        let suitability = turn.suitability(candidates.map(|c| &c.point), options.spread);
+        let grip = |k: usize| Grip::new(arms[k], candidates[k], Role::Lift, scene, options);
+        Ok(Self {
+            grips: vec![grip(0), grip(1)],
+            coverage: lifting_coverage,
+            lifting_coverage,
+            suitability,
+            score: suitability * turn.gain,
+            turn: *turn,
+        })
+    }
+
+    /// The same set with a third arm that holds the body at a candidate near the pivot.
+    ///
+    /// # Errors
+    /// [`Refusal::CannotSupport`] when the candidate is not near the pivot, too near a lifting grip, or no free arm reaches it
+    /// without crossing; a candidate that is not in `coverage`.
+    pub fn supported(
+        &self,
+        scene: &Scene,
+        options: &Options,
+        coverage: &Coverage,
+        candidate: &Candidate,
+    ) -> Result<Self, Refusal> {
+        let mut set = self.without_support();
+        let arm = set
+            .supporting_arm(scene, candidate)
+            .ok_or(Refusal::CannotSupport {
+                vertex: candidate.vertex,
+            })?;
+        let grip = Grip::new(arm, candidate, Role::Support, scene, options);
+        set.grips.push(grip);
+        set.coverage = coverage.score(&set.vertices())?;
+        Ok(set)
+    }
+
     /// The same set without its supporting grip.
     #[must_use]
     pub fn without_support(&self) -> Self {
@@ -84,6 +140,48 @@ impl GripSet {
         set.coverage = set.lifting_coverage;
         set
     }
+
+    /// The vertices of the grips.
+    pub fn vertices(&self) -> Vec<u32> {
+        self.grips.iter().map(|g| g.vertex).collect()
+    }
+
+    /// The first arm that can hold the candidate near the pivot while the others lift.
+    fn supporting_arm(&self, scene: &Scene, candidate: &Candidate) -> Option<usize> {
+        let at = self.turn.local(&candidate.point);
+        let apart = |g: &Grip| {
+            g.vertex != candidate.vertex
+                && (g.tip() - candidate.tip).norm() >= scene.jaw_separation
+        };
+        let near_pivot =
+            at.y <= 0.25 * self.turn.span && at.x.abs() <= 0.4 * self.turn.length;
+        if !near_pivot || !self.grips.iter().all(apart) {
+            return None;
+        }
+        let crosses = |arm: usize, g: &Grip| {
+            let lifting = [&scene.arms[g.arm].base, &g.tip()];
+            cross(scene, [&scene.arms[arm].base, &candidate.tip], lifting)
+        };
+        // From the lifted side it would have to reach across the body, and back while that is in the air.
+        let behind = |arm: usize| {
+            self.turn.local(&scene.arms[arm].base).y < 0.5 * self.turn.span
+        };
+        let free = |arm: usize| {
+            self.grips.iter().all(|g| g.arm != arm && !crosses(arm, g)) && behind(arm)
+        };
+        candidate.arms.iter().copied().find(|&arm| free(arm))
+    }
+}
+
+/// Sets of grips, and what they were chosen from.
+#[derive(Debug, Clone)]
+pub struct Ranked {
+    /// Sets for turning the body over, best first, different from one another.
+    pub sets: Vec<GripSet>,
+    /// The candidates, and why the others are none.
+    pub candidates: Candidates,
+    /// The covariance of the candidates: scores, fields and maps of any set of them.
+    pub coverage: Coverage,
 }
 
 /// Sets of grips for turning the body over, best first, different from one another.
@@ -93,41 +191,50 @@ impl GripSet {
 ///
 /// # Complexity
 /// `m` candidates: one factorisation, `m` solves, `4·m²/2` pair scores.
-pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Vec<GripSet>, Error> {
+pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ranked, Error> {
+    rank(model, scene, options, None)
+}
+
+/// The same, for opening a hole meanwhile: only sets whose grips are on both sides of `mouth`.
+pub(crate) fn rank(
+    model: &Model,
+    scene: &Scene,
+    options: &Options,
+    mouth: Option<&Mouth>,
+) -> Result<Ranked, Error> {
     if scene.arms.len() < 2 {
         return Err(Error::TooFewArms {
             count: scene.arms.len(),
         });
     }
-    let found = candidates(model, scene, options)?;
-    rank(model, scene, options, &found)
-}
-
-/// The sets that can be made of given candidates.
-pub(crate) fn rank(
-    model: &Model,
-    scene: &Scene,
-    options: &Options,
-    found: &Candidates,
-) -> Result<Vec<GripSet>, Error> {
-    let vertices: Vec<u32> = found.accepted.iter().map(|c| c.vertex).collect();
-    let none = Error::NoGrips {
-        accepted: vertices.len(),
+    let candidates = candidates(model, scene, options)?;
+    let none = |candidates: Candidates| Error::NoGrips {
+        accepted: candidates.accepted.len(),
+        rejected: candidates.rejected,
     };
-    if vertices.len() < 2 {
-        return Err(none);
+    if candidates.accepted.len() < 2 {
+        return Err(none(candidates));
     }
+    let vertices: Vec<u32> = candidates.accepted.iter().map(|c| c.vertex).collect();
     let coverage = Coverage::new(model, &scene.table, &vertices, &options.coverage)?;
     let turns = turns(model, scene)?;
     let ranking = Ranking {
         scene,
         options,
-        found: &found.accepted,
+        found: &candidates.accepted,
         coverage: &coverage,
         turns: &turns,
+        mouth,
     };
-    let sets = ranking.choose(ranking.pairs());
-    if sets.is_empty() { Err(none) } else { Ok(sets) }
+    let sets = ranking.choose(&ranking.pairs());
+    if sets.is_empty() {
+        return Err(none(candidates));
+    }
+    Ok(Ranked {
+        sets,
+        candidates,
+        coverage,
+    })
 }
 
 struct Pair {
@@ -143,6 +250,7 @@ struct Ranking<'a> {
     found: &'a [Candidate],
     coverage: &'a Coverage,
     turns: &'a [Turn],
+    mouth: Option<&'a Mouth>,
 }
 
 impl Ranking<'_> {
@@ -157,7 +265,8 @@ impl Ranking<'_> {
                     continue;
                 }
                 for turn in self.wanted_turns() {
-                    let suitability = self.turns[turn].suitability([a, b], self.options.spread);
+                    let suitability = self.turns[turn].suitability([a, b], self.options.spread)
+                        * self.mouth.map_or(1.0, |m| m.opened_by([a, b], &self.turns[turn].axis));
                     if suitability > 0.0 {
                         covered.push(self.coverage.score_pair(i, j));
                         pairs.push(Pair {
@@ -214,23 +323,28 @@ impl Ranking<'_> {
 
     /// The best pairs that an arm pair can take and that are not near copies of better ones: a motion
     /// that is refused for one is refused for its neighbour too.
-    fn choose(&self, pairs: Vec<Pair>) -> Vec<GripSet> {
-        let mut chosen: Vec<Pair> = Vec::new();
+    fn choose(&self, pairs: &[Pair]) -> Vec<GripSet> {
+        let mut chosen: Vec<&Pair> = Vec::new();
         let mut sets = Vec::new();
         for pair in pairs {
             if sets.len() >= self.options.max_sets {
                 break;
             }
-            if chosen.iter().any(|c| self.near_copy(c, &pair)) {
+            if chosen.iter().any(|c| self.near_copy(c, pair)) {
                 continue;
             }
             let grips = pair.grips.map(|g| &self.found[g]);
-            let start = grips.map(|c| c.tip);
-            let end = start.map(|p| self.turns[pair.turn].mirrored(&p));
-            let Some(arms) = assign(self.scene, grips, &[start, end]) else {
+            let turn = &self.turns[pair.turn];
+            let set = GripSet::lifting(self.scene, self.options, self.coverage, grips, turn);
+            let Ok(set) = set else {
                 continue;
             };
-            sets.push(self.set(&pair, arms));
+            let (suitability, score) = (pair.suitability, pair.score);
+            sets.push(GripSet {
+                suitability,
+                score,
+                ..self.with_support(set)
+            });
             chosen.push(pair);
         }
         sets
@@ -245,117 +359,44 @@ impl Ranking<'_> {
         a.turn == b.turn && ((near(p, r) && near(q, s)) || (near(p, s) && near(q, r)))
     }
 
-    fn set(&self, pair: &Pair, arms: [usize; 2]) -> GripSet {
-        let turn = self.turns[pair.turn];
-        let mut grips: Vec<Grip> = (0..2)
-            .map(|k| self.grip(arms[k], pair.grips[k], Role::Lift))
-            .collect();
-        let lifting_coverage = self.coverage.score_pair(pair.grips[0], pair.grips[1]);
-        let mut coverage = lifting_coverage;
-        if self.options.support == Support::Hold
-            && let Some(third) = self.support(pair, arms, &turn)
-        {
-            grips.push(third.grip);
-            coverage = third.coverage;
+    /// With a third arm at the candidate that has the best coverage together with the pair, if there is one.
+    fn with_support(&self, set: GripSet) -> GripSet {
+        if self.options.support == Support::None {
+            return set;
         }
-        GripSet {
-            grips,
-            coverage,
-            lifting_coverage,
-            suitability: pair.suitability,
-            score: pair.score,
-            turn,
-        }
-    }
-
-    /// The candidate near the pivot with the best coverage together with the pair.
-    fn support(&self, pair: &Pair, arms: [usize; 2], turn: &Turn) -> Option<Third> {
-        let mut best: Option<(f64, usize, usize)> = None;
-        for (k, c) in self.found.iter().enumerate() {
-            let at = turn.local(&c.point);
-            let far = pair
-                .grips
-                .iter()
-                .all(|&g| (self.found[g].point - c.point).norm() >= self.scene.jaw_separation);
-            if at.y > 0.25 * turn.span || at.x.abs() > 0.4 * turn.length || !far {
-                continue;
-            }
-            let crosses = |arm: usize, g: usize| {
-                let lifting = [
-                    &self.scene.arms[arms[g]].base,
-                    &self.found[pair.grips[g]].tip,
-                ];
-                cross(self.scene, [&self.scene.arms[arm].base, &c.tip], lifting)
-            };
-            // From the lifted side it would have to reach across the body, and back while that is in the air.
-            let behind = |arm: usize| turn.local(&self.scene.arms[arm].base).y < 0.5 * turn.span;
-            let free = |arm: &usize| {
-                !arms.contains(arm) && behind(*arm) && (0..2).all(|g| !crosses(*arm, g))
-            };
-            let Some(&arm) = c.arms.iter().find(|arm| free(arm)) else {
-                continue;
-            };
-            let vertices = [pair.grips[0], pair.grips[1], k].map(|g| self.found[g].vertex);
-            let Ok(coverage) = self.coverage.score(&vertices) else {
-                continue;
-            };
-            if best.is_none_or(|(most, ..)| coverage > most) {
-                best = Some((coverage, arm, k));
-            }
-        }
-        best.map(|(coverage, arm, k)| Third {
-            grip: self.grip(arm, k, Role::Support),
-            coverage,
-        })
-    }
-
-    fn grip(&self, arm: usize, candidate: usize, role: Role) -> Grip {
-        grip(arm, &self.found[candidate], role, self.scene, self.options)
+        let supported = self
+            .found
+            .iter()
+            .filter_map(|c| set.supported(self.scene, self.options, self.coverage, c).ok());
+        // The first of equals.
+        let best = supported.reduce(|a, b| if b.coverage > a.coverage { b } else { a });
+        best.unwrap_or(set)
     }
 }
 
-struct Third {
-    grip: Grip,
-    coverage: f64,
-}
-
-/// The grip of an arm at a candidate. Both signs of the roll are the same grip; the one nearer to the arm's home is taken.
-pub(crate) fn grip(
-    arm: usize,
-    candidate: &Candidate,
-    role: Role,
-    scene: &Scene,
-    options: &Options,
-) -> Grip {
-    let straight = candidate.camera_from_tip();
-    let flipped = straight
-        * nalgebra::UnitQuaternion::from_axis_angle(
-            &nalgebra::Vector3::z_axis(),
-            std::f64::consts::PI,
-        );
-    let home = &scene.arms[arm].home.rotation;
-    let camera_from_tip = if home.angle_to(&flipped.rotation) < home.angle_to(&straight.rotation) {
-        flipped
-    } else {
-        straight
-    };
-    let camera_from_approach = backed_off(&camera_from_tip, options.approach_distance);
-    Grip {
-        arm,
-        vertex: candidate.vertex,
-        role,
-        camera_from_tip,
-        camera_from_approach,
-        camera_from_retreat: retreat(&camera_from_tip, scene, options.approach_distance),
+impl Grip {
+    /// The grip of an arm at a candidate. Both signs of the roll are the same grip; the one nearer to the arm's home is taken.
+    pub(crate) fn new(
+        arm: usize,
+        candidate: &Candidate,
+        role: Role,
+        scene: &Scene,
+        options: &Options,
+    ) -> Self {
+        let straight = candidate.camera_from_tip();
+        let half_turn =
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+        let flipped = straight * half_turn;
+        let home = &scene.arms[arm].home.rotation;
+        let nearer = home.angle_to(&flipped.rotation) < home.angle_to(&straight.rotation);
+        let camera_from_tip = if nearer { flipped } else { straight };
+        Self {
+            arm,
+            vertex: candidate.vertex,
+            role,
+            camera_from_tip,
+            camera_from_approach: backed_off(&camera_from_tip, options.approach_distance),
+            camera_from_retreat: retreat(&camera_from_tip, scene, options.approach_distance),
+        }
     }
-}
-
-/// Back along the tool, and half as far up.
-pub(crate) fn retreat(
-    camera_from_tip: &Isometry3<f64>,
-    scene: &Scene,
-    distance: f64,
-) -> Isometry3<f64> {
-    let up = Translation3::from(scene.table.normal.as_ref() * (0.5 * distance));
-    up * backed_off(camera_from_tip, distance)
 }

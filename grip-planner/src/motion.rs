@@ -9,9 +9,53 @@
 //!
 //! with `σ` the way gone by the tip that moves most, so that the body is never jerked at the start or dropped at the end.
 
+use std::fmt;
+
 use nalgebra::Isometry3;
 
-use crate::Role;
+use crate::{Grip, Role};
+
+/// What the arms are doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// They come from home, open the jaws, and go straight in.
+    Reach,
+    /// First quarter of a turn: the lifted side goes up, the slack is taken up.
+    Lift,
+    /// Second quarter: the body is retracted and laid down on its other side.
+    Lower,
+    /// The sides of a hole are pulled apart.
+    Pull,
+    /// The hole is held open.
+    Hold,
+    /// It is closed again as far as wanted, and set down.
+    Ease,
+    /// The jaws are open: back along the tools, and home.
+    Withdraw,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Reach => "reach",
+            Self::Lift => "lift",
+            Self::Lower => "lower",
+            Self::Pull => "pull",
+            Self::Hold => "hold",
+            Self::Ease => "ease",
+            Self::Withdraw => "withdraw",
+        })
+    }
+}
+
+/// A stage and when it ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// What the arms are doing.
+    pub stage: Stage,
+    /// Until when, seconds since the motion began.
+    pub until: f64,
+}
 
 /// A pose at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +75,7 @@ pub struct ArmPath {
     pub role: Role,
     /// Poses in order of time; straight in between. The first is the grasp pose.
     pub keyframes: Vec<Keyframe>,
-    /// When the jaws open: the end for a lifting arm, earlier for a supporting one.
+    /// When the jaws open: the end for a lifting arm, earlier for a supporting one, 0 for an empty one.
     pub release: f64,
     /// Where to go after the end, once the jaws are open: back along the tool and up.
     pub camera_from_retreat: Isometry3<f64>,
@@ -74,6 +118,8 @@ pub struct Motion {
     pub arms: Vec<ArmPath>,
     /// Seconds.
     pub duration: f64,
+    /// The stages in order of time; the last one ends with the motion.
+    pub legs: Vec<Leg>,
 }
 
 impl Motion {
@@ -84,6 +130,48 @@ impl Motion {
             .map(ArmPath::peak_speed)
             .fold(0.0, f64::max)
     }
+
+    /// How fast the time of this motion may run, seconds a second, at most 1, so that no tip goes faster than `speed` (m/s): what a
+    /// [`crate::SpeedGovernor`] allows.
+    pub fn rate(&self, speed: f64) -> f64 {
+        // In this order a speed that is not a number stops the motion.
+        (speed / self.peak_speed()).max(0.0).min(1.0)
+    }
+
+    /// What the arms are doing at `time`.
+    pub fn stage_at(&self, time: f64) -> Stage {
+        let later = self.legs.iter().find(|l| time <= l.until);
+        later.or(self.legs.last()).map_or(Stage::Reach, |l| l.stage)
+    }
+}
+
+/// The same motion for every arm: way points passed at common times.
+pub(crate) fn assemble(
+    grips: &[Grip],
+    paths: &[Vec<Isometry3<f64>>],
+    times: &[f64],
+    legs: Vec<Leg>,
+) -> Motion {
+    let duration = times.last().copied().unwrap_or(0.0);
+    let arm = |(grip, path): (&Grip, &Vec<Isometry3<f64>>)| ArmPath {
+        arm: grip.arm,
+        role: grip.role,
+        keyframes: times
+            .iter()
+            .zip(path)
+            .map(|(&time, &camera_from_tip)| Keyframe {
+                time,
+                camera_from_tip,
+            })
+            .collect(),
+        release: duration,
+        camera_from_retreat: grip.camera_from_retreat,
+    };
+    Motion {
+        arms: grips.iter().zip(paths).map(arm).collect(),
+        duration,
+        legs,
+    }
 }
 
 /// The pose `share` of the way from `a` to `b`.
@@ -93,7 +181,7 @@ pub(crate) fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Iso
         .unwrap_or(if share < 0.5 { *a } else { *b })
 }
 
-fn travelled(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+pub(crate) fn travelled(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (b.translation.vector - a.translation.vector).norm()
 }
 

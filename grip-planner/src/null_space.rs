@@ -17,7 +17,7 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::DMatrix;
 
 use crate::factor::Factor;
 use crate::stiffness::{Stiffness, target_weights};
@@ -25,19 +25,21 @@ use crate::{CoverageOptions, Error, Model, Plane};
 
 /// A grip adds nothing when the others leave it less than this share of its variance: they already determine
 /// it to six digits.
-const REPEATED: f64 = 1e-12;
+pub(crate) const REPEATED: f64 = 1e-12;
 
 /// Solved covariance columns of the candidates.
 #[derive(Debug, Clone)]
 pub struct Coverage {
-    size: usize,
-    candidates: Vec<u32>,
+    pub(crate) size: usize,
+    pub(crate) candidates: Vec<u32>,
     /// Column of each vertex, or `NONE`.
     column_of: Vec<u32>,
     /// `size` × candidates, column-major.
-    columns: Vec<f64>,
-    gram: DMatrix<f64>,
+    pub(crate) columns: Vec<f64>,
+    pub(crate) gram: DMatrix<f64>,
     commanded: DMatrix<f64>,
+    /// Prior variance of every vertex: the diagonal of `C`.
+    pub(crate) variance: Vec<f64>,
     total: f64,
 }
 
@@ -81,8 +83,8 @@ impl Coverage {
             }
         }
         let factor = Factor::new(size, &stiffness.lower())?;
-        let total: f64 = factor
-            .inverse_diagonal()
+        let variance = factor.inverse_diagonal();
+        let total: f64 = variance
             .iter()
             .zip(targets)
             .map(|(c, s)| c * s)
@@ -102,6 +104,7 @@ impl Coverage {
             columns,
             gram,
             commanded,
+            variance,
             total,
         })
     }
@@ -136,63 +139,7 @@ impl Coverage {
         })
     }
 
-    /// The triple of candidates with the largest score; the first in candidate order wins a draw.
-    pub fn best_triple(&self) -> Option<([u32; 3], f64)> {
-        let count = self.candidates.len();
-        let mut scratch = Vec::new();
-        let mut best: Option<([usize; 3], f64)> = None;
-        for i in 0..count {
-            for j in i + 1..count {
-                for k in j + 1..count {
-                    let score = self.score_columns(&[i, j, k], &mut scratch);
-                    if best.is_none_or(|(_, b)| score > b) {
-                        best = Some(([i, j, k], score));
-                    }
-                }
-            }
-        }
-        best.map(|(set, score)| (set.map(|c| self.candidates[c]), score))
-    }
-
-    /// Motion of every vertex when the grips move with the given velocities: the most probable field, `u = C Φᵀ (Φ C Φᵀ)⁻¹ v`.
-    /// With unit velocities these are the `J_i v̂` of [`crate::speed_limit`].
-    ///
-    /// # Errors
-    /// A vertex that is not a candidate, or given twice.
-    pub fn field(&self, grips: &[(u32, Vector3<f64>)]) -> Result<Vec<Vector3<f64>>, Error> {
-        let columns = grips
-            .iter()
-            .map(|&(v, _)| self.column(v))
-            .collect::<Result<Vec<_>, _>>()?;
-        if let Some(k) = (0..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
-            return Err(Error::RepeatedGrip { vertex: grips[k].0 });
-        }
-        let block = DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
-            self.gram[(columns[i], columns[j])]
-        });
-        let velocity = DMatrix::from_fn(columns.len(), 3, |i, k| grips[i].1[k]);
-        let multipliers = block
-            .cholesky()
-            .ok_or(Error::NotPositiveDefinite)?
-            .solve(&velocity);
-        let mut field = vec![Vector3::zeros(); self.size];
-        for (k, &c) in columns.iter().enumerate() {
-            let pull = Vector3::new(
-                multipliers[(k, 0)],
-                multipliers[(k, 1)],
-                multipliers[(k, 2)],
-            );
-            for (u, &share) in field
-                .iter_mut()
-                .zip(&self.columns[c * self.size..(c + 1) * self.size])
-            {
-                *u += pull * share;
-            }
-        }
-        Ok(field)
-    }
-
-    fn column(&self, vertex: u32) -> Result<usize, Error> {
+    pub(crate) fn column(&self, vertex: u32) -> Result<usize, Error> {
         match self.column_of.get(vertex as usize) {
             Some(&c) if c != NONE => Ok(c as usize),
             _ => Err(Error::NotACandidate { vertex }),
@@ -214,7 +161,7 @@ impl Coverage {
 
     /// Any block: `w_1, w_2 …` are the unit vectors of the grips made orthonormal in the metric `G`, and
     /// `tr(G⁻¹H) = Σ w_kᵀ H w_k`. `scratch` keeps them.
-    fn score_columns(&self, columns: &[usize], scratch: &mut Vec<f64>) -> f64 {
+    pub(crate) fn score_columns(&self, columns: &[usize], scratch: &mut Vec<f64>) -> f64 {
         let count = columns.len();
         scratch.clear();
         scratch.resize(count * count, 0.0);

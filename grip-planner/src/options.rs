@@ -41,8 +41,6 @@ pub struct Options {
     pub grip_depth: f64,
     /// Length of the straight last part of the approach, metres. Default 0.03.
     pub approach_distance: f64,
-    /// Length of the straight part of a tool behind its tip, metres. Default 0.05.
-    pub shaft_length: f64,
     /// What is left of the score for each grip that is visible but not on the boundary. Default 0.8.
     pub outline_weight: f64,
     /// Share of the turning suitability in the score, 0 (coverage alone, the paper's Algorithm 2) to 1. Default 0.5.
@@ -67,7 +65,6 @@ impl Default for Options {
             max_dip: 50f64.to_radians(),
             grip_depth: 0.003,
             approach_distance: 0.03,
-            shaft_length: 0.05,
             outline_weight: 0.8,
             turning_weight: 0.5,
             spread: [0.4, 0.8],
@@ -98,7 +95,13 @@ impl Options {
         )?;
         not_negative("grip_depth", self.grip_depth)?;
         positive("approach_distance", self.approach_distance)?;
-        positive("shaft_length", self.shaft_length)?;
+        if self.max_candidates < 2 {
+            return Err(Error::BadSetting {
+                name: "max_candidates",
+                value: self.max_candidates as f64,
+                expected: "at least 2",
+            });
+        }
         within(
             "outline_weight",
             self.outline_weight,

@@ -1,7 +1,60 @@
-//! Grips and motion together: the best set whose motion can be done.
+//! Grips and motions together: the best set whose motions can all be done.
+//!
+//! ```text
+//! sets, best first:  motion ─► speed limit ─► reach ─► withdraw       the first that passes every check is the plan
+//! ```
+//!
+//! A set that is refused is kept with its reason, and the next best is tried.
 
-use crate::grips::plan_grips;
-use crate::{Error, GripSet, Model, Motion, Options, Refusal, Role, Scene, TurnOptions, turn_over};
+use nalgebra::{Isometry3, UnitVector3, Vector3};
+
+use crate::body::Body;
+use crate::check::{Surroundings, laid_down};
+use crate::grips::rank;
+use crate::mouth::Mouth;
+use crate::reach::{reach, withdraw};
+use crate::scene::positive;
+use crate::stretch::{beside, grips, pull};
+use crate::turn_over::turn_in;
+use crate::{
+    Coverage, Error, Grip, GripSet, Model, Motion, Options, ReachOptions, Refusal, Role, Scene,
+    StretchOptions, Turn, TurnOptions, speed_limit,
+};
+
+/// What is to be done with the body.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Action<'a> {
+    /// Turn its hidden side up.
+    TurnOver,
+    /// Open a hole: a loop of vertices round the mouth of a fold or pocket.
+    Stretch {
+        /// The loop.
+        hole: &'a [u32],
+    },
+    /// Turn it over with a grip on each side of a hole, which opens meanwhile.
+    TurnAndStretch {
+        /// The loop.
+        hole: &'a [u32],
+    },
+}
+
+/// How fast the eyes are.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tracking {
+    /// Farthest that a node may move between two frames, `ξ`, metres. Default 0.005.
+    pub xi: f64,
+    /// Frames a second, `F`. Default 10.
+    pub frame_rate: f64,
+}
+
+impl Default for Tracking {
+    fn default() -> Self {
+        Self {
+            xi: 0.005,
+            frame_rate: 10.0,
+        }
+    }
+}
 
 /// Settings of [`plan`].
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -10,6 +63,12 @@ pub struct PlanOptions {
     pub grips: Options,
     /// How to turn.
     pub turn: TurnOptions,
+    /// How to stretch, alone or while turning.
+    pub stretch: StretchOptions,
+    /// How empty arms go.
+    pub reach: ReachOptions,
+    /// What limits the speed.
+    pub tracking: Tracking,
 }
 
 /// A set of grips whose motion was refused.
@@ -25,53 +84,291 @@ pub struct RefusedSet {
     pub reason: Refusal,
 }
 
-impl RefusedSet {
-    fn new(set: &GripSet, reason: Refusal) -> Self {
-        Self {
-            vertices: set.grips.iter().map(|g| g.vertex).collect(),
-            arms: set.grips.iter().map(|g| g.arm).collect(),
-            score: set.score,
-            reason,
-        }
-    }
-}
-
-/// Grips, the motion that turns the body with them, and what was refused before.
+/// Grips, what the arms do before, while and after they hold, and what was refused before.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// The grips.
-    pub grips: GripSet,
-    /// What the arms do once they hold.
+    /// The grips; the lifting ones first.
+    pub grips: Vec<Grip>,
+    /// What the set was ranked by, 0 to 1.
+    pub score: f64,
+    /// Null-space coverage of all grips, 0 to 1.
+    pub coverage: f64,
+    /// The share of each vertex's motion that the grips command, 0 to 1.
+    pub coverage_map: Vec<f64>,
+    /// The turn, if the body is turned.
+    pub turn: Option<Turn>,
+    /// The direction of the pull from the first to the second grip, if a hole is stretched.
+    pub across: Option<UnitVector3<f64>>,
+    /// `v_max = ξ F / max ‖J_i v̂‖` over the whole motion, m/s; no tip goes faster while it holds.
+    pub speed_limit: f64,
+    /// From home to the grasp, jaws open.
+    pub reach: Motion,
+    /// What is done while the jaws hold.
     pub motion: Motion,
-    /// Better sets whose motion was refused.
+    /// From the end of the motion home, jaws open.
+    pub withdraw: Motion,
+    /// Better sets that were refused.
     pub refused: Vec<RefusedSet>,
 }
 
-/// The best set of grips whose motion passes all checks. A set whose supporting arm is in the way is tried without it.
+/// The best set of grips whose motions pass all checks. A set whose third arm is in the way is tried without it.
 ///
 /// # Errors
-/// Input that is not usable, no grips at all, or every motion refused (with the reasons).
+/// Input that is not usable, no grips at all, a loop that is no hole, or every set refused (with the reasons).
 ///
 /// # Complexity
-/// That of [`plan_grips`]; a motion and its checks cost some tens of microseconds.
-pub fn plan(model: &Model, scene: &Scene, options: &PlanOptions) -> Result<Plan, Error> {
-    let mut refused = Vec::new();
-    for set in plan_grips(model, scene, &options.grips)? {
-        let supported = set.grips.iter().any(|g| g.role == Role::Support);
-        let alone = supported.then(|| set.without_support());
-        for set in std::iter::once(set).chain(alone) {
-            match turn_over(model, scene, &set, &options.turn) {
-                Ok(motion) => {
-                    return Ok(Plan {
-                        grips: set,
-                        motion,
-                        refused,
-                    });
-                }
-                Err(Refusal::Input(error)) => return Err(error),
-                Err(reason) => refused.push(RefusedSet::new(&set, reason)),
-            }
+/// That of [`crate::plan_grips`]; a set costs about a millisecond.
+pub fn plan(
+    model: &Model,
+    scene: &Scene,
+    action: Action,
+    options: &PlanOptions,
+) -> Result<Plan, Error> {
+    model.check()?;
+    scene.check()?;
+    options.check()?;
+    if scene.arms.len() < 2 {
+        return Err(Error::TooFewArms {
+            count: scene.arms.len(),
+        });
+    }
+    let body = Body::new(model.points, scene.tool_radius());
+    let planner = Planner {
+        model,
+        scene,
+        options,
+        around: Surroundings::new(scene, &body),
+    };
+    match action {
+        Action::TurnOver => planner.turn(None),
+        Action::Stretch { hole } => planner.stretch(hole),
+        Action::TurnAndStretch { hole } => {
+            planner.turn(Some(Mouth::new(model, scene, hole).map_err(bad_hole)?))
         }
     }
-    Err(Error::AllRefused { refused })
+}
+
+/// The plan for one set of grips of one's own choice, for instance of [`GripSet::lifting`].
+///
+/// # Errors
+/// Why it cannot be done.
+pub fn plan_set(
+    model: &Model,
+    scene: &Scene,
+    set: &GripSet,
+    coverage: &Coverage,
+    options: &PlanOptions,
+) -> Result<Plan, Refusal> {
+    model.check()?;
+    scene.check()?;
+    options.check()?;
+    let body = Body::new(model.points, scene.tool_radius());
+    let planner = Planner {
+        model,
+        scene,
+        options,
+        around: Surroundings::new(scene, &body),
+    };
+    planner.turn_with(set, coverage, None)
+}
+
+impl PlanOptions {
+    fn check(&self) -> Result<(), Error> {
+        self.grips.check()?;
+        self.turn.check()?;
+        self.stretch.check()?;
+        self.reach.check()?;
+        positive("xi", self.tracking.xi)?;
+        positive("frame_rate", self.tracking.frame_rate)
+    }
+}
+
+struct Planner<'a> {
+    model: &'a Model<'a>,
+    scene: &'a Scene<'a>,
+    options: &'a PlanOptions,
+    around: Surroundings<'a>,
+}
+
+/// A set that is tried.
+struct Trial<'a> {
+    grips: &'a [Grip],
+    score: f64,
+    coverage: &'a Coverage,
+    turn: Option<Turn>,
+    across: Option<UnitVector3<f64>>,
+}
+
+impl Planner<'_> {
+    fn turn(&self, mouth: Option<Mouth>) -> Result<Plan, Error> {
+        let ranked = rank(self.model, self.scene, &self.options.grips, mouth.as_ref())?;
+        let mut refused = Vec::new();
+        for set in &ranked.sets {
+            let supported = set.grips.iter().any(|g| g.role == Role::Support);
+            let alone = supported.then(|| set.without_support());
+            for set in std::iter::once(set).chain(&alone) {
+                match self.turn_with(set, &ranked.coverage, mouth.as_ref()) {
+                    Ok(plan) => return Ok(Plan { refused, ..plan }),
+                    Err(reason) => refused.push(refusal(&set.grips, set.score, reason)?),
+                }
+            }
+        }
+        Err(Error::AllRefused { refused })
+    }
+
+    fn turn_with(
+        &self,
+        set: &GripSet,
+        coverage: &Coverage,
+        mouth: Option<&Mouth>,
+    ) -> Result<Plan, Refusal> {
+        let mut options = self.options.turn;
+        if mouth.is_some() {
+            options.stretch = self.options.stretch.distance;
+        }
+        let trial = Trial {
+            grips: &set.grips,
+            score: set.score,
+            coverage,
+            turn: Some(set.turn),
+            across: mouth.map(|m| m.across),
+        };
+        let angle = options.end(&set.turn);
+        let lies = |motion: &Motion| laid_down(motion, &set.turn.axis, angle);
+        let go = |speed: f64| turn_in(&self.around, set, &TurnOptions { speed, ..options });
+        self.complete(&trial, options.speed, &go, &lies)
+    }
+
+    fn stretch(&self, hole: &[u32]) -> Result<Plan, Error> {
+        let (scene, options) = (self.scene, self.options);
+        let mouth = Mouth::new(self.model, scene, hole).map_err(bad_hole)?;
+        let beside = beside(
+            self.model,
+            scene,
+            hole,
+            &mouth,
+            &options.grips,
+            &options.stretch,
+        )
+        .map_err(bad_hole)?;
+        let found = &beside.found.accepted;
+        let vertices: Vec<u32> = found.iter().map(|c| c.vertex).collect();
+        let coverage =
+            Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
+        let mut refused = Vec::new();
+        for pair in &beside.pairs {
+            let all = grips(pair, found, &mouth, scene, &options.grips);
+            let score = pair.score(options.stretch.reach);
+            let pinned = all.len() > 2;
+            for count in std::iter::once(all.len()).chain(pinned.then_some(2)) {
+                let trial = Trial {
+                    grips: &all[..count],
+                    score,
+                    coverage: &coverage,
+                    turn: None,
+                    across: Some(mouth.across),
+                };
+                match self.stretch_with(&trial, &mouth) {
+                    Ok(plan) => return Ok(Plan { refused, ..plan }),
+                    Err(reason) => refused.push(refusal(trial.grips, score, reason)?),
+                }
+            }
+        }
+        Err(Error::AllRefused { refused })
+    }
+
+    fn stretch_with(&self, trial: &Trial, mouth: &Mouth) -> Result<Plan, Refusal> {
+        let options = self.options.stretch;
+        let lies = |motion: &Motion| laid_down(motion, &self.scene.table.normal, 0.0);
+        let go = |speed: f64| {
+            let options = StretchOptions { speed, ..options };
+            pull(&self.around, trial.grips, &mouth.across, &options)
+        };
+        self.complete(trial, options.speed, &go, &lies)
+    }
+
+    /// Slows the motion down to what can be followed, and adds the ways there and back.
+    fn complete(
+        &self,
+        trial: &Trial,
+        speed: f64,
+        go: &dyn Fn(f64) -> Result<Motion, Refusal>,
+        lies: &dyn Fn(&Motion) -> Isometry3<f64>,
+    ) -> Result<Plan, Refusal> {
+        let mut motion = go(speed)?;
+        let limit = self.limit(trial, &motion)?;
+        if motion.peak_speed() > limit {
+            motion = go(limit)?;
+        }
+        let reach = reach(&self.around, trial.grips, &self.options.reach)?;
+        let withdraw = withdraw(
+            &self.around,
+            trial.grips,
+            &motion,
+            &lies(&motion),
+            &self.options.reach,
+        )?;
+        let vertices: Vec<u32> = trial.grips.iter().map(|g| g.vertex).collect();
+        Ok(Plan {
+            grips: trial.grips.to_vec(),
+            score: trial.score,
+            coverage: trial.coverage.score(&vertices)?,
+            coverage_map: trial.coverage.map(&vertices)?,
+            turn: trial.turn,
+            across: trial.across,
+            speed_limit: limit,
+            reach,
+            motion,
+            withdraw,
+            refused: Vec::new(),
+        })
+    }
+
+    /// The least speed limit of all steps of a motion; the directions do not depend on its speed.
+    fn limit(&self, trial: &Trial, motion: &Motion) -> Result<f64, Error> {
+        let Tracking { xi, frame_rate } = self.options.tracking;
+        let frames = motion.arms.first().map_or(0, |p| p.keyframes.len());
+        let mut least = f64::INFINITY;
+        for k in 1..frames {
+            let step = |(grip, path): (&Grip, &crate::ArmPath)| {
+                let [from, to] = [k - 1, k].map(|k| &path.keyframes[k]);
+                let moved =
+                    to.camera_from_tip.translation.vector - from.camera_from_tip.translation.vector;
+                // An arm that has let go moves nothing.
+                (to.time <= path.release).then_some((grip.vertex, moved))
+            };
+            let steps: Vec<(u32, Vector3<f64>)> =
+                trial.grips.iter().zip(&motion.arms).filter_map(step).collect();
+            let longest = steps.iter().map(|s| s.1.norm()).fold(0.0, f64::max);
+            if longest <= 0.0 {
+                continue;
+            }
+            let unit: Vec<_> = steps.iter().map(|(v, d)| (*v, d / longest)).collect();
+            let field = trial.coverage.field(&unit)?;
+            least = least.min(speed_limit(&field, xi, frame_rate)?);
+        }
+        Ok(least)
+    }
+}
+
+/// A refusal to be remembered; input that cannot be used ends the planning instead.
+fn refusal(grips: &[Grip], score: f64, reason: Refusal) -> Result<RefusedSet, Error> {
+    match reason {
+        Refusal::Input(error) => Err(error),
+        reason => Ok(RefusedSet {
+            vertices: grips.iter().map(|g| g.vertex).collect(),
+            arms: grips.iter().map(|g| g.arm).collect(),
+            score,
+            reason,
+        }),
+    }
+}
+
+fn bad_hole(reason: Refusal) -> Error {
+    match reason {
+        Refusal::Input(error) => error,
+        reason => Error::BadHole {
+            reason: Box::new(reason),
+        },
+    }
 }

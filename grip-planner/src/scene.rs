@@ -115,6 +115,36 @@ impl Workspace {
     }
 }
 
+impl Workspace {
+    /// Whether its numbers are finite and its sizes are not negative.
+    fn is_sound(&self) -> bool {
+        let finite = |p: &Point3<f64>| p.iter().all(|x| x.is_finite());
+        match self {
+            Self::Box {
+                camera_from_box,
+                half_extents,
+            } => {
+                camera_from_box.to_homogeneous().iter().all(|x| x.is_finite())
+                    && half_extents.iter().all(|x| *x >= 0.0)
+            }
+            Self::Ball { center, radius } => finite(center) && *radius >= 0.0,
+            Self::SphereSector {
+                apex,
+                axis,
+                half_angle,
+                radii,
+            } => {
+                finite(apex)
+                    && axis.iter().all(|x| x.is_finite())
+                    && *half_angle >= 0.0
+                    && 0.0 <= radii[0]
+                    && radii[0] <= radii[1]
+            }
+            Self::Custom(_) => true,
+        }
+    }
+}
+
 impl fmt::Debug for Workspace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -172,6 +202,8 @@ pub struct Scene<'a> {
     pub camera: Point3<f64>,
     /// Half the width of what fits between the open jaws; also the half thickness of a tool.
     pub jaw_radius: f64,
+    /// Length of the straight part of a tool behind its tip, from the tip to the wrist.
+    pub shaft_length: f64,
     /// Smallest distance between two grips.
     pub jaw_separation: f64,
     /// Distance that is kept between a tip and the table, and between two tools.
@@ -179,9 +211,20 @@ pub struct Scene<'a> {
 }
 
 impl Scene<'_> {
+    /// How near the middle of a tool may come to the body: a tool is half as thick as its open jaws.
+    pub(crate) fn tool_radius(&self) -> f64 {
+        0.5 * self.jaw_radius
+    }
+
+    /// The part of a tool that straddles the surface while it holds; only what is behind it can be in the way.
+    pub(crate) fn jaw_length(&self) -> f64 {
+        2.5 * self.jaw_radius
+    }
+
     /// Refuses what is not finite or not positive.
     pub(crate) fn check(&self) -> Result<(), Error> {
         positive("jaw_radius", self.jaw_radius)?;
+        positive("shaft_length", self.shaft_length)?;
         not_negative("jaw_separation", self.jaw_separation)?;
         not_negative("clearance", self.clearance)?;
         if !self.camera.iter().all(|x| x.is_finite()) {
@@ -216,6 +259,12 @@ fn check_arm(arm: usize, a: &Arm) -> Result<(), Error> {
         return Err(Error::BadArm {
             arm,
             what: "its home",
+        });
+    }
+    if !a.workspace.is_sound() {
+        return Err(Error::BadArm {
+            arm,
+            what: "its workspace",
         });
     }
     if !(a.max_speed.is_finite() && a.max_speed > 0.0) {

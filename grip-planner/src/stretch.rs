@@ -1,24 +1,31 @@
 //! Stretching: pull the two sides of a hole apart, across its long axis and slightly up.
 //!
-//! A loop that the camera sees inside the outline is the mouth of a fold or a pocket. With `c` the mean of its points, `u` their first
-//! principal direction and `n` the mean normal there, the way across is `v = n × u`: defined for a slit without width
-//! too, where the second principal direction is not. On either side of `u` the grip is the candidate with the least
-//! distance to the loop along the surface, plus half its distance from the middle of the slit along `u`.
+//! A loop that the camera sees inside the outline is the mouth of a fold or a pocket (module `mouth`). On either side of it the
+//! grip is the candidate with the least distance to the loop along the surface, plus half its distance from the middle of the
+//! slit along it:
+//!
+//! ```text
+//! cost(a, b) = Σ d(loop, ·) + ½ |u·(· − c)|,        pull: p ± ½ (distance · open(t)) v + lift · open(t) n
+//! ```
+//!
+//! A third arm pins the body beyond the reach of the pull, in line with the middle of the slit, so that it does not come along.
 
-use nalgebra::{Isometry3, Matrix3, Point3, SymmetricEigen, Translation3, UnitVector3, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitVector3};
 
-use crate::assign::assign;
-use crate::check::check;
-use crate::grips::{grip, retreat};
+use crate::assign::{assign, cross};
+use crate::check::{Carried, Surroundings};
 use crate::model::Adjacency;
-use crate::motion::{Pace, times};
+use crate::motion::{Pace, assemble, times};
+use crate::mouth::Mouth;
+use crate::options::Support;
+use crate::orientation::retreat;
 use crate::scene::{not_negative, positive, within};
 use crate::{
-    ArmPath, Candidate, Error, Grip, Keyframe, Model, Motion, Options, Refusal, Role, Scene,
+    Candidate, Candidates, Error, Grip, Leg, Model, Motion, Options, Refusal, Role, Scene, Stage,
     candidates_among,
 };
 
-/// Settings of [`stretch`].
+/// Settings of a stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StretchOptions {
     /// How much farther apart the grips get, metres. Default 0.04.
@@ -55,7 +62,7 @@ impl Default for StretchOptions {
 }
 
 impl StretchOptions {
-    fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         positive("distance", self.distance)?;
         not_negative("lift", self.lift)?;
         positive("reach", self.reach)?;
@@ -67,204 +74,226 @@ impl StretchOptions {
     }
 }
 
-/// Two grips beside a hole and the motion that opens it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Stretch {
-    /// The grips, one on each side.
-    pub grips: Vec<Grip>,
-    /// Out, hold, part of the way back.
-    pub motion: Motion,
-    /// The direction of the pull, from the first grip to the second.
-    pub across: UnitVector3<f64>,
+/// The candidates beside a hole, and the pairs of them that two arms can take, cheapest first.
+pub(crate) struct Beside {
+    pub(crate) found: Candidates,
+    pub(crate) pairs: Vec<PullPair>,
 }
 
-/// Opens the hole that `hole`, a loop of vertices, runs round.
-///
-/// # Errors
-/// A loop that spans nothing, no grip on one side, or a motion that cannot be done.
-pub fn stretch(
+/// Two grips that pull a hole open.
+pub(crate) struct PullPair {
+    candidates: [usize; 2],
+    arms: [usize; 2],
+    /// Metres.
+    cost: f64,
+}
+
+impl PullPair {
+    /// 1 for grips at the middle of the loop itself, falling with their distance, in the length `reach`.
+    pub(crate) fn score(&self, reach: f64) -> f64 {
+        1.0 / (1.0 + self.cost / reach)
+    }
+}
+
+/// Looks for grips on both sides of the hole.
+pub(crate) fn beside(
     model: &Model,
     scene: &Scene,
     hole: &[u32],
+    mouth: &Mouth,
     options: &Options,
     stretch: &StretchOptions,
-) -> Result<Stretch, Refusal> {
-    model.check()?;
-    stretch.check()?;
-    let mouth = Mouth::new(model, scene, hole)?;
-    let distance = Adjacency::new(model.points.len(), model.edges).distances(
-        model.points,
-        hole,
-        stretch.reach,
-    );
+) -> Result<Beside, Refusal> {
+    let graph = Adjacency::new(model.points.len(), model.edges);
+    let distance = graph.distances(model.points, hole, 3.0 * stretch.reach);
+    // Those beyond the reach are for the third arm.
     let near: Vec<u32> = (0..model.points.len() as u32)
-        .filter(|&v| distance[v as usize] <= stretch.reach)
+        .filter(|&v| distance[v as usize].is_finite())
         .collect();
-    let found = candidates_among(model, scene, options, &near)?.accepted;
-    let [a, b] = mouth.sides(&found, &distance, scene)?;
-    let arms =
-        assign(scene, [a, b], &[[a.tip, b.tip]]).ok_or(Refusal::NoGripBesideHole { side: 1 })?;
-    let grips: Vec<Grip> = [(arms[0], a), (arms[1], b)]
-        .map(|(arm, c)| grip(arm, c, Role::Lift, scene, options))
-        .into();
-    let motion = pull(&grips, &mouth.across, scene, stretch);
-    check(&motion, scene, options.shaft_length)?;
-    Ok(Stretch {
-        grips,
-        motion,
-        across: mouth.across,
-    })
-}
-
-struct Mouth {
-    center: Point3<f64>,
-    long: Vector3<f64>,
-    across: UnitVector3<f64>,
-}
-
-impl Mouth {
-    fn new(model: &Model, scene: &Scene, hole: &[u32]) -> Result<Self, Refusal> {
-        let points = model.points.len();
-        if let Some(&vertex) = hole.iter().find(|&&v| v as usize >= points) {
-            return Err(Error::NoSuchVertex { vertex, points }.into());
-        }
-        let flat = Refusal::NotAHole {
-            vertices: hole.len(),
-        };
-        if hole.len() < 3 {
-            return Err(flat);
-        }
-        let at = |v: &u32| model.points[*v as usize].coords;
-        let center = hole.iter().map(at).sum::<Vector3<f64>>() / hole.len() as f64;
-        let scatter: Matrix3<f64> = hole
-            .iter()
-            .map(|v| at(v) - center)
-            .map(|d| d * d.transpose())
-            .sum();
-        let eigen = SymmetricEigen::new(scatter);
-        let longest = eigen.eigenvalues.imax();
-        // Shorter than a nanometre is rounding, not a loop.
-        if eigen.eigenvalues[longest] <= 1e-18 {
-            return Err(flat);
-        }
-        let long = eigen.eigenvectors.column(longest).into_owned();
-        let faces: Vector3<f64> = hole
-            .iter()
-            .map(|v| model.normals[*v as usize].into_inner())
-            .sum();
-        let normal = faces
-            .try_normalize(1e-6)
-            .unwrap_or(scene.table.normal.into_inner());
-        // The pull is along the table: up is what `lift` is for.
-        let across =
-            UnitVector3::try_new(scene.table.along(&normal.cross(&long)), 1e-6).ok_or(flat)?;
-        Ok(Self {
-            center: Point3::from(center),
-            long,
-            across,
-        })
+    let (inner, outer): (Vec<u32>, Vec<u32>) = near
+        .into_iter()
+        .partition(|&v| distance[v as usize] <= stretch.reach);
+    let mut found = candidates_among(model, scene, options, &inner)?;
+    let cost = |c: &Candidate| {
+        distance[c.vertex as usize] + 0.5 * mouth.long.dot(&(c.point - mouth.center)).abs()
+    };
+    let mut pairs = pairs(&found.accepted, mouth, scene, &cost)?;
+    thin(&mut pairs, &found.accepted, scene, options.max_sets);
+    if scene.arms.len() > 2 && options.support == Support::Hold && !outer.is_empty() {
+        let pins = candidates_among(model, scene, options, &outer)?;
+        found.accepted.extend(pins.accepted);
+        found.rejected.extend(pins.rejected);
     }
+    Ok(Beside { found, pairs })
+}
 
-    /// The pair of candidates on either side that is cheapest and that two arms can take.
-    fn sides<'c>(
-        &self,
-        found: &'c [Candidate],
-        distance: &[f64],
-        scene: &Scene,
-    ) -> Result<[&'c Candidate; 2], Refusal> {
-        let cost = |c: &Candidate| {
-            distance[c.vertex as usize] + 0.5 * self.long.dot(&(c.point - self.center)).abs()
-        };
-        let side = |sign: f64| -> Vec<&'c Candidate> {
-            found
-                .iter()
-                .filter(|c| sign * self.across.dot(&(c.point - self.center)) > 0.0)
-                .collect()
-        };
-        let sides = [side(-1.0), side(1.0)];
-        if let Some(side) = (0..2).find(|&k| sides[k].is_empty()) {
-            return Err(Refusal::NoGripBesideHole { side });
-        }
-        let mut best: Option<(f64, [&Candidate; 2])> = None;
-        for &a in &sides[0] {
-            for &b in &sides[1] {
-                let sum = cost(a) + cost(b);
-                let apart = (a.point - b.point).norm() >= scene.jaw_separation;
-                if apart
-                    && best.as_ref().is_none_or(|(least, _)| sum < *least)
-                    && assign(scene, [a, b], &[[a.tip, b.tip]]).is_some()
-                {
-                    best = Some((sum, [a, b]));
-                }
+/// All pairs on opposite sides, a jaw apart, that two arms can take; cheapest first.
+fn pairs(
+    found: &[Candidate],
+    mouth: &Mouth,
+    scene: &Scene,
+    cost: &dyn Fn(&Candidate) -> f64,
+) -> Result<Vec<PullPair>, Refusal> {
+    let side = |sign: f64| -> Vec<usize> {
+        let on = |k: &usize| sign * mouth.side(&found[*k].point) > 0.0;
+        (0..found.len()).filter(on).collect()
+    };
+    let sides = [side(-1.0), side(1.0)];
+    if let Some(side) = (0..2).find(|&k| sides[k].is_empty()) {
+        return Err(Refusal::NoGripBesideHole { side });
+    }
+    let mut pairs = Vec::new();
+    for &a in &sides[0] {
+        for &b in &sides[1] {
+            let [p, q] = [&found[a], &found[b]];
+            if (p.point - q.point).norm() < scene.jaw_separation {
+                continue;
+            }
+            if let Some(arms) = assign(scene, [p, q], &[[p.tip, q.tip]]) {
+                let cost = cost(p) + cost(q);
+                pairs.push(PullPair {
+                    candidates: [a, b],
+                    arms,
+                    cost,
+                });
             }
         }
-        best.map(|(_, pair)| pair)
-            .ok_or(Refusal::NoGripBesideHole { side: 1 })
     }
+    pairs.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.candidates.cmp(&b.candidates)));
+    if pairs.is_empty() {
+        return Err(Refusal::NoGripBesideHole { side: 1 });
+    }
+    Ok(pairs)
+}
+
+/// Keeps the cheapest of pairs whose grips are within half a jaw separation of each other.
+fn thin(pairs: &mut Vec<PullPair>, found: &[Candidate], scene: &Scene, most: usize) {
+    let near = |a: usize, b: usize| {
+        (found[a].point - found[b].point).norm() < 0.5 * scene.jaw_separation
+    };
+    let mut kept: Vec<PullPair> = Vec::new();
+    for pair in pairs.drain(..) {
+        let copy = |k: &PullPair| (0..2).all(|s| near(k.candidates[s], pair.candidates[s]));
+        if kept.len() < most && !kept.iter().any(copy) {
+            kept.push(pair);
+        }
+    }
+    *pairs = kept;
+}
+
+/// The grips of a pair, and of the arm that pins the body if there is one.
+pub(crate) fn grips(
+    pair: &PullPair,
+    found: &[Candidate],
+    mouth: &Mouth,
+    scene: &Scene,
+    options: &Options,
+) -> Vec<Grip> {
+    let at = |k: usize| &found[pair.candidates[k]];
+    let mut grips: Vec<Grip> = (0..2)
+        .map(|k| Grip::new(pair.arms[k], at(k), Role::Lift, scene, options))
+        .collect();
+    if options.support == Support::Hold
+        && let Some((arm, candidate)) = pin(&grips, found, mouth, scene)
+    {
+        grips.push(Grip::new(arm, candidate, Role::Support, scene, options));
+    }
+    grips
+}
+
+/// The candidate most in line with the middle of the slit among those that do not move much, and an arm that takes it without crossing.
+fn pin<'c>(
+    grips: &[Grip],
+    found: &'c [Candidate],
+    mouth: &Mouth,
+    scene: &Scene,
+) -> Option<(usize, &'c Candidate)> {
+    let apart = |c: &Candidate| {
+        let far = |g: &Grip| {
+            g.vertex != c.vertex && (g.tip() - c.tip).norm() >= 2.0 * scene.jaw_separation
+        };
+        grips.iter().all(far)
+    };
+    let free = |c: &Candidate| {
+        let crosses = |arm: usize, g: &Grip| {
+            let pull = [&scene.arms[g.arm].base, &g.tip()];
+            cross(scene, [&scene.arms[arm].base, &c.tip], pull)
+        };
+        let fits = |arm: &usize| grips.iter().all(|g| g.arm != *arm && !crosses(*arm, g));
+        c.arms.iter().copied().find(fits)
+    };
+    found
+        .iter()
+        .filter(|c| apart(c))
+        .filter_map(|c| Some((free(c)?, c)))
+        .min_by(|(_, a), (_, b)| {
+            let off = |c: &Candidate| mouth.side(&c.point).abs();
+            off(a).total_cmp(&off(b)).then(a.vertex.cmp(&b.vertex))
+        })
 }
 
 /// Way points on the way out and on the way back.
 const STEPS: usize = 12;
 
-fn pull(
+/// Out, hold, part of the way back and down; checked.
+pub(crate) fn pull(
+    around: &Surroundings,
     grips: &[Grip],
     across: &UnitVector3<f64>,
-    scene: &Scene,
     options: &StretchOptions,
-) -> Motion {
-    let limit = grips
-        .iter()
-        .map(|g| scene.arms[g.arm].max_speed)
-        .fold(options.speed, f64::min);
+) -> Result<Motion, Refusal> {
+    let scene = around.scene;
     let pace = Pace {
-        speed: limit,
+        speed: grips
+            .iter()
+            .map(|g| scene.arms[g.arm].max_speed)
+            .fold(options.speed, f64::min),
         acceleration: options.acceleration,
         turn_rate: 1.0,
     };
-    // `open` of the stretch, `raised` of the lift.
-    let pose = |k: usize, open: f64, raised: f64| -> Isometry3<f64> {
-        let sign = if k == 0 { -0.5 } else { 0.5 };
-        let shift = across.as_ref() * (sign * options.distance * open)
-            + scene.table.normal.as_ref() * (options.lift * raised);
-        Translation3::from(shift) * grips[k].camera_from_tip
-    };
     let share = |i: usize| i as f64 / STEPS as f64;
-    let out = [0, 1].map(|k| {
-        (0..=STEPS)
-            .map(|i| pose(k, share(i), share(i)))
-            .collect::<Vec<_>>()
-    });
-    let closing = |i: usize| 1.0 - (1.0 - options.keep) * share(i);
-    let back = [0, 1].map(|k| {
-        (0..=STEPS)
-            .map(|i| pose(k, closing(i), 1.0 - share(i)))
-            .collect::<Vec<_>>()
-    });
-    let mut clock = times(&out, &pace);
-    let held = clock.last().copied().unwrap_or(0.0) + options.hold;
-    clock.extend(times(&back, &pace).iter().map(|t| held + t));
-    let duration = clock.last().copied().unwrap_or(0.0);
-    let arm = |k: usize| {
-        let poses = out[k].iter().chain(&back[k]);
-        let keyframes = clock
-            .iter()
-            .zip(poses)
-            .map(|(&time, &camera_from_tip)| Keyframe {
-                time,
-                camera_from_tip,
-            })
-            .collect();
-        let end = pose(k, options.keep, 0.0);
-        ArmPath {
-            arm: grips[k].arm,
-            role: Role::Lift,
-            keyframes,
-            release: duration,
-            camera_from_retreat: retreat(&end, scene, options.retreat_distance),
-        }
+    let pose = |k: usize, open: f64, raised: f64| opened(k, &grips[k], across, scene, options, [open, raised]);
+    let paths = |shares: &dyn Fn(usize) -> [f64; 2]| -> Vec<Vec<Isometry3<f64>>> {
+        let path = |k: usize| (0..=STEPS).map(|i| shares(i)).map(|[o, r]| pose(k, o, r)).collect();
+        (0..grips.len()).map(path).collect()
     };
-    Motion {
-        arms: vec![arm(0), arm(1)],
-        duration,
+    let mut whole = paths(&|i| [share(i), share(i)]);
+    let back = paths(&|i| [1.0 - (1.0 - options.keep) * share(i), 1.0 - share(i)]);
+    let mut clock = times(&whole, &pace);
+    let pulled = clock.last().copied().unwrap_or(0.0);
+    let held = pulled + options.hold;
+    clock.extend(times(&back, &pace).iter().map(|t| held + t));
+    whole.iter_mut().zip(back).for_each(|(out, back)| out.extend(back));
+    let end = clock.last().copied().unwrap_or(0.0);
+    let legs = [(Stage::Pull, pulled), (Stage::Hold, held), (Stage::Ease, end)];
+    let legs = legs.map(|(stage, until)| Leg { stage, until }).into();
+    let mut motion = assemble(grips, &whole, &clock, legs);
+    for (k, path) in motion.arms.iter_mut().enumerate() {
+        path.camera_from_retreat = retreat(&pose(k, options.keep, 0.0), scene, options.retreat_distance);
     }
+    let carried = Carried::Turned {
+        axis: scene.table.normal,
+        angles: &[0.0],
+        leaving: options.retreat_distance,
+    };
+    around.check(&motion, &carried)?;
+    Ok(motion)
+}
+
+/// Pose of grip `k` with so much of the stretch and of the lift done; a pinning grip stays.
+fn opened(
+    k: usize,
+    grip: &Grip,
+    across: &UnitVector3<f64>,
+    scene: &Scene,
+    options: &StretchOptions,
+    [open, raised]: [f64; 2],
+) -> Isometry3<f64> {
+    if grip.role == Role::Support {
+        return grip.camera_from_tip;
+    }
+    let sign = if k == 0 { -0.5 } else { 0.5 };
+    let shift = across.as_ref() * (sign * options.distance * open)
+        + scene.table.normal.as_ref() * (options.lift * raised);
+    Translation3::from(shift) * grip.camera_from_tip
 }

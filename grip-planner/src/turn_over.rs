@@ -22,122 +22,14 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
-use crate::check::check;
-use crate::grips::retreat;
-use crate::motion::{Pace, between, times};
-use crate::scene::{not_negative, positive, within};
+use crate::body::Body;
+use crate::check::{Carried, Surroundings};
+use crate::motion::{Pace, assemble, between, times};
+use crate::orientation::retreat;
 use crate::turn::Turn;
-use crate::{ArmPath, Error, Grip, GripSet, Keyframe, Model, Motion, Refusal, Role, Scene};
-
-/// Where the body is to lie after a turn.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Recentre {
-    /// Wherever it tumbles to: about its width and its thickness away.
-    Tumble,
-    /// Where it lay.
-    Stay,
-    /// With its middle at this point, as far as a shift across the axis can do it.
-    At(nalgebra::Point3<f64>),
-}
-
-/// Settings of [`turn_over`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TurnOptions {
-    /// How far to turn, radians, between a quarter and half a turn. Default: what [`Turn::angle`] says.
-    pub angle: Option<f64>,
-    /// Extra lift for the sag, as a share of the lever. Default 0.12: a body of 10 kPa stretches by about 7 % under
-    /// its own weight at 0.15 m, and has to come clear of the table.
-    pub slack: f64,
-    /// Shortening of the lever while the body is laid down, so that it is not dragged on. Default 0.08.
-    pub retract: f64,
-    /// The tips are this high above the table at the end, metres, or higher. Default 0.012.
-    pub release_height: f64,
-    /// Where the body is to lie. Default: where it lay.
-    pub recentre: Recentre,
-    /// Pulls the lifting grips apart by this much along the axis during the lift, metres: a stretch added to the turn. Default 0.
-    pub stretch: f64,
-    /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.05.
-    pub speed: f64,
-    /// How fast that speed is reached and left, m/s². Default 0.05.
-    pub acceleration: f64,
-    /// Largest rotation rate of a tip, rad/s. Default 1.
-    pub turn_rate: f64,
-    /// Least angle between a tool and the table at any time, radians. Default 30°.
-    pub min_elevation: f64,
-    /// A supporting arm lets go at this angle, radians. Default 60°.
-    pub support_until: f64,
-    /// How far the tips back off after the release, metres. Default 0.05.
-    pub retreat_distance: f64,
-    /// Length of the straight part of a tool behind its tip, metres. Default 0.05.
-    pub shaft_length: f64,
-    /// Way points are at most this far apart in angle, radians. Default 3°.
-    pub step: f64,
-}
-
-impl Default for TurnOptions {
-    fn default() -> Self {
-        Self {
-            angle: None,
-            slack: 0.12,
-            retract: 0.08,
-            release_height: 0.012,
-            recentre: Recentre::Stay,
-            stretch: 0.0,
-            speed: 0.05,
-            acceleration: 0.05,
-            turn_rate: 1.0,
-            min_elevation: 30f64.to_radians(),
-            support_until: 60f64.to_radians(),
-            retreat_distance: 0.05,
-            shaft_length: 0.05,
-            step: 3f64.to_radians(),
-        }
-    }
-}
-
-impl TurnOptions {
-    fn check(&self) -> Result<(), Error> {
-        if let Some(angle) = self.angle {
-            within(
-                "angle",
-                angle,
-                FRAC_PI_2,
-                PI,
-                "between a quarter and half a turn",
-            )?;
-        }
-        within("slack", self.slack, 0.0, 1.0, "between 0 and 1")?;
-        within("retract", self.retract, 0.0, 0.9, "between 0 and 0.9")?;
-        not_negative("release_height", self.release_height)?;
-        not_negative("stretch", self.stretch)?;
-        positive("speed", self.speed)?;
-        positive("acceleration", self.acceleration)?;
-        positive("turn_rate", self.turn_rate)?;
-        within(
-            "min_elevation",
-            self.min_elevation,
-            0.0,
-            FRAC_PI_2,
-            "between 0 and a right angle",
-        )?;
-        within(
-            "support_until",
-            self.support_until,
-            0.0,
-            FRAC_PI_2,
-            "between 0 and a right angle",
-        )?;
-        positive("retreat_distance", self.retreat_distance)?;
-        positive("shaft_length", self.shaft_length)?;
-        within(
-            "step",
-            self.step,
-            1e-3,
-            FRAC_PI_2,
-            "between 0.001 and a right angle",
-        )
-    }
-}
+use crate::{
+    Error, Grip, GripSet, Leg, Model, Motion, Recentre, Refusal, Role, Scene, Stage, TurnOptions,
+};
 
 /// The motion that turns the body with the grips of `set`.
 ///
@@ -155,6 +47,17 @@ pub fn turn_over(
     model.check()?;
     scene.check()?;
     options.check()?;
+    let body = Body::new(model.points, scene.tool_radius());
+    turn_in(&Surroundings::new(scene, &body), set, options)
+}
+
+/// The same with the obstacle at hand.
+pub(crate) fn turn_in(
+    around: &Surroundings,
+    set: &GripSet,
+    options: &TurnOptions,
+) -> Result<Motion, Refusal> {
+    let scene = around.scene;
     check_grips(scene, set)?;
     let arc = Arc::new(scene, set, options);
     let angles = arc.angles();
@@ -173,7 +76,12 @@ pub fn turn_over(
         },
     );
     let motion = arc.motion(&paths, &times, &angles, &set.grips);
-    check(&motion, scene, options.shaft_length)?;
+    let carried = Carried::Turned {
+        axis: set.turn.axis,
+        angles: &angles,
+        leaving: 1.5 * options.retreat_distance,
+    };
+    around.check(&motion, &carried)?;
     Ok(motion)
 }
 
@@ -208,7 +116,7 @@ struct Arc<'a> {
 impl<'a> Arc<'a> {
     fn new(scene: &'a Scene<'a>, set: &GripSet, options: &'a TurnOptions) -> Self {
         let turn = set.turn;
-        let end = options.angle.unwrap_or(turn.angle).clamp(FRAC_PI_2, PI);
+        let end = options.end(&turn);
         let lifting: Vec<f64> = set
             .grips
             .iter()
@@ -355,36 +263,24 @@ impl<'a> Arc<'a> {
         angles: &[f64],
         grips: &[Grip],
     ) -> Motion {
-        let duration = times.last().copied().unwrap_or(0.0);
-        let arm = |(grip, path): (&Grip, &Vec<Isometry3<f64>>)| {
-            let keyframes: Vec<_> = times
-                .iter()
-                .zip(path)
-                .map(|(&time, &camera_from_tip)| Keyframe {
-                    time,
-                    camera_from_tip,
-                })
-                .collect();
-            let end = path.last().copied().unwrap_or(grip.camera_from_tip);
-            let (release, camera_from_retreat) = match grip.role {
-                Role::Lift => (
-                    duration,
-                    retreat(&end, self.scene, self.options.retreat_distance),
-                ),
-                Role::Support => (times[self.support_ends(angles)], end),
+        let standing = angles.partition_point(|&a| a <= FRAC_PI_2).saturating_sub(1);
+        let legs = [
+            (Stage::Lift, times[standing]),
+            (Stage::Lower, times.last().copied().unwrap_or(0.0)),
+        ];
+        let legs = legs.map(|(stage, until)| Leg { stage, until }).into();
+        let mut motion = assemble(grips, paths, times, legs);
+        for (path, poses) in motion.arms.iter_mut().zip(paths) {
+            let end = poses[poses.len() - 1];
+            path.camera_from_retreat = match path.role {
+                Role::Lift => retreat(&end, self.scene, self.options.retreat_distance),
+                Role::Support => end,
             };
-            ArmPath {
-                arm: grip.arm,
-                role: grip.role,
-                keyframes,
-                release,
-                camera_from_retreat,
+            if path.role == Role::Support {
+                path.release = times[self.support_ends(angles)];
             }
-        };
-        Motion {
-            arms: grips.iter().zip(paths).map(arm).collect(),
-            duration,
         }
+        motion
     }
 }
 

@@ -11,8 +11,8 @@ use grip_planner::nalgebra::{
     Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3,
 };
 use grip_planner::{
-    Arm, CandidateSource, Error, Motion, Options, PlanOptions, Reason, Recentre, Refusal, Role,
-    Scene, TurnOptions, Workspace, candidates, plan, plan_grips, turn_over,
+    Action, Arm, CandidateSource, Error, Motion, Options, PlanOptions, Reason, Recentre, Refusal, Role,
+    Scene, TurnOptions, Waypoint, Workspace, candidates, plan, plan_grips, turn_over,
 };
 use proptest::prelude::*;
 
@@ -68,17 +68,16 @@ proptest! {
         let scene = fixture::scene(&arms);
         let mut options = PlanOptions::default();
         options.turn.speed = speed;
-        let plan = plan(&body.model(), &scene, &options).unwrap();
-        let set = &plan.grips;
-        prop_assert!((0.0..=1.0).contains(&set.coverage) && (0.0..=1.0).contains(&set.suitability) && (0.0..=1.0).contains(&set.score));
-        prop_assert!(set.coverage >= set.lifting_coverage);
-        let lifting: Vec<_> = set.grips.iter().filter(|g| g.role == Role::Lift).collect();
+        let plan = plan(&body.model(), &scene, Action::TurnOver, &options).unwrap();
+        let turn = plan.turn.unwrap();
+        prop_assert!((0.0..=1.0).contains(&plan.coverage) && (0.0..=1.0).contains(&plan.score));
+        let lifting: Vec<_> = plan.grips.iter().filter(|g| g.role == Role::Lift).collect();
         prop_assert_eq!(lifting.len(), 2);
-        let at: Vec<_> = lifting.iter().map(|g| set.turn.local(&body.points[g.vertex as usize])).collect();
+        let at: Vec<_> = lifting.iter().map(|g| turn.local(&body.points[g.vertex as usize])).collect();
         // Both on the lifted side, well apart along the axis.
-        prop_assert!(at.iter().all(|p| p.y > 0.5 * set.turn.span));
-        prop_assert!((at[0].x - at[1].x).abs() > 0.2 * set.turn.length);
-        for (grip, path) in set.grips.iter().zip(&plan.motion.arms) {
+        prop_assert!(at.iter().all(|p| p.y > 0.5 * turn.span));
+        prop_assert!((at[0].x - at[1].x).abs() > 0.2 * turn.length);
+        for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
             prop_assert_eq!(grip.arm, path.arm);
             // The motion begins where the grasp is.
             let start = path.keyframes[0].camera_from_tip;
@@ -92,7 +91,7 @@ proptest! {
     fn a_block_tumbles_over_its_edges(body in body(), angle in 1.6..PI) {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
-        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
         // Without slack, floor and shift the tips go like points of a rigid block.
         let options = TurnOptions { angle: Some(angle), slack: 0.0, retract: 0.0, release_height: 0.0, recentre: Recentre::Tumble, ..Default::default() };
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
@@ -115,7 +114,7 @@ proptest! {
     fn staying_brings_the_tips_to_the_other_side_of_the_same_place(body in body()) {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
-        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
         let options = TurnOptions { angle: Some(PI), retract: 0.0, ..Default::default() };
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
         for (grip, path) in set.grips.iter().zip(&motion.arms) {
@@ -136,7 +135,7 @@ proptest! {
     fn a_stretch_in_the_turn_widens_the_grips(body in body(), stretch in 0.0..0.04) {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
-        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().remove(0).without_support();
+        let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &TurnOptions { stretch, ..Default::default() }) else { return Ok(()) };
         let apart = |time: f64| set.turn.axis.dot(&(motion.arms[0].at(time).unwrap().translation.vector - motion.arms[1].at(time).unwrap().translation.vector)).abs();
         prop_assert!((apart(motion.duration) - apart(0.0) - stretch).abs() < 1e-9);
@@ -147,22 +146,22 @@ proptest! {
 fn the_same_input_gives_the_same_plan() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(3));
     let run = || {
-        plan(
-            &body.model(),
-            &fixture::scene(&arms),
-            &PlanOptions::default(),
+        plan(&body.model(), &fixture::scene(&arms), Action::TurnOver, &PlanOptions::default(),
         )
         .unwrap()
     };
     let (a, b) = (run(), run());
     assert_eq!(a.grips, b.grips);
+    assert_eq!(a.reach, b.reach);
     assert_eq!(a.motion, b.motion);
+    assert_eq!(a.withdraw, b.withdraw);
+    assert_eq!(a.coverage_map, b.coverage_map);
 }
 
 #[test]
 fn grips_on_the_boundary_are_preferred_and_arms_do_not_cross() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(2));
-    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &Options::default()).unwrap();
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &Options::default()).unwrap().sets;
     let best = &sets[0];
     for grip in &best.grips {
         assert!(body.boundary[grip.vertex as usize]);
@@ -191,7 +190,7 @@ fn a_wanted_side_is_lifted() {
             lift: Some(side),
             ..Default::default()
         };
-        for set in plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap() {
+        for set in plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap().sets {
             assert!(set.turn.lifted.dot(&side) > 0.99);
         }
     }
@@ -205,7 +204,7 @@ fn weight_zero_is_the_order_of_coverage() {
         outline_weight: 1.0,
         ..Default::default()
     };
-    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap();
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap().sets;
     assert!(
         sets.windows(2)
             .all(|w| w[0].lifting_coverage >= w[1].lifting_coverage)
@@ -222,19 +221,21 @@ fn a_third_arm_holds_at_the_pivot_and_lets_go_early() {
         },
         ..Default::default()
     };
-    let plan = plan(&body.model(), &fixture::scene(&arms), &options).unwrap();
+    let plan = plan(&body.model(), &fixture::scene(&arms), Action::TurnOver, &options).unwrap();
     let support = plan
-        .grips
         .grips
         .iter()
         .position(|g| g.role == Role::Support)
         .unwrap();
-    assert_eq!(plan.grips.grips[support].arm, 2);
-    assert!(plan.grips.turn.local(&plan.grips.grips[support].tip()).y < 0.3 * plan.grips.turn.span);
+    let turn = plan.turn.unwrap();
+    assert_eq!(plan.grips[support].arm, 2);
+    assert!(turn.local(&plan.grips[support].tip()).y < 0.3 * turn.span);
     assert!(plan.motion.arms[support].release < 0.7 * plan.motion.duration);
     let end = plan.motion.arms[support].at(plan.motion.duration).unwrap();
     assert!((end.translation.vector - arms[2].home.translation.vector).norm() < 1e-9);
-    assert!(plan.grips.coverage > plan.grips.lifting_coverage);
+    let lifting: Vec<u32> = plan.grips[..2].iter().map(|g| g.vertex).collect();
+    let ranked = plan_grips(&body.model(), &fixture::scene(&arms), &options.grips).unwrap();
+    assert!(plan.coverage > ranked.coverage.score(&lifting).unwrap());
 }
 
 #[test]
@@ -265,12 +266,12 @@ fn every_reason_for_a_rejection_occurs() {
     assert_eq!(reason(rim[0]), Some(Reason::Hidden));
     assert!(matches!(reason(rim[1]), Some(Reason::FacesTable { .. })));
     assert!(matches!(reason(rim[2]), Some(Reason::TooLow { .. })));
-    assert_eq!(reason(rim[3]), Some(Reason::OutOfReach));
+    assert!(matches!(reason(rim[3]), Some(Reason::OutOfReach { arm: 0, at: Waypoint::Approach })));
     assert!(
         found
             .rejected
             .iter()
-            .any(|r| r.1 == Reason::Blocked { by: 0 })
+            .any(|r| matches!(r.1, Reason::Blocked { by: 0, .. }))
     );
     scene.jaw_separation = 0.01;
     let few = candidates(
@@ -283,7 +284,7 @@ fn every_reason_for_a_rejection_occurs() {
     )
     .unwrap();
     assert_eq!(few.accepted.len(), 4);
-    assert!(few.rejected.iter().any(|r| r.1 == Reason::Thinned));
+    assert!(few.rejected.iter().any(|r| matches!(r.1, Reason::Thinned { .. })));
     let boundary = body.boundary.iter().filter(|b| **b).count();
     assert_eq!(found.accepted.len() + found.rejected.len(), boundary);
 }
@@ -325,7 +326,7 @@ fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
         }
     }
     let scene = fixture::scene(&arms);
-    assert!(plan(&body.model(), &scene, &PlanOptions::default()).is_ok());
+    assert!(plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default()).is_ok());
     let strict = PlanOptions {
         grips: Options {
             source: CandidateSource::Boundary,
@@ -334,8 +335,8 @@ fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
         ..Default::default()
     };
     assert!(matches!(
-        plan(&body.model(), &scene, &strict),
-        Err(Error::NoGrips { accepted: 0 })
+        plan(&body.model(), &scene, Action::TurnOver, &strict),
+        Err(Error::NoGrips { accepted: 0, .. })
     ));
 }
 
@@ -353,10 +354,7 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
             ..a
         })
         .collect();
-    let Err(Error::AllRefused { refused }) = plan(
-        &body.model(),
-        &fixture::scene(&low),
-        &PlanOptions::default(),
+    let Err(Error::AllRefused { refused }) = plan(&body.model(), &fixture::scene(&low), Action::TurnOver, &PlanOptions::default(),
     ) else {
         panic!("a motion out of the workspace was planned")
     };
@@ -368,10 +366,7 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
     // Arms that come from the same place.
     let mut near = fixture::arms(2);
     near[1].base = near[0].base + Vector3::new(0.0, 0.004, 0.0);
-    let Err(Error::AllRefused { refused }) = plan(
-        &body.model(),
-        &fixture::scene(&near),
-        &PlanOptions::default(),
+    let Err(Error::AllRefused { refused }) = plan(&body.model(), &fixture::scene(&near), Action::TurnOver, &PlanOptions::default(),
     ) else {
         panic!("two arms in one place were planned")
     };
@@ -413,7 +408,7 @@ fn bad_input_is_named() {
     let arms = fixture::arms(2);
     let good = fixture::usual(400);
     let scene = fixture::scene(&arms);
-    let run = |body: &Body| plan(&body.model(), &scene, &PlanOptions::default()).map(|_| ());
+    let run = |body: &Body| plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default()).map(|_| ());
     let mut b = good.clone();
     b.points[7].x = f64::NAN;
     assert!(matches!(
@@ -436,20 +431,14 @@ fn bad_input_is_named() {
     b.areas.fill(0.0);
     assert!(matches!(run(&b), Err(Error::NoTarget { .. })));
     let one = fixture::arms(1);
-    let alone = plan(
-        &good.model(),
-        &fixture::scene(&one),
-        &PlanOptions::default(),
+    let alone = plan(&good.model(), &fixture::scene(&one), Action::TurnOver, &PlanOptions::default(),
     );
     assert!(matches!(alone, Err(Error::TooFewArms { count: 1 })));
     let turn = TurnOptions {
         speed: -1.0,
         ..Default::default()
     };
-    let slow = plan(
-        &good.model(),
-        &scene,
-        &PlanOptions {
+    let slow = plan(&good.model(), &scene, Action::TurnOver, &PlanOptions {
             turn,
             ..Default::default()
         },
@@ -486,7 +475,7 @@ fn degenerate_bodies_are_errors_and_not_panics() {
     for points in shapes {
         let body = of(points);
         // Whatever comes out, it comes out as a value.
-        let _ = plan(&body.model(), &scene, &PlanOptions::default());
+        let _ = plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default());
     }
 }
 

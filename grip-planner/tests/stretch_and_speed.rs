@@ -1,13 +1,18 @@
 //! Opening a hole, and how fast.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "tests"
+)]
 
 mod fixture;
 
 use fixture::Body;
 use grip_planner::nalgebra::Vector3;
 use grip_planner::{
-    Coverage, CoverageOptions, GovernorOptions, Options, Refusal, SpeedGovernor, StretchOptions,
-    speed_limit, stretch,
+    Action, Coverage, CoverageOptions, Error, GovernorOptions, PlanOptions, Refusal, Role,
+    SpeedGovernor, Stage, StretchOptions, plan, speed_limit,
 };
 use proptest::prelude::*;
 
@@ -48,24 +53,60 @@ proptest! {
         let (body, rim) = slit(angle);
         let arms = fixture::arms(3);
         let scene = fixture::scene(&arms);
-        let options = StretchOptions { distance, lift, ..Default::default() };
-        let done = match stretch(&body.model(), &scene, &rim, &Options::default(), &options) {
+        let stretch = StretchOptions { distance, lift, ..Default::default() };
+        let options = PlanOptions { stretch, ..Default::default() };
+        let done = match plan(&body.model(), &scene, Action::Stretch { hole: &rim }, &options) {
             Ok(done) => done,
-            // Two tools that cannot stand this close together is an honest answer.
-            Err(Refusal::ArmsCollide { .. } | Refusal::NoGripBesideHole { .. }) => return Ok(()),
+            // Two tools that cannot stand this close together is an honest answer, for every pair that was tried.
+            Err(Error::AllRefused { refused }) => {
+                let room = |r: &grip_planner::RefusedSet| matches!(r.reason, Refusal::ArmsCollide { .. } | Refusal::HitsBody { .. });
+                prop_assert!(refused.iter().all(room));
+                return Ok(());
+            }
             Err(other) => return Err(TestCaseError::fail(other.to_string())),
         };
+        let (across, motion) = (done.across.unwrap(), &done.motion);
         let long = Vector3::new(angle.cos(), angle.sin(), 0.0);
-        prop_assert!(done.across.dot(&long).abs() < 0.15);
-        let side = |k: usize| done.across.dot(&done.grips[k].tip().coords);
+        prop_assert!(across.dot(&long).abs() < 0.15);
+        let side = |k: usize| across.dot(&done.grips[k].tip().coords);
         prop_assert!(side(0) < side(1));
-        let gap = |time: f64| done.across.dot(&(done.motion.arms[1].at(time).unwrap().translation.vector - done.motion.arms[0].at(time).unwrap().translation.vector));
-        let height = |time: f64| fixture::DEPTH - done.motion.arms[0].at(time).unwrap().translation.vector.z;
-        let widest = (0..200).map(|k| gap(done.motion.duration * f64::from(k) / 199.0)).fold(0.0, f64::max);
+        let tip = |arm: usize, time: f64| motion.arms[arm].at(time).unwrap().translation.vector;
+        let gap = |time: f64| across.dot(&(tip(1, time) - tip(0, time)));
+        let height = |time: f64| fixture::DEPTH - tip(0, time).z;
+        let widest = (0..200).map(|k| gap(motion.duration * f64::from(k) / 199.0)).fold(0.0, f64::max);
         prop_assert!((widest - gap(0.0) - distance).abs() < 1e-9);
-        prop_assert!((gap(done.motion.duration) - gap(0.0) - 0.5 * distance).abs() < 1e-9);
-        prop_assert!((height(done.motion.duration) - height(0.0)).abs() < 1e-9);
-        prop_assert!(done.motion.peak_speed() <= options.speed * (1.0 + 1e-9));
+        prop_assert!((gap(motion.duration) - gap(0.0) - 0.5 * distance).abs() < 1e-9);
+        prop_assert!((height(motion.duration) - height(0.0)).abs() < 1e-9);
+        prop_assert!(motion.peak_speed() <= stretch.speed * (1.0 + 1e-9));
+        let stages: Vec<Stage> = motion.legs.iter().map(|l| l.stage).collect();
+        prop_assert_eq!(stages, [Stage::Pull, Stage::Hold, Stage::Ease]);
+        for (grip, path) in done.grips.iter().zip(&motion.arms) {
+            // Whoever pins the body stays where it is.
+            let moved = path.at(0.5 * motion.duration).unwrap().translation.vector - grip.tip().coords;
+            prop_assert_eq!(grip.role == Role::Support, moved.norm() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn a_hole_opens_while_the_body_is_turned(angle in 1.2..1.9, distance in 0.01..0.04) {
+        // The slit lies across the longer side, which the body is turned about: the grips part on both sides of it.
+        let (body, rim) = slit(angle);
+        let arms = fixture::arms(3);
+        let scene = fixture::scene(&arms);
+        let stretch = StretchOptions { distance, ..Default::default() };
+        let options = PlanOptions { stretch, ..Default::default() };
+        let done = plan(&body.model(), &scene, Action::TurnAndStretch { hole: &rim }, &options).unwrap();
+        let (turn, across) = (done.turn.unwrap(), done.across.unwrap());
+        prop_assert!(turn.axis.dot(&across).abs() > 0.9);
+        let middle = rim.iter().map(|&v| body.points[v as usize].coords).sum::<Vector3<f64>>() / rim.len() as f64;
+        let side = |k: usize| across.dot(&(done.grips[k].tip().coords - middle));
+        prop_assert!(side(0) * side(1) < 0.0);
+        let tip = |arm: usize, time: f64| done.motion.arms[arm].at(time).unwrap().translation.vector;
+        let apart = |time: f64| turn.axis.dot(&(tip(0, time) - tip(1, time))).abs();
+        prop_assert!((apart(done.motion.duration) - apart(0.0) - distance).abs() < 1e-9);
+        // It still ends on the other side.
+        let [start, end] = [0.0, done.motion.duration].map(|t| turn.local(&tip(0, t).into()).y / turn.span);
+        prop_assert!(start > 0.5 && end < 0.5);
     }
 
     #[test]
@@ -107,26 +148,91 @@ fn an_unknown_residual_is_an_alarm() {
 }
 
 #[test]
+fn a_third_arm_pins_the_body_beside_the_pull() {
+    let (body, rim) = slit(1.57);
+    let (two, three) = (fixture::arms(2), fixture::arms(3));
+    let run = |arms| {
+        plan(
+            &body.model(),
+            &fixture::scene(arms),
+            Action::Stretch { hole: &rim },
+            &PlanOptions::default(),
+        )
+        .unwrap()
+    };
+    assert_eq!(run(&two).grips.len(), 2);
+    let pinned = run(&three);
+    assert_eq!(pinned.grips[2].role, Role::Support);
+    assert!(pinned.coverage > run(&two).coverage);
+}
+
+#[test]
+fn the_next_best_pair_is_tried() {
+    let (body, rim) = slit(1.57);
+    let arms = fixture::arms(2);
+    let free = plan(
+        &body.model(),
+        &fixture::scene(&arms),
+        Action::Stretch { hole: &rim },
+        &PlanOptions::default(),
+    )
+    .unwrap();
+    assert!(free.refused.is_empty());
+    // Where the best pair would pull to is out of bounds now, and nothing else is.
+    let forbidden = free.motion.arms[0]
+        .at(0.4 * free.motion.duration)
+        .unwrap()
+        .translation
+        .vector;
+    let mut fenced = arms.clone();
+    for arm in &mut fenced {
+        let base = arm.workspace.clone();
+        arm.workspace = grip_planner::Workspace::Custom(std::sync::Arc::new(move |pose| {
+            base.contains(pose) && (pose.translation.vector - forbidden).norm() > 0.008
+        }));
+    }
+    let other = plan(
+        &body.model(),
+        &fixture::scene(&fenced),
+        Action::Stretch { hole: &rim },
+        &PlanOptions::default(),
+    )
+    .unwrap();
+    assert!(matches!(
+        other.refused[0].reason,
+        Refusal::OutOfWorkspace { .. }
+    ));
+    let vertices = |p: &grip_planner::Plan| p.grips.iter().map(|g| g.vertex).collect::<Vec<_>>();
+    assert_eq!(other.refused[0].vertices, vertices(&free));
+    assert_ne!(vertices(&other), vertices(&free));
+}
+
+#[test]
 fn no_hole_no_stretch() {
     let (body, rim) = slit(0.0);
     let arms = fixture::arms(2);
     let scene = fixture::scene(&arms);
     let run = |hole: &[u32]| {
-        stretch(
+        plan(
             &body.model(),
             &scene,
-            hole,
-            &Options::default(),
-            &StretchOptions::default(),
+            Action::Stretch { hole },
+            &PlanOptions::default(),
         )
     };
+    let reason = |hole: &[u32]| match run(hole) {
+        Err(Error::BadHole { reason }) => *reason,
+        other => panic!("{other:?}"),
+    };
     assert!(matches!(
-        run(&rim[..2]),
-        Err(Refusal::NotAHole { vertices: 2 })
+        reason(&rim[..2]),
+        Refusal::NotAHole { vertices: 2 }
     ));
-    assert!(matches!(run(&[rim[0]; 5]), Err(Refusal::NotAHole { .. })));
-    assert!(matches!(run(&[0, 1, 99_999]), Err(Refusal::Input(_))));
+    assert!(matches!(reason(&[rim[0]; 5]), Refusal::NotAHole { .. }));
+    assert!(matches!(
+        run(&[0, 1, 99_999]),
+        Err(Error::NoSuchVertex { vertex: 99_999, .. })
+    ));
     // A slit across the arms leaves room for both tools.
-    let opened = run(&rim).unwrap();
-    assert_eq!(opened.grips.len(), 2);
+    assert_eq!(run(&rim).unwrap().grips.len(), 2);
 }

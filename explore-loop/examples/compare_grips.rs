@@ -1,0 +1,278 @@
+//! What planning the grips is worth: manipulations until the surface closes, planned grips against random ones, in the simulated cell.
+//!
+//! ```text
+//! cargo run --release -p explore-loop --example compare_grips -- [--seeds 6] [--scenes liver,ellipsoid] [--arms 2,3] [--cap 8] [--csv FILE]
+//! ```
+//!
+//! Every scene is explored with every number of arms from every seed (0, 1, …) twice: with the grips of `CoveragePlanner` and with those of `RandomPlanner`, which
+//! draws feasible grips on the boundary and moves them with the same motion planner; everything else is the same. A run that does not
+//! close within the cap counts as the cap (which favours random grips), and is marked. A run takes half a minute to a few minutes.
+#![allow(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a program prints"
+)]
+
+use std::fmt::Write as _;
+use std::process::ExitCode;
+
+use explore_loop::Error;
+use explore_loop::canonical::CanonicalModel;
+use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
+use explore_loop::explore::{Event, ExploreOptions, Explorer, Stop, Watcher};
+use explore_loop::measure::{Measurer, TrueSurface};
+use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
+
+/// Spacing of the model, metres, and grip speed, m/s: those of `explore run`.
+const SPACING: f64 = 0.005;
+const SPEED: f64 = 0.03;
+/// Depth noise of the camera, metres: that of `explore run` too.
+const NOISE: f64 = 5e-4;
+
+const USAGE: &str = "usage: compare_grips [--seeds N] [--scenes NAME,NAME…] [--arms 2,3] [--cap N] [--csv FILE]";
+
+type Failure = Box<dyn std::error::Error>;
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::parse(std::env::args().skip(1)) {
+        Ok(arguments) => arguments,
+        Err(complaint) => {
+            eprintln!("{complaint}\n{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match compare(&arguments) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(complaint) => {
+            eprintln!("{complaint}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+struct Arguments {
+    seeds: u64,
+    scenes: Vec<String>,
+    arms: Vec<usize>,
+    cap: usize,
+    csv: Option<String>,
+}
+
+impl Arguments {
+    fn parse(mut words: impl Iterator<Item = String>) -> Result<Self, String> {
+        let mut arguments = Self {
+            seeds: 6,
+            scenes: vec!["liver".into(), "ellipsoid".into()],
+            arms: vec![2, 3],
+            cap: 8,
+            csv: None,
+        };
+        while let Some(word) = words.next() {
+            let value = words.next().ok_or(format!("{word} takes a value"))?;
+            let number = |text: &str| text.parse().map_err(|_| format!("{word} {text}: a number"));
+            match word.as_str() {
+                "--seeds" => arguments.seeds = number(&value)? as u64,
+                "--cap" => arguments.cap = number(&value)?,
+                "--scenes" => arguments.scenes = value.split(',').map(str::to_owned).collect(),
+                "--arms" => arguments.arms = value.split(',').map(number).collect::<Result<_, _>>()?,
+                "--csv" => arguments.csv = Some(value),
+                _ => return Err(format!("unknown option {word}")),
+            }
+        }
+        match arguments.arms.iter().find(|a| !(2..=3).contains(*a)) {
+            Some(arms) => Err(format!("--arms {arms}: 2 or 3")),
+            None => Ok(arguments),
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq)]
+enum Grips {
+    Planned,
+    Random,
+}
+
+impl Grips {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Planned => "planned",
+            Self::Random => "random",
+        }
+    }
+}
+
+/// How a run ended.
+struct Run {
+    scene: String,
+    arms: usize,
+    grips: Grips,
+    seed: u64,
+    /// Share of the true surface before the first and after every manipulation.
+    explored: Vec<f64>,
+    manipulations: usize,
+    stop: &'static str,
+}
+
+impl Run {
+    /// What it counts as: the cap unless it closed.
+    fn counted(&self, cap: usize) -> f64 {
+        if self.closed() { self.manipulations } else { cap }.max(1) as f64
+    }
+
+    fn closed(&self) -> bool {
+        self.stop == Stop::Closed.word()
+    }
+
+    /// Mean gain of explored share a manipulation.
+    fn gain(&self) -> Option<f64> {
+        let (first, last) = (self.explored.first()?, self.explored.last()?);
+        (self.manipulations > 0).then(|| (last - first) / self.manipulations as f64)
+    }
+}
+
+fn compare(arguments: &Arguments) -> Result<(), Failure> {
+    let mut runs = Vec::new();
+    let mut csv = String::from("scene,arms,grips,seed,manipulations,stop,explored\n");
+    for scene in &arguments.scenes {
+        for &arms in &arguments.arms {
+            for seed in 0..arguments.seeds {
+                for grips in [Grips::Planned, Grips::Random] {
+                    let run = explore(scene, arms, seed, grips, arguments.cap)?;
+                    let shares: Vec<String> =
+                        run.explored.iter().map(|e| format!("{:.1}", 100.0 * e)).collect();
+                    let line = format!(
+                        "{scene},{arms},{},{seed},{},{},{}",
+                        grips.word(),
+                        run.manipulations,
+                        run.stop,
+                        shares.join(" ")
+                    );
+                    eprintln!("{line}");
+                    writeln!(csv, "{line}")?;
+                    // Written after every run: a long table is not lost with its last line.
+                    if let Some(path) = &arguments.csv {
+                        std::fs::write(path, &csv)?;
+                    }
+                    runs.push(run);
+                }
+            }
+        }
+    }
+    table(arguments, &runs);
+    Ok(())
+}
+
+fn explore(
+    scene: &str,
+    arms: usize,
+    seed: u64,
+    grips: Grips,
+    cap: usize,
+) -> Result<Run, Failure> {
+    let mut options = SimOptions::new(Scene::named(scene)?);
+    options.arms = arms;
+    options.seed = seed;
+    options.camera.noise = NOISE;
+    let (mut cell, truth) = SimCell::new(&options)?;
+    let mut planner: Box<dyn Planner> = match grips {
+        Grips::Planned => Box::new(CoveragePlanner::default()),
+        Grips::Random => Box::new(RandomPlanner::new(seed)),
+    };
+    let mut exploring = ExploreOptions::new(SPACING, SPEED);
+    exploring.max_manipulations = cap;
+    let mut watcher = Explored {
+        rest: surface(&truth),
+        truth,
+        measurer: None,
+        shares: Vec::new(),
+    };
+    let outcome = Explorer::new(&mut cell, &mut *planner, &mut watcher, exploring)?.run()?;
+    Ok(Run {
+        scene: scene.to_owned(),
+        arms,
+        grips,
+        seed,
+        explored: watcher.shares,
+        manipulations: outcome.manipulations,
+        stop: outcome.stop.word(),
+    })
+}
+
+/// Measures the explored share at every look.
+struct Explored {
+    truth: Truth,
+    rest: TrueSurface,
+    measurer: Option<Measurer>,
+    shares: Vec<f64>,
+}
+
+fn surface(truth: &Truth) -> TrueSurface {
+    TrueSurface {
+        vertices: truth.rest().vertices,
+        triangles: truth.triangles().iter().map(|t| t.map(|i| i as u32)).collect(),
+    }
+}
+
+impl Watcher for Explored {
+    fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
+        match event {
+            Event::Frame(..) => {
+                if self.measurer.is_none() {
+                    self.measurer = Some(Measurer::new(self.rest.clone())?);
+                }
+                let live = TrueSurface {
+                    vertices: self.truth.live(),
+                    triangles: self.rest.triangles.clone(),
+                };
+                if let Some(measurer) = &mut self.measurer {
+                    measurer.anchor(model, &live)?;
+                }
+            }
+            Event::Topology(_) => {
+                let share = self.measurer.as_ref().map(|m| m.shape(model, SPACING).explored);
+                self.shares.push(share.unwrap_or(0.0));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn table(arguments: &Arguments, runs: &[Run]) {
+    let cap = arguments.cap;
+    println!("| scene | arms | grips | runs | closed | manipulations (mean) | gain a manipulation | planned / random |");
+    println!("|---|---|---|---|---|---|---|---|");
+    for scene in &arguments.scenes {
+        for &arms in &arguments.arms {
+            let of = |grips: Grips| -> Vec<&Run> {
+                let fits = |r: &&Run| r.scene == *scene && r.arms == arms && r.grips == grips;
+                runs.iter().filter(fits).collect()
+            };
+            let mean_of = |grips| mean(of(grips).iter().map(|r| r.counted(cap)));
+            let ratio = mean_of(Grips::Planned) / mean_of(Grips::Random);
+            for grips in [Grips::Planned, Grips::Random] {
+                let runs = of(grips);
+                let closed = runs.iter().filter(|r| r.closed()).count();
+                let gain = mean(runs.iter().filter_map(|r| r.gain()));
+                println!(
+                    "| {scene} | {arms} | {} | {} | {closed} | {:.2}{} | {:.1} % | {} |",
+                    grips.word(),
+                    runs.len(),
+                    mean_of(grips),
+                    if closed < runs.len() { " (at least)" } else { "" },
+                    100.0 * gain,
+                    if grips == Grips::Planned { format!("{ratio:.2}") } else { String::new() }
+                );
+            }
+        }
+    }
+    println!("\nA run that did not close within {cap} manipulations counts as {cap}; seeds 0 to {}.", arguments.seeds.saturating_sub(1));
+    for run in runs.iter().filter(|r| !r.closed()) {
+        println!("not closed: {} arms {} {} seed {}: {}", run.scene, run.arms, run.grips.word(), run.seed, run.stop);
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+    if count == 0 { f64::NAN } else { sum / f64::from(count) }
+}

@@ -1,0 +1,124 @@
+//! What grips do to every vertex: the field they command, the motion they leave free, the map of their coverage.
+//!
+//! With `C = K⁻¹`, `Φ` the rows of the identity at the grips and `G = ΦCΦᵀ`:
+//!
+//! ```text
+//! field       u = C Φᵀ G⁻¹ v                  most probable motion when the grips move with v
+//! projector   P = I − C Φᵀ G⁻¹ Φ = Z(ZᵀKZ)⁻¹ZᵀK     ΦP = 0,  P² = P,  rank P = n − g
+//! map         1 − [Z(ZᵀKZ)⁻¹Zᵀ]_ii / C_ii  =  Σ_k (C w_k)_i² / C_ii      w_k orthonormal in G
+//! ```
+//!
+//! `P` is the projection onto the null space of `Φ` along what the grips command, orthogonal in the metric of `K`. The mean of the map
+//! with weights `S_ii C_ii` is the coverage.
+
+use nalgebra::{DMatrix, Vector3};
+
+use crate::null_space::REPEATED;
+use crate::{Coverage, Error};
+
+impl Coverage {
+    /// Motion of every vertex when the grips move with the given velocities: the most probable field.
+    /// With unit velocities these are the `J_i v̂` of [`crate::speed_limit`].
+    ///
+    /// # Errors
+    /// A vertex that is not a candidate, or given twice.
+    ///
+    /// # Complexity
+    /// `O(g³ + g n)`.
+    pub fn field(&self, grips: &[(u32, Vector3<f64>)]) -> Result<Vec<Vector3<f64>>, Error> {
+        let vertices: Vec<u32> = grips.iter().map(|g| g.0).collect();
+        let columns = self.distinct(&vertices)?;
+        let velocity = DMatrix::from_fn(columns.len(), 3, |i, k| grips[i].1[k]);
+        let multipliers = DMatrix::from_fn(columns.len(), columns.len(), |i, j| {
+            self.gram[(columns[i], columns[j])]
+        })
+        .cholesky()
+        .ok_or(Error::NotPositiveDefinite)?
+        .solve(&velocity);
+        let mut field = vec![Vector3::zeros(); self.size];
+        for (k, &c) in columns.iter().enumerate() {
+            let pull = Vector3::new(
+                multipliers[(k, 0)],
+                multipliers[(k, 1)],
+                multipliers[(k, 2)],
+            );
+            for (u, &share) in field.iter_mut().zip(self.covariance(c)) {
+                *u += pull * share;
+            }
+        }
+        Ok(field)
+    }
+
+    /// What is left of a motion of all vertices when the grips are held still: its projection `P u` onto the null space
+    /// of the grips.
+    ///
+    /// # Errors
+    /// A motion that has not one entry per vertex, a vertex that is not a candidate, or given twice.
+    pub fn free_motion(
+        &self,
+        grips: &[u32],
+        motion: &[Vector3<f64>],
+    ) -> Result<Vec<Vector3<f64>>, Error> {
+        if motion.len() != self.size {
+            return Err(Error::LengthMismatch {
+                what: "motions",
+                count: motion.len(),
+                points: self.size,
+            });
+        }
+        self.distinct(grips)?;
+        let held: Vec<_> = grips.iter().map(|&g| (g, motion[g as usize])).collect();
+        let commanded = self.field(&held)?;
+        Ok(motion.iter().zip(&commanded).map(|(u, c)| u - c).collect())
+    }
+
+    /// The share of each vertex's motion that the grips command, between 0 and 1: the coverage as a picture. Repeated grips do no harm.
+    ///
+    /// # Errors
+    /// A vertex that is not a candidate.
+    ///
+    /// # Complexity
+    /// `O(g² n)`.
+    pub fn map(&self, grips: &[u32]) -> Result<Vec<f64>, Error> {
+        let mut orthonormal: Vec<Vec<f64>> = Vec::with_capacity(grips.len());
+        let mut map = vec![0.0; self.size];
+        for &grip in grips {
+            let mut own = self.covariance(self.column(grip)?).to_vec();
+            for w in &orthonormal {
+                // The entry at the grip itself is its product with w in the metric G.
+                let overlap = w[grip as usize];
+                own.iter_mut().zip(w).for_each(|(o, x)| *o -= overlap * x);
+            }
+            let left = own[grip as usize];
+            if left <= REPEATED * self.variance[grip as usize] {
+                continue;
+            }
+            let scale = 1.0 / left.sqrt();
+            own.iter_mut().for_each(|x| *x *= scale);
+            map.iter_mut().zip(&own).for_each(|(m, x)| *m += x * x);
+            orthonormal.push(own);
+        }
+        for (m, c) in map.iter_mut().zip(&self.variance) {
+            *m = (*m / c).clamp(0.0, 1.0);
+        }
+        Ok(map)
+    }
+
+    /// The solved column of a candidate.
+    fn covariance(&self, column: usize) -> &[f64] {
+        &self.columns[column * self.size..(column + 1) * self.size]
+    }
+
+    fn distinct(&self, vertices: &[u32]) -> Result<Vec<usize>, Error> {
+        let columns = vertices
+            .iter()
+            .map(|&v| self.column(v))
+            .collect::<Result<Vec<_>, _>>()?;
+        match (0..columns.len()).find(|&k| columns[..k].contains(&columns[k])) {
+            Some(k) => Err(Error::RepeatedGrip {
+                vertex: vertices[k],
+            }),
+            None => Ok(columns),
+        }
+    }
+}

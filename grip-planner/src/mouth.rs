@@ -1,0 +1,77 @@
+//! The mouth of a hole: where it is, which way it is long, which way it opens.
+//!
+//! ```text
+//! c = mean of the loop,   u = first principal direction,   n = mean normal,   v = n × u  (made level)
+//! ```
+//!
+//! `v` is defined for a slit without width too, where the second principal direction is not.
+
+use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
+
+use crate::{Error, Model, Refusal, Scene};
+
+/// A loop of vertices as the mouth of a fold or pocket.
+pub(crate) struct Mouth {
+    pub(crate) center: Point3<f64>,
+    pub(crate) long: Vector3<f64>,
+    pub(crate) across: UnitVector3<f64>,
+}
+
+impl Mouth {
+    pub(crate) fn new(model: &Model, scene: &Scene, hole: &[u32]) -> Result<Self, Refusal> {
+        let points = model.points.len();
+        if let Some(&vertex) = hole.iter().find(|&&v| v as usize >= points) {
+            return Err(Error::NoSuchVertex { vertex, points }.into());
+        }
+        let flat = Refusal::NotAHole {
+            vertices: hole.len(),
+        };
+        if hole.len() < 3 {
+            return Err(flat);
+        }
+        let at = |v: &u32| model.points[*v as usize].coords;
+        let center = hole.iter().map(at).sum::<Vector3<f64>>() / hole.len() as f64;
+        let scatter: Matrix3<f64> = hole
+            .iter()
+            .map(|v| at(v) - center)
+            .map(|d| d * d.transpose())
+            .sum();
+        let eigen = SymmetricEigen::new(scatter);
+        let longest = eigen.eigenvalues.imax();
+        // Shorter than a nanometre is rounding, not a loop.
+        if eigen.eigenvalues[longest] <= 1e-18 {
+            return Err(flat);
+        }
+        let long = eigen.eigenvectors.column(longest).into_owned();
+        let faces: Vector3<f64> = hole
+            .iter()
+            .map(|v| model.normals[*v as usize].into_inner())
+            .sum();
+        let normal = faces
+            .try_normalize(1e-6)
+            .unwrap_or(scene.table.normal.into_inner());
+        // The pull is along the table: up is what `lift` is for.
+        let across =
+            UnitVector3::try_new(scene.table.along(&normal.cross(&long)), 1e-6).ok_or(flat)?;
+        Ok(Self {
+            center: Point3::from(center),
+            long,
+            across,
+        })
+    }
+
+    /// How far a point is to the second side of the slit, metres; negative on the first side.
+    pub(crate) fn side(&self, point: &Point3<f64>) -> f64 {
+        self.across.dot(&(point - self.center))
+    }
+
+    /// How well grips that go apart along `axis` open the mouth, 0 to 1; 0 when both are on the same side.
+    pub(crate) fn opened_by(&self, grips: [&Point3<f64>; 2], axis: &UnitVector3<f64>) -> f64 {
+        let [a, b] = grips.map(|p| self.side(p));
+        if a * b < 0.0 {
+            self.across.dot(axis).abs()
+        } else {
+            0.0
+        }
+    }
+}
