@@ -11,29 +11,20 @@ use std::process::{Command, Output};
 use generator::{Case, Motion, Pair, Shape, error_mm};
 use nalgebra::Point3;
 
-/// The program, built by cargo beside this test, or now if it was left out.
+/// The program as its source now stands: cargo builds examples for `cargo test`, but not for `cargo test --test program`.
 fn program() -> PathBuf {
     let test = std::env::current_exe().unwrap();
     let profile = test.parent().unwrap().parent().unwrap();
-    let found = profile
-        .join("examples")
-        .join(format!("register{}", std::env::consts::EXE_SUFFIX));
-    if !found.exists() {
-        let release = profile.ends_with("release").then_some("--release");
-        let built = Command::new(env!("CARGO"))
-            .args([
-                "build",
-                "--quiet",
-                "-p",
-                "nonrigid-reg",
-                "--example",
-                "register",
-            ])
-            .args(release)
-            .status();
-        assert!(built.unwrap().success());
-    }
-    found
+    let release = profile.ends_with("release").then_some("--release");
+    let built = Command::new(env!("CARGO"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["build", "--quiet", "--example", "register", "--target-dir"])
+        .arg(profile.parent().unwrap())
+        .args(release)
+        .status();
+    assert!(built.unwrap().success());
+    let name = format!("register{}", std::env::consts::EXE_SUFFIX);
+    profile.join("examples").join(name)
 }
 
 fn run(arguments: &[&str]) -> Output {

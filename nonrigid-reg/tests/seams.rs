@@ -192,6 +192,38 @@ fn another_termination() {
     assert_eq!(endless.status, Status::MaxIterations);
 }
 
+/// The gate shrinks and stays, weights fall to zero at it, and the rim of the target counts its share.
+#[test]
+fn the_default_weights_are_tukeys() {
+    let part = AnnealedTukey {
+        gates: vec![0.02, 0.01],
+        boundary_weight: 0.05,
+    };
+    assert!((part.reach(0) - 0.02).abs() < 1e-15);
+    assert!((part.reach(1) - 0.01).abs() < 1e-15 && (part.reach(usize::MAX) - 0.01).abs() < 1e-15);
+    let pair = |x: f64, on_rim: bool| Pair {
+        probe: Probe {
+            index: 0,
+            position: Point3::new(x, 0.0, 0.0),
+            normal: Vector3::z(),
+        },
+        target: 0,
+        point: Point3::origin(),
+        normal: Vector3::z(),
+        on_rim,
+    };
+    for (x, iteration, expected) in [
+        (0.0, 0, 1.0),
+        (0.01, 0, 0.5625),
+        (0.005, 5, 0.5625),
+        (0.01, 1, 0.0),
+        (0.5, 0, 0.0),
+    ] {
+        assert!((part.weight(&pair(x, false), iteration) - expected).abs() < 1e-12);
+        assert!((part.weight(&pair(x, true), iteration) - 0.05 * expected).abs() < 1e-12);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
 

@@ -63,10 +63,6 @@ def peers():
         )
         return found.points, found.transform(hidden) if len(hidden) else hidden
 
-    def rust_default(source, target, k, hidden):
-        found = rustcpd.register_deformable(target, source, normalize=True)
-        return found.points, found.transform(hidden) if len(hidden) else hidden
-
     def bio(source, target, k, hidden):
         # Its kernel has a width in units of the data: centre and scale as the other one does by itself.
         middle, size = target.mean(0), target.std()
@@ -79,7 +75,7 @@ def peers():
         back = run.transform_point_cloud((hidden - middle) / size) * size + middle if len(hidden) else hidden
         return moved * size + middle, back
 
-    return {"rustcpd, tuned": rust, "rustcpd, default": rust_default, "biocpd, constrained": bio}
+    return {"rustcpd, tuned": rust, "biocpd, constrained": bio}
 
 
 def errors(found, truth):
