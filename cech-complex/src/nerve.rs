@@ -363,13 +363,33 @@ impl Builder<'_> {
         }
         let cutoff = self.options.max_scale;
         let simplex = candidate.vertices.map(|v| self.vertices.cloud[v as usize]);
-        let solved = solve(&simplex, self.cylinder, Some(&minimiser), cutoff);
+        let start = match simplex.as_slice() {
+            [a, b, c] => triple_start(a, b, c, minimiser),
+            _ => minimiser,
+        };
+        let solved = solve(&simplex, self.cylinder, Some(&start), cutoff);
         let value = if solved.lower <= floor {
             floor
         } else {
             solved.value
         };
         (value <= cutoff).then_some((value, solved.minimiser.coords))
+    }
+}
+
+/// Near the minimiser of a triple on a surface: the centre of the circle through the points, as high as the minimiser of the latest facet.
+/// It saves a Newton step in three or four. Long triangles, whose centre is far, stay with the facet.
+fn triple_start(a: &Oriented, b: &Oriented, c: &Oriented, facet: Vector3<f64>) -> Vector3<f64> {
+    let (u, v) = (b.point - a.point, c.point - a.point);
+    let (uu, vv, uv) = (u.norm_squared(), v.norm_squared(), u.dot(&v));
+    let normal = u.cross(&v);
+    let squared = normal.norm_squared();
+    // Also false for coincident points.
+    if squared > 0.01 * uu * vv {
+        let centre = a.point + (u * (vv * (uu - uv)) + v * (uu * (vv - uv))) / (2.0 * squared);
+        centre + normal * (normal.dot(&(facet - centre)) / squared)
+    } else {
+        facet
     }
 }
 

@@ -2,9 +2,7 @@
 //!
 //! Three statements. The first is proved, the others are measured:
 //!
-//! 1. **Two scales.** `U_s` is the union of the cylinders at scale `s`, `M^δ` what lies within `δ` of `M`. If
-//!    `M ⊂ U₁ ⊂ M^δ ⊂ U_b ⊂ M^η` with `η < τ`, then `H(U₁) → H(U_b)` factors through `H(M^δ) ≅ H(M)`, so its rank is at most `β(M)`, and
-//!    `H(M) → H(U₁) → H(U_b) → H(M^η)` is an isomorphism, so it is at least that. By the nerve theorem it is the persistent Betti number.
+//! 1. **Two scales.** What lives from scale 1 to `Cylinder::proven_scale` are the classes of `M` (proof in the documentation of `Cylinder`).
 //! 2. **Every scale.** Where the cylinders at scale `s` satisfy the conditions of METHOD (cover `M`, stay off other sheets), the classes that
 //!    live through 2 % of scale are those of `M`. Shorter ones occur: where curvatures of both signs meet, a normal segment can leave the union
 //!    and enter it again at the rim of a cylinder, so the union has pinholes that last up to 1 %.
@@ -94,17 +92,6 @@ fn build(cloud: &OrientedCloud, cylinder: Cylinder, max_scale: f64) -> Complex {
     Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap()
 }
 
-/// Least scale `b` with `M^δ ⊂ U_b`, where `δ` bounds how far `U₁` leaves `M`. A point at height `u` over `x ∈ M`, seen from the nearest
-/// sample: `|x − q|²/2τ` more or less high (Federer), and shifted sideways by `u` times the sine of the angle of the normals, which is at most
-/// `|x − q|/τ` (Boissonnat, Lieutier and Wintraecken 2019), plus the tilt.
-fn wrapping_scale(cylinder: Cylinder, covering: f64, reach: f64, tilt: f64) -> f64 {
-    let (r, half) = (cylinder.radius(), 0.5 * cylinder.height());
-    let delta = half + off_plane(r, reach, tilt);
-    let wide = covering + delta * (covering / reach + tilt.sin());
-    let high = delta + covering * (0.5 * covering / reach + tilt.sin());
-    (wide / r).max(high / half)
-}
-
 proptest! {
     #![proptest_config(ProptestConfig { cases: ProptestConfig::default().cases / 16, ..ProptestConfig::default() })]
 
@@ -117,8 +104,9 @@ proptest! {
         let (cloud, covering, tilt) = net(surface, share, tilt, seed);
         let radius = wider * covering;
         let cylinder = Cylinder::new(radius, 2.0 * slender * radius).unwrap();
-        let last = wrapping_scale(cylinder, covering, reach, tilt);
-        prop_assume!([1.0, last].into_iter().all(|s| holds(s, cylinder, covering, reach, tilt)));
+        let last = cylinder.proven_scale(covering, reach, tilt);
+        prop_assume!(last.is_ok());
+        let last = last.unwrap();
         let complex = build(&cloud, cylinder, last);
         prop_assert_eq!(complex.persistent_betti(1.0, last), surface.betti(), "to scale {}", last);
     }

@@ -43,7 +43,7 @@ fn digest(complex: &Complex) -> u64 {
 }
 
 /// Recorded once; a change means that some value has changed.
-const DIGEST: u64 = 0x733f_fafe_6b36_e8c6;
+const DIGEST: u64 = 0x55c1_8acd_52d6_0738;
 
 #[test]
 fn every_build_of_the_crate_gives_these_bits() {
