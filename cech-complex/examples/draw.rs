@@ -28,10 +28,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::write(folder.join("barcode.svg"), barcode(&complex))?;
 
     let annulus = Manifold::Annulus {
-        inner: 0.4,
+        inner: 0.3,
         outer: 1.0,
     }
-    .net(200, 1);
+    .net(420, 1);
     let radius = 1.25 * annulus.spacing;
     let cylinder = Cylinder::new(radius, 0.5 * radius)?;
     let complex = Complex::build(
@@ -54,16 +54,21 @@ fn barcode(complex: &Complex) -> String {
     let bars: Vec<&Bar> = complex.barcode().bars().iter().filter(drawn).collect();
     let last = complex.max_scale();
     let across = |scale: f64| 40.0 + 500.0 * scale.min(last) / last;
-    let bottom = 30.0 + 8.0 * bars.len() as f64;
+    let pitch = (420.0 / bars.len().max(1) as f64).min(8.0);
+    let bottom = 30.0 + pitch * bars.len() as f64;
     let mut svg = open_svg(580.0, bottom + 40.0);
     for (row, bar) in bars.iter().enumerate() {
-        let y = 24.0 + 8.0 * row as f64;
+        let y = 24.0 + pitch * row as f64;
         line(
             &mut svg,
             [across(bar.birth), y],
             [across(bar.death), y],
             COLOURS[bar.dimension],
-            4.0,
+            if bar.death.is_finite() {
+                0.7 * pitch
+            } else {
+                2.0
+            },
         );
     }
     line(&mut svg, [40.0, bottom], [540.0, bottom], "#444444", 1.0);
