@@ -371,3 +371,58 @@ fn hard_presses_settle() {
     }
     assert!(pushing >= 200, "{pushing}");
 }
+
+#[test]
+fn refused_inequalities_leave_no_trace() {
+    let (rest, edges, _) = sheet(4, 5e-3);
+    let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
+    let seen = [Observation {
+        vertex: 3,
+        position: rest[3] + Vector3::z() * 1e-3,
+        sigma: 5e-4,
+    }];
+    filter.step(&Frame::new(&seen)).unwrap();
+    let mut state = |f: &mut Filter| {
+        let statistic = f.innovation_statistic().unwrap();
+        (
+            f.live().to_vec(),
+            f.unconstrained().to_vec(),
+            f.information().to_vec(),
+            statistic,
+        )
+    };
+    let before = state(&mut filter);
+    let z = Vector3::z();
+    for (terms, bound) in [
+        (vec![(16, z)], 0.0),
+        (vec![(0, z * f64::NAN)], 0.0),
+        (vec![(0, z * f64::INFINITY)], 0.0),
+        (vec![(0, z * 0.0)], 0.0),
+        (vec![], 0.0),
+        (vec![(0, z)], f64::NAN),
+        (vec![(0, z)], f64::INFINITY),
+    ] {
+        let own = [Inequality { terms, bound }];
+        assert!(
+            filter
+                .step(&Frame::new(&seen).with_inequalities(&own))
+                .is_err(),
+            "{own:?}"
+        );
+    }
+    assert!(filter.error_statistic(&rest[1..]).is_err());
+    assert!(
+        filter
+            .error_statistic(&[Point3::new(f64::NAN, 0.0, 0.0); 16])
+            .is_err()
+    );
+    assert!(
+        filter
+            .normalised_residuals(&[Observation {
+                vertex: 16,
+                ..seen[0]
+            }])
+            .is_err()
+    );
+    assert_eq!(state(&mut filter), before);
+}

@@ -347,3 +347,45 @@ fn a_fully_visible_object_is_tracked_exactly() {
         }
     }
 }
+
+#[test]
+fn what_the_table_stops_does_not_go_on_under_it() {
+    // A strip of 120 × 28 mm is lifted by 25 mm at its seen end; the hidden rest follows the tangent only until it meets the table.
+    let (square, square_edges, _) = sheet(31, 4e-3);
+    let inside = |k: usize| square[k].y < 30e-3;
+    let rest: Vec<_> = (0..961).filter(|&k| inside(k)).map(|k| square[k]).collect();
+    let edges: Vec<_> = square_edges
+        .into_iter()
+        .filter(|e| e.iter().all(|&k| inside(k as usize)))
+        .collect();
+    // It comes down as the cube of the distance to where it touches; arc length is kept by walking along the curve.
+    let truth = |share: f64| {
+        let (height, touch) = (25e-3 * share, 40e-3 + 50e-3 * share);
+        let ds = 0.12 / 3000.0;
+        let (mut x, mut curve) = (0.0, vec![]);
+        for _ in 0..=3000 {
+            let left = f64::max(1.0 - x / touch, 0.0);
+            curve.push((x, height * left.powi(3)));
+            x += ds / (1.0 + (3.0 * height / touch * left.powi(2)).powi(2)).sqrt();
+        }
+        let at = |p: &Point3<f64>| curve[(p.x / ds).round() as usize];
+        rest.iter()
+            .map(|p| Point3::new(at(p).0, p.y, at(p).1))
+            .collect::<Vec<_>>()
+    };
+    let seen = |_: &[Point3<f64>], _: f64| rest.iter().map(|p| p.x < 40e-3).collect::<Vec<_>>();
+    let errors = Motion {
+        rest: rest.clone(),
+        edges,
+        triangles: vec![],
+        frames: 30,
+        sigma: 0.5e-3,
+        truth: &truth,
+        seen: &seen,
+        table: 0.0,
+    }
+    .run();
+    println!("lifted strip: hidden {:.3} mm", errors.hidden * 1e3);
+    // Without the table the hidden part is off by 6 mm on average; a tenth of the lift is allowed.
+    assert!(errors.hidden < 2.5e-3, "{}", errors.hidden);
+}
