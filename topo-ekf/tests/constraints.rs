@@ -382,7 +382,7 @@ fn refused_inequalities_leave_no_trace() {
         sigma: 5e-4,
     }];
     filter.step(&Frame::new(&seen)).unwrap();
-    let mut state = |f: &mut Filter| {
+    let state = |f: &mut Filter| {
         let statistic = f.innovation_statistic().unwrap();
         (
             f.live().to_vec(),
