@@ -6,8 +6,8 @@ mod fixture;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use grip_planner::{
-    Action, Coverage, CoverageOptions, Options, PlanOptions, TurnOptions, agent_box, candidates, plan,
-    plan_grips, turn_over,
+    Action, Coverage, CoverageOptions, Options, PlanOptions, TurnOptions, agent_box, candidates,
+    plan, plan_grips, turn_over,
 };
 
 fn bench(c: &mut Criterion) {
@@ -42,7 +42,9 @@ fn bench(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("agent box", count), |b| {
             b.iter(|| agent_box(model.points, &scene.table));
         });
-        let sets = plan_grips(&model, &scene, &Options::default()).unwrap().sets;
+        let sets = plan_grips(&model, &scene, &Options::default())
+            .unwrap()
+            .sets;
         group.bench_function(BenchmarkId::new("turn over", count), |b| {
             b.iter(|| turn_over(&model, &scene, &sets[0], &TurnOptions::default()));
         });

@@ -14,7 +14,7 @@ use nalgebra::{Isometry3, Point3, UnitVector3};
 
 use crate::body::{Body, Tool};
 use crate::options::CandidateSource;
-use crate::orientation::{Orientation, backed_off, pose, retreat};
+use crate::orientation::{Grasp, Orientation, backed_off, pose, retreat};
 use crate::{Error, Model, Options, Reason, Scene, Waypoint};
 
 /// A vertex that can be gripped.
@@ -183,7 +183,11 @@ impl<'a> Search<'a> {
         if !self.model.visible[v] {
             return Err(Reason::Hidden);
         }
-        let (tip, approach, roll) = self.orientation.at(v)?;
+        let Grasp {
+            tip,
+            approach,
+            roll,
+        } = self.orientation.at(v)?;
         let arms = self.reached_by(&pose(tip, &approach, &roll))?;
         Ok(Candidate {
             vertex,
@@ -222,7 +226,9 @@ impl<'a> Search<'a> {
             (self.scene.arms[*arm].base.coords - grasp.translation.vector).norm_squared()
         };
         let nearest = arms.min_by(|a, b| way(a).total_cmp(&way(b))).unwrap_or(0);
-        let at = (!self.scene.arms.is_empty()).then(|| missed(nearest)).flatten();
+        let at = (!self.scene.arms.is_empty())
+            .then(|| missed(nearest))
+            .flatten();
         Err(Reason::OutOfReach {
             arm: nearest,
             at: at.map_or(Waypoint::Grasp, |(at, _)| *at),
@@ -249,7 +255,9 @@ impl<'a> Search<'a> {
                 }
             }
         };
-        taken.iter().for_each(|t| near(&mut gap, t));
+        for kept in taken {
+            near(&mut gap, kept);
+        }
         let mut open = vec![true; from.len()];
         let mut kept: Vec<Candidate> = Vec::new();
         while kept.len() < room {

@@ -207,7 +207,10 @@ fn carried_by(
     let now = |p: &ArmPath| pose_at(p, moment).translation.vector;
     let (from, to) = match by {
         Some((path, tip)) => (start(path), tip.coords),
-        None => (mean_of_lifting(motion, &start), mean_of_lifting(motion, &now)),
+        None => (
+            mean_of_lifting(motion, &start),
+            mean_of_lifting(motion, &now),
+        ),
     };
     Translation3::from(to) * turned * Translation3::from(-from)
 }

@@ -94,7 +94,9 @@ impl Coverage {
                 continue;
             }
             let scale = 1.0 / left.sqrt();
-            own.iter_mut().for_each(|x| *x *= scale);
+            for x in &mut own {
+                *x *= scale;
+            }
             map.iter_mut().zip(&own).for_each(|(m, x)| *m += x * x);
             orthonormal.push(own);
         }

@@ -17,9 +17,7 @@ use crate::mouth::Mouth;
 use crate::options::Support;
 use crate::orientation::{backed_off, retreat};
 use crate::turn::{Turn, turns};
-use crate::{
-    Candidate, Candidates, Coverage, Error, Model, Options, Refusal, Scene, candidates,
-};
+use crate::{Candidate, Candidates, Coverage, Error, Model, Options, Refusal, Scene, candidates};
 
 /// What a grip is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -150,11 +148,9 @@ impl GripSet {
     fn supporting_arm(&self, scene: &Scene, candidate: &Candidate) -> Option<usize> {
         let at = self.turn.local(&candidate.point);
         let apart = |g: &Grip| {
-            g.vertex != candidate.vertex
-                && (g.tip() - candidate.tip).norm() >= scene.jaw_separation
+            g.vertex != candidate.vertex && (g.tip() - candidate.tip).norm() >= scene.jaw_separation
         };
-        let near_pivot =
-            at.y <= 0.25 * self.turn.span && at.x.abs() <= 0.4 * self.turn.length;
+        let near_pivot = at.y <= 0.25 * self.turn.span && at.x.abs() <= 0.4 * self.turn.length;
         if !near_pivot || !self.grips.iter().all(apart) {
             return None;
         }
@@ -163,12 +159,9 @@ impl GripSet {
             cross(scene, [&scene.arms[arm].base, &candidate.tip], lifting)
         };
         // From the lifted side it would have to reach across the body, and back while that is in the air.
-        let behind = |arm: usize| {
-            self.turn.local(&scene.arms[arm].base).y < 0.5 * self.turn.span
-        };
-        let free = |arm: usize| {
-            self.grips.iter().all(|g| g.arm != arm && !crosses(arm, g)) && behind(arm)
-        };
+        let behind = |arm: usize| self.turn.local(&scene.arms[arm].base).y < 0.5 * self.turn.span;
+        let free =
+            |arm: usize| self.grips.iter().all(|g| g.arm != arm && !crosses(arm, g)) && behind(arm);
         candidate.arms.iter().copied().find(|&arm| free(arm))
     }
 }
@@ -266,7 +259,9 @@ impl Ranking<'_> {
                 }
                 for turn in self.wanted_turns() {
                     let suitability = self.turns[turn].suitability([a, b], self.options.spread)
-                        * self.mouth.map_or(1.0, |m| m.opened_by([a, b], &self.turns[turn].axis));
+                        * self
+                            .mouth
+                            .map_or(1.0, |m| m.opened_by([a, b], &self.turns[turn].axis));
                     if suitability > 0.0 {
                         covered.push(self.coverage.score_pair(i, j));
                         pairs.push(Pair {
@@ -364,10 +359,10 @@ impl Ranking<'_> {
         if self.options.support == Support::None {
             return set;
         }
-        let supported = self
-            .found
-            .iter()
-            .filter_map(|c| set.supported(self.scene, self.options, self.coverage, c).ok());
+        let supported = self.found.iter().filter_map(|c| {
+            set.supported(self.scene, self.options, self.coverage, c)
+                .ok()
+        });
         // The first of equals.
         let best = supported.reduce(|a, b| if b.coverage > a.coverage { b } else { a });
         best.unwrap_or(set)
@@ -384,8 +379,7 @@ impl Grip {
         options: &Options,
     ) -> Self {
         let straight = candidate.camera_from_tip();
-        let half_turn =
-            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
+        let half_turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
         let flipped = straight * half_turn;
         let home = &scene.arms[arm].home.rotation;
         let nearer = home.angle_to(&flipped.rotation) < home.angle_to(&straight.rotation);

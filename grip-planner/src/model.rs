@@ -92,7 +92,17 @@ pub(crate) fn check_points(points: &[Point3<f64>]) -> Result<(), Error> {
 
 /// Vector area of the surface that is still missing, `m = −Σ area_i n_i`, in m².
 ///
-/// Zero (to rounding and sampling) when the model is closed.
+/// ```text
+/// m = Σ_hidden area n        |m| ≤ hidden area        −m · camera direction = area of the shadow of what is seen > 0
+/// ```
+///
+/// *Guarantees.* Zero to rounding when the model is closed. Otherwise it is the area-weighted sum of the hidden normals, so it never points toward the camera that
+/// saw the rest. With normals off by up to 10° about each axis and areas by up to 20 %, the direction is within 5° of that sum for
+/// half-seen ellipsoids, tori and random convex bodies of at least 300 samples, and within 3° of straight away from the camera for half-seen
+/// spheres (`tests/vector_area.rs`).
+///
+/// *Limits.* It is a mean: hidden sides that face opposite ways cancel. What is left at last is a band round the body, and there [`crate::turns`] looks at the boundary
+/// instead.
 ///
 /// ```
 /// # use grip_planner::{missing_vector_area, Model};

@@ -134,8 +134,12 @@ impl Motion {
     /// How fast the time of this motion may run, seconds a second, at most 1, so that no tip goes faster than `speed` (m/s): what a
     /// [`crate::SpeedGovernor`] allows.
     pub fn rate(&self, speed: f64) -> f64 {
-        // In this order a speed that is not a number stops the motion.
-        (speed / self.peak_speed()).max(0.0).min(1.0)
+        let rate = speed / self.peak_speed();
+        // A speed that is not a number stops the motion.
+        if rate.is_nan() {
+            return 0.0;
+        }
+        rate.clamp(0.0, 1.0)
     }
 
     /// What the arms are doing at `time`.

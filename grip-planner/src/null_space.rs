@@ -84,11 +84,7 @@ impl Coverage {
         }
         let factor = Factor::new(size, &stiffness.lower())?;
         let variance = factor.inverse_diagonal();
-        let total: f64 = variance
-            .iter()
-            .zip(targets)
-            .map(|(c, s)| c * s)
-            .sum();
+        let total: f64 = variance.iter().zip(targets).map(|(c, s)| c * s).sum();
         if !(total.is_finite() && total > 0.0) {
             return Err(Error::NoTarget { total });
         }

@@ -17,6 +17,15 @@ use nalgebra::{
 use crate::model::Adjacency;
 use crate::{AgentBox, Error, Model, Options, Reason, Scene, agent_box};
 
+/// The pose of a tool that holds.
+pub(crate) struct Grasp {
+    pub(crate) tip: Point3<f64>,
+    /// Tip +z.
+    pub(crate) approach: UnitVector3<f64>,
+    /// Tip ±y.
+    pub(crate) roll: UnitVector3<f64>,
+}
+
 /// Poses of tools at the vertices of a model.
 pub(crate) struct Orientation<'a> {
     model: &'a Model<'a>,
@@ -41,11 +50,8 @@ impl<'a> Orientation<'a> {
         })
     }
 
-    /// The grasp pose at vertex `v`: tip, approach (+z) and jaw direction (+y).
-    pub(crate) fn at(
-        &self,
-        v: usize,
-    ) -> Result<(Point3<f64>, UnitVector3<f64>, UnitVector3<f64>), Reason> {
+    /// The grasp at vertex `v`.
+    pub(crate) fn at(&self, v: usize) -> Result<Grasp, Reason> {
         let normal = self.model.normals[v];
         let elevation = normal.dot(&self.scene.table.normal).clamp(-1.0, 1.0).asin();
         if elevation < -self.options.max_dip {
@@ -54,7 +60,11 @@ impl<'a> Orientation<'a> {
         let approach = self.approach(&normal, elevation);
         let tip = self.tip(self.model.points[v] + approach.as_ref() * self.options.grip_depth)?;
         let roll = self.roll(v, &approach, &tip);
-        Ok((tip, approach, roll))
+        Ok(Grasp {
+            tip,
+            approach,
+            roll,
+        })
     }
 
     /// Against the normal, tilted up to the least elevation.

@@ -143,7 +143,7 @@ pub fn plan(
         Action::TurnOver => planner.turn(None),
         Action::Stretch { hole } => planner.stretch(hole),
         Action::TurnAndStretch { hole } => {
-            planner.turn(Some(Mouth::new(model, scene, hole).map_err(bad_hole)?))
+            planner.turn(Some(&Mouth::new(model, scene, hole).map_err(bad_hole)?))
         }
     }
 }
@@ -200,14 +200,14 @@ struct Trial<'a> {
 }
 
 impl Planner<'_> {
-    fn turn(&self, mouth: Option<Mouth>) -> Result<Plan, Error> {
-        let ranked = rank(self.model, self.scene, &self.options.grips, mouth.as_ref())?;
+    fn turn(&self, mouth: Option<&Mouth>) -> Result<Plan, Error> {
+        let ranked = rank(self.model, self.scene, &self.options.grips, mouth)?;
         let mut refused = Vec::new();
         for set in &ranked.sets {
             let supported = set.grips.iter().any(|g| g.role == Role::Support);
             let alone = supported.then(|| set.without_support());
             for set in std::iter::once(set).chain(&alone) {
-                match self.turn_with(set, &ranked.coverage, mouth.as_ref()) {
+                match self.turn_with(set, &ranked.coverage, mouth) {
                     Ok(plan) => return Ok(Plan { refused, ..plan }),
                     Err(reason) => refused.push(refusal(&set.grips, set.score, reason)?),
                 }
@@ -253,8 +253,7 @@ impl Planner<'_> {
         .map_err(bad_hole)?;
         let found = &beside.found.accepted;
         let vertices: Vec<u32> = found.iter().map(|c| c.vertex).collect();
-        let coverage =
-            Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
+        let coverage = Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
         let mut refused = Vec::new();
         for pair in &beside.pairs {
             let all = grips(pair, found, &mouth, scene, &options.grips);
@@ -337,8 +336,12 @@ impl Planner<'_> {
                 // An arm that has let go moves nothing.
                 (to.time <= path.release).then_some((grip.vertex, moved))
             };
-            let steps: Vec<(u32, Vector3<f64>)> =
-                trial.grips.iter().zip(&motion.arms).filter_map(step).collect();
+            let steps: Vec<(u32, Vector3<f64>)> = trial
+                .grips
+                .iter()
+                .zip(&motion.arms)
+                .filter_map(step)
+                .collect();
             let longest = steps.iter().map(|s| s.1.norm()).fold(0.0, f64::max);
             if longest <= 0.0 {
                 continue;

@@ -108,7 +108,10 @@ pub(crate) fn withdraw(
         let path = done.arms.iter().find(|p| p.arm == grip.arm);
         let last = path.and_then(|p| p.keyframes.last());
         let retreat = path.map_or(grip.camera_from_retreat, |p| p.camera_from_retreat);
-        (last.map_or(grip.camera_from_tip, |k| k.camera_from_tip), retreat)
+        (
+            last.map_or(grip.camera_from_tip, |k| k.camera_from_tip),
+            retreat,
+        )
     };
     let way = |grip: &Grip, route: Route| {
         let home = scene.arms[grip.arm].home;
@@ -129,7 +132,11 @@ pub(crate) fn withdraw(
         .collect();
     let carried = Carried::Still {
         body_from_camera: camera_from_body.inverse(),
-        approach: longest(ends.iter().zip(&grasps).map(|((_, retreat), &tip)| (*retreat, tip))),
+        approach: longest(
+            ends.iter()
+                .zip(&grasps)
+                .map(|((_, retreat), &tip)| (*retreat, tip)),
+        ),
         grasps: &grasps,
     };
     first_free(around, grips, options, Stage::Withdraw, &carried, &way)
@@ -172,9 +179,7 @@ fn one_by_one(ways: &[Vec<Isometry3<f64>>], stage: Stage) -> Vec<Vec<Isometry3<f
     };
     let stations = |(arm, way): (usize, &Vec<Isometry3<f64>>)| {
         (0..ways.len())
-            .flat_map(|now| {
-                (0..way.len()).map(move |k| (now, k))
-            })
+            .flat_map(|now| (0..way.len()).map(move |k| (now, k)))
             .map(|(now, k)| match turn(arm).cmp(&now) {
                 std::cmp::Ordering::Less => way[way.len() - 1],
                 std::cmp::Ordering::Equal => way[k],
@@ -193,7 +198,9 @@ fn dense(stations: &[Vec<Isometry3<f64>>]) -> Vec<Vec<Isometry3<f64>>> {
         let steps = stations
             .iter()
             .map(|s| (s[leg], s[leg + 1]))
-            .map(|(a, b)| (travelled(&a, &b) / STEP.0).max(a.rotation.angle_to(&b.rotation) / STEP.1))
+            .map(|(a, b)| {
+                (travelled(&a, &b) / STEP.0).max(a.rotation.angle_to(&b.rotation) / STEP.1)
+            })
             .fold(1.0, f64::max)
             .ceil() as usize;
         for (path, s) in paths.iter_mut().zip(stations) {

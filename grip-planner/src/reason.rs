@@ -99,6 +99,13 @@ pub(crate) fn tally(rejected: &[(u32, Reason)]) -> String {
         }
     }
     counts.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(b.1)));
-    let parts: Vec<String> = counts.iter().map(|(n, word)| format!("{n} {word}")).collect();
-    if parts.is_empty() { "none looked at".into() } else { parts.join(", ") }
+    let parts: Vec<String> = counts
+        .iter()
+        .map(|(n, word)| format!("{n} {word}"))
+        .collect();
+    if parts.is_empty() {
+        "none looked at".into()
+    } else {
+        parts.join(", ")
+    }
 }

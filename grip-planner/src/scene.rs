@@ -124,7 +124,10 @@ impl Workspace {
                 camera_from_box,
                 half_extents,
             } => {
-                camera_from_box.to_homogeneous().iter().all(|x| x.is_finite())
+                camera_from_box
+                    .to_homogeneous()
+                    .iter()
+                    .all(|x| x.is_finite())
                     && half_extents.iter().all(|x| *x >= 0.0)
             }
             Self::Ball { center, radius } => finite(center) && *radius >= 0.0,

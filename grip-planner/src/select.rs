@@ -91,12 +91,12 @@ impl Coverage {
     }
 
     /// Exchanges one grip at a time, the best exchange first, while the score grows.
-    fn refine(&self, set: &mut Vec<usize>) {
+    fn refine(&self, set: &mut [usize]) {
         let mut score = self.score_columns(set, &mut Vec::new());
         loop {
             let mut best: Option<(usize, usize, f64)> = None;
             for place in 0..set.len() {
-                let mut others = set.clone();
+                let mut others = set.to_vec();
                 others.remove(place);
                 let Some((c, with)) = self.best_addition(&others) else {
                     continue;

@@ -159,7 +159,11 @@ fn pairs(
             }
         }
     }
-    pairs.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.candidates.cmp(&b.candidates)));
+    pairs.sort_by(|a, b| {
+        a.cost
+            .total_cmp(&b.cost)
+            .then(a.candidates.cmp(&b.candidates))
+    });
     if pairs.is_empty() {
         return Err(Refusal::NoGripBesideHole { side: 1 });
     }
@@ -168,9 +172,8 @@ fn pairs(
 
 /// Keeps the cheapest of pairs whose grips are within half a jaw separation of each other.
 fn thin(pairs: &mut Vec<PullPair>, found: &[Candidate], scene: &Scene, most: usize) {
-    let near = |a: usize, b: usize| {
-        (found[a].point - found[b].point).norm() < 0.5 * scene.jaw_separation
-    };
+    let near =
+        |a: usize, b: usize| (found[a].point - found[b].point).norm() < 0.5 * scene.jaw_separation;
     let mut kept: Vec<PullPair> = Vec::new();
     for pair in pairs.drain(..) {
         let copy = |k: &PullPair| (0..2).all(|s| near(k.candidates[s], pair.candidates[s]));
@@ -252,9 +255,16 @@ pub(crate) fn pull(
         turn_rate: 1.0,
     };
     let share = |i: usize| i as f64 / STEPS as f64;
-    let pose = |k: usize, open: f64, raised: f64| opened(k, &grips[k], across, scene, options, [open, raised]);
+    let pose = |k: usize, open: f64, raised: f64| {
+        opened(k, &grips[k], across, scene, options, [open, raised])
+    };
     let paths = |shares: &dyn Fn(usize) -> [f64; 2]| -> Vec<Vec<Isometry3<f64>>> {
-        let path = |k: usize| (0..=STEPS).map(|i| shares(i)).map(|[o, r]| pose(k, o, r)).collect();
+        let path = |k: usize| {
+            (0..=STEPS)
+                .map(shares)
+                .map(|[o, r]| pose(k, o, r))
+                .collect()
+        };
         (0..grips.len()).map(path).collect()
     };
     let mut whole = paths(&|i| [share(i), share(i)]);
@@ -263,13 +273,21 @@ pub(crate) fn pull(
     let pulled = clock.last().copied().unwrap_or(0.0);
     let held = pulled + options.hold;
     clock.extend(times(&back, &pace).iter().map(|t| held + t));
-    whole.iter_mut().zip(back).for_each(|(out, back)| out.extend(back));
+    whole
+        .iter_mut()
+        .zip(back)
+        .for_each(|(out, back)| out.extend(back));
     let end = clock.last().copied().unwrap_or(0.0);
-    let legs = [(Stage::Pull, pulled), (Stage::Hold, held), (Stage::Ease, end)];
+    let legs = [
+        (Stage::Pull, pulled),
+        (Stage::Hold, held),
+        (Stage::Ease, end),
+    ];
     let legs = legs.map(|(stage, until)| Leg { stage, until }).into();
     let mut motion = assemble(grips, &whole, &clock, legs);
     for (k, path) in motion.arms.iter_mut().enumerate() {
-        path.camera_from_retreat = retreat(&pose(k, options.keep, 0.0), scene, options.retreat_distance);
+        path.camera_from_retreat =
+            retreat(&pose(k, options.keep, 0.0), scene, options.retreat_distance);
     }
     let carried = Carried::Turned {
         axis: scene.table.normal,

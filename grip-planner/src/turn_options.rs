@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Point3;
 
-use crate::{Error, Turn};
 use crate::scene::{not_negative, positive, within};
+use crate::{Error, Turn};
 
 /// Where the body is to lie after a turn.
 #[derive(Debug, Clone, Copy, PartialEq)]

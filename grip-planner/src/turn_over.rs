@@ -263,7 +263,9 @@ impl<'a> Arc<'a> {
         angles: &[f64],
         grips: &[Grip],
     ) -> Motion {
-        let standing = angles.partition_point(|&a| a <= FRAC_PI_2).saturating_sub(1);
+        let standing = angles
+            .partition_point(|&a| a <= FRAC_PI_2)
+            .saturating_sub(1);
         let legs = [
             (Stage::Lift, times[standing]),
             (Stage::Lower, times.last().copied().unwrap_or(0.0)),

@@ -45,17 +45,17 @@ fn dense(stiffness: &Stiffness) -> DMatrix<f64> {
     k
 }
 
-/// The definition: `1 − tr(S Z(ZᵀKZ)⁻¹Zᵀ)/tr(S K⁻¹)` with `Z` the unit vectors of the vertices that are not gripped.
+/// `Z(ZᵀKZ)⁻¹Zᵀ` with `Z` the unit vectors of the vertices that are not gripped.
+fn left_free(k: &DMatrix<f64>, grips: &[u32]) -> DMatrix<f64> {
+    let n = k.nrows();
+    let free: Vec<usize> = (0..n).filter(|&i| !grips.contains(&(i as u32))).collect();
+    let z = DMatrix::from_fn(n, free.len(), |i, j| if free[j] == i { 1.0 } else { 0.0 });
+    &z * (z.transpose() * k * &z).try_inverse().unwrap() * z.transpose()
+}
+
+/// The definition: `1 − tr(S Z(ZᵀKZ)⁻¹Zᵀ)/tr(S K⁻¹)`.
 fn definition(k: &DMatrix<f64>, s: &[f64], grips: &[u32]) -> f64 {
-    let free: Vec<usize> = (0..s.len())
-        .filter(|&i| !grips.contains(&(i as u32)))
-        .collect();
-    let z = DMatrix::from_fn(
-        s.len(),
-        free.len(),
-        |i, j| if free[j] == i { 1.0 } else { 0.0 },
-    );
-    let left = &z * (z.transpose() * k * &z).try_inverse().unwrap() * z.transpose();
+    let left = left_free(k, grips);
     let all = k.clone().try_inverse().unwrap();
     let trace = |m: &DMatrix<f64>| (0..s.len()).map(|i| s[i] * m[(i, i)]).sum::<f64>();
     1.0 - trace(&left) / trace(&all)
@@ -111,6 +111,67 @@ proptest! {
             last = score;
         }
         prop_assert!((last - 1.0).abs() < CLOSE);
+    }
+
+    #[test]
+    fn a_grip_more_never_commands_less(body in small(), picks in prop::collection::vec(0usize..1000, 1..8), extra in 0usize..1000) {
+        let n = body.points.len();
+        let everything: Vec<u32> = (0..n as u32).collect();
+        let coverage = Coverage::new(&body.model(), &table(), &everything, &OPTIONS).unwrap();
+        let set: Vec<u32> = picks.iter().map(|p| (p % n) as u32).collect();
+        let mut more = set.clone();
+        more.push((extra % n) as u32);
+        let [a, b] = [&set, &more].map(|s| coverage.score(s).unwrap());
+        prop_assert!((0.0..=1.0).contains(&a) && (a..=1.0).contains(&b));
+        let [less, more] = [&set, &more].map(|s| coverage.map(s).unwrap());
+        prop_assert!(less.iter().zip(&more).all(|(a, b)| (0.0..=1.0).contains(a) && *b >= a - 1e-15));
+    }
+
+    #[test]
+    fn the_map_is_the_definition_vertex_by_vertex(body in small()) {
+        let g = &some(&body)[..3];
+        let stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
+        let s = target_weights(&body.model(), &OPTIONS).unwrap();
+        let coverage = Coverage::with_stiffness(&stiffness, &s, g).unwrap();
+        let map = coverage.map(&[g[0], g[1], g[2], g[1]]).unwrap();
+        let k = dense(&stiffness);
+        let (left, all) = (left_free(&k, g), k.clone().try_inverse().unwrap());
+        for i in 0..s.len() {
+            prop_assert!((map[i] - (1.0 - left[(i, i)] / all[(i, i)])).abs() < CLOSE);
+        }
+        for &v in g {
+            prop_assert!((map[v as usize] - 1.0).abs() < CLOSE);
+        }
+        // The coverage is its mean, weighted with how much each vertex matters and moves.
+        let weight = |i: usize| s[i] * all[(i, i)];
+        let whole: f64 = (0..s.len()).map(weight).sum();
+        let mean = (0..s.len()).map(|i| weight(i) * map[i]).sum::<f64>() / whole;
+        prop_assert!((mean - coverage.score(g).unwrap()).abs() < CLOSE);
+    }
+
+    #[test]
+    fn what_grips_leave_free_is_a_projection_onto_their_null_space(body in small(), count in 1usize..6) {
+        let g = &some(&body)[..count];
+        let stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
+        let s = target_weights(&body.model(), &OPTIONS).unwrap();
+        let coverage = Coverage::with_stiffness(&stiffness, &s, g).unwrap();
+        let n = s.len();
+        let mut p = DMatrix::zeros(n, n);
+        for j in 0..n {
+            let mut unit = vec![Vector3::zeros(); n];
+            unit[j] = Vector3::y();
+            for (i, u) in coverage.free_motion(g, &unit).unwrap().iter().enumerate() {
+                p[(i, j)] = u.y;
+                prop_assert!(u.x == 0.0 && u.z == 0.0);
+            }
+        }
+        // ΦP = 0, P² = P, rank n − g.
+        prop_assert!(g.iter().all(|&v| p.row(v as usize).amax() < CLOSE));
+        prop_assert!((&p * &p - &p).amax() < CLOSE);
+        prop_assert_eq!(p.clone().svd(false, false).rank(1e-7), n - count);
+        // It is the projection of the definition, Z(ZᵀKZ)⁻¹ZᵀK.
+        let k = dense(&stiffness);
+        prop_assert!((left_free(&k, g) * k - p).amax() < CLOSE);
     }
 
     #[test]

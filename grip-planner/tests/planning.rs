@@ -11,8 +11,9 @@ use grip_planner::nalgebra::{
     Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3,
 };
 use grip_planner::{
-    Action, Arm, CandidateSource, Error, Motion, Options, PlanOptions, Reason, Recentre, Refusal, Role,
-    Scene, TurnOptions, Waypoint, Workspace, candidates, plan, plan_grips, turn_over,
+    Action, Arm, CandidateSource, Coverage, Error, Motion, Options, Plan, PlanOptions, Reason,
+    Recentre, Refusal, Role, Scene, Tracking, TurnOptions, Waypoint, Workspace, candidates, plan,
+    plan_grips, turn_over,
 };
 use proptest::prelude::*;
 
@@ -21,8 +22,41 @@ fn body() -> impl Strategy<Value = Body> {
         .prop_map(|(a, b, c, lowest, yaw)| Body::ellipsoid([a, b, c], 500, lowest, yaw))
 }
 
+/// Workspaces of every kind, all of them large enough for the table's middle.
+fn fenced(mut arms: Vec<Arm>, kind: usize, room: f64) -> Vec<Arm> {
+    for arm in &mut arms {
+        let apex = arm.base + Vector3::new(0.0, 0.0, -0.1);
+        arm.workspace = match kind {
+            0 => Workspace::Ball {
+                center: arm.base,
+                radius: 0.45 + 0.3 * room,
+            },
+            1 => Workspace::Box {
+                camera_from_box: Isometry3::translation(0.0, 0.0, DEPTH - 0.2),
+                half_extents: Vector3::new(0.35, 0.35, 0.2 + 0.1 * room),
+            },
+            2 => Workspace::SphereSector {
+                apex,
+                axis: UnitVector3::new_normalize(Point3::new(0.0, 0.0, DEPTH) - apex),
+                half_angle: 0.9 + 0.4 * room,
+                radii: [0.05, 0.6 + 0.2 * room],
+            },
+            _ => {
+                let reach = 0.5 + 0.3 * room;
+                let base = arm.base;
+                Workspace::Custom(Arc::new(move |pose: &Isometry3<f64>| {
+                    (pose.translation.vector - base.coords).norm() <= reach
+                        && (pose.rotation * Vector3::z()).z > -0.2
+                }))
+            }
+        };
+    }
+    arms
+}
+
 /// Everything a motion promises, checked more finely than the planner does.
 fn keeps_its_promises(motion: &Motion, scene: &Scene, speed: f64) -> Result<(), TestCaseError> {
+    prop_assert!((motion.legs.last().unwrap().until - motion.duration).abs() < 1e-12);
     for path in &motion.arms {
         let arm = &scene.arms[path.arm];
         prop_assert!(
@@ -39,11 +73,8 @@ fn keeps_its_promises(motion: &Motion, scene: &Scene, speed: f64) -> Result<(), 
             let tip = Point3::from(pose.translation.vector);
             prop_assert!(arm.workspace.contains(&pose));
             prop_assert!(scene.table.height(&tip) >= scene.clearance - 1e-6);
-            let wrist = pose * Point3::new(0.0, 0.0, -0.05);
-            prop_assert!(
-                scene.table.height(&wrist) > scene.table.height(&tip),
-                "a tool leans under its tip"
-            );
+            let wrist = pose * Point3::new(0.0, 0.0, -scene.shaft_length);
+            prop_assert!(scene.table.height(&wrist) > 0.0, "a wrist under the table");
         }
     }
     for (i, a) in motion.arms.iter().enumerate() {
@@ -59,32 +90,172 @@ fn keeps_its_promises(motion: &Motion, scene: &Scene, speed: f64) -> Result<(), 
     Ok(())
 }
 
+/// Points along a tool behind the first `jaws` metres: its straight part, and the way to the base.
+fn along_tool(
+    pose: &Isometry3<f64>,
+    base: &Point3<f64>,
+    jaws: f64,
+    shaft: f64,
+) -> Vec<Point3<f64>> {
+    let part = |z: f64| pose * Point3::new(0.0, 0.0, -z);
+    let wrist = part(shaft);
+    let straight = (0..=20).map(|k| part(jaws + (shaft - jaws) * f64::from(k) / 20.0));
+    let link = (0..=60).map(|k| wrist + (base - wrist) * (f64::from(k) / 60.0));
+    straight.chain(link).collect()
+}
+
+/// No tool in the body: turned by an even share of the angle at every key frame and held by each lifting tip; at rest on the way to the grips.
+fn keeps_out_of_the_body(plan: &Plan, body: &Body, scene: &Scene) -> Result<(), TestCaseError> {
+    // Samples of a segment are never nearer than the segment itself.
+    let free = |tool: &[Point3<f64>], body: &[Point3<f64>]| {
+        let apart = |p: &Point3<f64>| {
+            tool.iter()
+                .all(|t| (t - p).norm() >= 0.5 * scene.jaw_radius - 1e-9)
+        };
+        body.iter().all(apart)
+    };
+    let (turn, jaws) = (plan.turn.unwrap(), 2.5 * scene.jaw_radius);
+    for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
+        let base = &scene.arms[grip.arm].base;
+        let last = path.keyframes.len() - 1;
+        let held = path
+            .keyframes
+            .iter()
+            .enumerate()
+            .filter(|(_, k)| k.time <= path.release);
+        for (k, frame) in held.step_by(5) {
+            let turned =
+                UnitQuaternion::from_axis_angle(&turn.axis, turn.angle * k as f64 / last as f64);
+            let tip = Point3::from(frame.camera_from_tip.translation.vector);
+            let moved: Vec<_> = body
+                .points
+                .iter()
+                .map(|p| tip + turned * (p - grip.tip()))
+                .collect();
+            let tool = along_tool(&frame.camera_from_tip, base, jaws, scene.shaft_length);
+            prop_assert!(
+                free(&tool, &moved),
+                "arm {} in the body at {:.2} s",
+                grip.arm,
+                frame.time
+            );
+        }
+    }
+    for (grip, path) in plan.grips.iter().zip(&plan.reach.arms) {
+        for frame in path.keyframes.iter().step_by(5) {
+            let pose = &frame.camera_from_tip;
+            // On the straight last part the jaws go round the vertex.
+            let far = (pose.translation.vector - grip.tip().coords).norm() > 0.031;
+            let tool = along_tool(
+                pose,
+                &scene.arms[grip.arm].base,
+                if far { 0.0 } else { jaws },
+                scene.shaft_length,
+            );
+            prop_assert!(
+                free(&tool, &body.points),
+                "arm {} in the body at {:.2} s of its way",
+                grip.arm,
+                frame.time
+            );
+        }
+    }
+    Ok(())
+}
+
+/// The field of the held grips, at the speed of the motion, over the time of a frame.
+fn moves_no_node_farther_than_can_be_followed(
+    plan: &Plan,
+    body: &Body,
+    scene: &Scene,
+    options: &PlanOptions,
+) -> Result<(), TestCaseError> {
+    let vertices: Vec<u32> = plan.grips.iter().map(|g| g.vertex).collect();
+    let coverage = Coverage::new(
+        &body.model(),
+        &scene.table,
+        &vertices,
+        &options.grips.coverage,
+    );
+    let coverage = coverage.unwrap();
+    let frames = plan.motion.arms[0].keyframes.len();
+    for k in 1..frames {
+        let time =
+            plan.motion.arms[0].keyframes[k].time - plan.motion.arms[0].keyframes[k - 1].time;
+        let held = plan
+            .motion
+            .arms
+            .iter()
+            .zip(&vertices)
+            .filter(|(p, _)| p.keyframes[k].time <= p.release);
+        let moved = |p: &grip_planner::ArmPath| {
+            let at = |k: usize| p.keyframes[k].camera_from_tip.translation.vector;
+            (at(k) - at(k - 1)) / time
+        };
+        let velocities: Vec<_> = held.map(|(p, &v)| (v, moved(p))).collect();
+        let fastest = coverage
+            .field(&velocities)
+            .unwrap()
+            .iter()
+            .map(Vector3::norm)
+            .fold(0.0, f64::max);
+        prop_assert!(fastest / options.tracking.frame_rate <= options.tracking.xi * (1.0 + 1e-9));
+    }
+    Ok(())
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 20, ..ProptestConfig::with_cases(cases(32)) })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 20, ..ProptestConfig::with_cases(cases(48)) })]
 
     #[test]
-    fn plans_keep_their_promises(body in body(), count in 2usize..4, speed in 0.005..0.2) {
-        let arms = fixture::arms(count);
+    fn plans_keep_their_promises(body in body(), count in 2usize..4, kind in 0usize..4, room in 0.0..1.0, speed in 0.005..0.2, xi in 1e-3..2e-2, frame_rate in 2.0..30.0) {
+        let arms = fenced(fixture::arms(count), kind, room);
         let scene = fixture::scene(&arms);
         let mut options = PlanOptions::default();
         options.turn.speed = speed;
-        let plan = plan(&body.model(), &scene, Action::TurnOver, &options).unwrap();
+        options.tracking = Tracking { xi, frame_rate };
+        let plan = match plan(&body.model(), &scene, Action::TurnOver, &options) {
+            Ok(plan) => plan,
+            // A tight workspace may leave nothing; then every set has its reason.
+            Err(Error::AllRefused { refused }) => {
+                prop_assert!(!refused.is_empty() && refused.iter().all(|r| !r.reason.to_string().is_empty()));
+                return Ok(());
+            }
+            Err(Error::NoGrips { rejected, .. }) => {
+                prop_assert!(!rejected.is_empty());
+                return Ok(());
+            }
+            Err(other) => return Err(TestCaseError::fail(other.to_string())),
+        };
         let turn = plan.turn.unwrap();
         prop_assert!((0.0..=1.0).contains(&plan.coverage) && (0.0..=1.0).contains(&plan.score));
+        prop_assert!(plan.coverage_map.len() == body.points.len() && plan.coverage_map.iter().all(|m| (0.0..=1.0).contains(m)));
         let lifting: Vec<_> = plan.grips.iter().filter(|g| g.role == Role::Lift).collect();
         prop_assert_eq!(lifting.len(), 2);
         let at: Vec<_> = lifting.iter().map(|g| turn.local(&body.points[g.vertex as usize])).collect();
         // Both on the lifted side, well apart along the axis.
         prop_assert!(at.iter().all(|p| p.y > 0.5 * turn.span));
         prop_assert!((at[0].x - at[1].x).abs() > 0.2 * turn.length);
-        for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
-            prop_assert_eq!(grip.arm, path.arm);
-            // The motion begins where the grasp is.
-            let start = path.keyframes[0].camera_from_tip;
-            prop_assert!((start.translation.vector - grip.camera_from_tip.translation.vector).norm() < 1e-9);
-            prop_assert!(start.rotation.angle_to(&grip.camera_from_tip.rotation) < 1e-6);
+        for (k, grip) in plan.grips.iter().enumerate() {
+            let [reach, held, back] = [&plan.reach, &plan.motion, &plan.withdraw].map(|m| &m.arms[k]);
+            prop_assert!([reach.arm, held.arm, back.arm] == [grip.arm; 3]);
+            // From home to the grasp, from there to the end, and from the end home.
+            let joints = [
+                (arms[grip.arm].home, reach.at(0.0).unwrap()),
+                (reach.at(plan.reach.duration).unwrap(), grip.camera_from_tip),
+                (grip.camera_from_tip, held.at(0.0).unwrap()),
+                (held.at(plan.motion.duration).unwrap(), back.at(0.0).unwrap()),
+                (back.at(plan.withdraw.duration).unwrap(), arms[grip.arm].home),
+            ];
+            for (a, b) in joints {
+                prop_assert!((a.translation.vector - b.translation.vector).norm() < 1e-9 && a.rotation.angle_to(&b.rotation) < 1e-6);
+            }
         }
-        keeps_its_promises(&plan.motion, &scene, speed)?;
+        keeps_its_promises(&plan.reach, &scene, options.reach.speed)?;
+        keeps_its_promises(&plan.motion, &scene, speed.min(plan.speed_limit))?;
+        keeps_its_promises(&plan.withdraw, &scene, options.reach.speed)?;
+        keeps_out_of_the_body(&plan, &body, &scene)?;
+        moves_no_node_farther_than_can_be_followed(&plan, &body, &scene, &options)?;
     }
 
     #[test]
@@ -143,10 +314,36 @@ proptest! {
 }
 
 #[test]
+fn every_kind_of_workspace_leaves_room_for_plans() {
+    let mut planned = 0;
+    for (kind, count, k) in
+        (0..4).flat_map(|a| (2..4).flat_map(move |b| (0..5).map(move |k| (a, b, k))))
+    {
+        let t = f64::from(k);
+        let body = Body::ellipsoid([0.07 + 0.01 * t, 0.05, 0.02], 500, 0.0, 0.6 * t);
+        let arms = fenced(fixture::arms(count), kind, 1.0);
+        let scene = fixture::scene(&arms);
+        let plan = plan(
+            &body.model(),
+            &scene,
+            Action::TurnOver,
+            &PlanOptions::default(),
+        );
+        planned += usize::from(plan.is_ok());
+    }
+    // The laws above would be empty if plans were rare.
+    assert!(planned >= 36, "{planned} of 40");
+}
+
+#[test]
 fn the_same_input_gives_the_same_plan() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(3));
     let run = || {
-        plan(&body.model(), &fixture::scene(&arms), Action::TurnOver, &PlanOptions::default(),
+        plan(
+            &body.model(),
+            &fixture::scene(&arms),
+            Action::TurnOver,
+            &PlanOptions::default(),
         )
         .unwrap()
     };
@@ -161,7 +358,9 @@ fn the_same_input_gives_the_same_plan() {
 #[test]
 fn grips_on_the_boundary_are_preferred_and_arms_do_not_cross() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(2));
-    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &Options::default()).unwrap().sets;
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &Options::default())
+        .unwrap()
+        .sets;
     let best = &sets[0];
     for grip in &best.grips {
         assert!(body.boundary[grip.vertex as usize]);
@@ -190,7 +389,10 @@ fn a_wanted_side_is_lifted() {
             lift: Some(side),
             ..Default::default()
         };
-        for set in plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap().sets {
+        for set in plan_grips(&body.model(), &fixture::scene(&arms), &options)
+            .unwrap()
+            .sets
+        {
             assert!(set.turn.lifted.dot(&side) > 0.99);
         }
     }
@@ -204,7 +406,9 @@ fn weight_zero_is_the_order_of_coverage() {
         outline_weight: 1.0,
         ..Default::default()
     };
-    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options).unwrap().sets;
+    let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options)
+        .unwrap()
+        .sets;
     assert!(
         sets.windows(2)
             .all(|w| w[0].lifting_coverage >= w[1].lifting_coverage)
@@ -221,7 +425,13 @@ fn a_third_arm_holds_at_the_pivot_and_lets_go_early() {
         },
         ..Default::default()
     };
-    let plan = plan(&body.model(), &fixture::scene(&arms), Action::TurnOver, &options).unwrap();
+    let plan = plan(
+        &body.model(),
+        &fixture::scene(&arms),
+        Action::TurnOver,
+        &options,
+    )
+    .unwrap();
     let support = plan
         .grips
         .iter()
@@ -261,12 +471,28 @@ fn every_reason_for_a_rejection_occurs() {
         .accepted[5]
         .clone();
     body.points[0] = tool.tip - tool.approach.as_ref() * 0.03;
+    // Another that stands up beside a vertex, where a jaw would go.
+    let pinched = candidates(&body.model(), &scene, &options)
+        .unwrap()
+        .accepted[12]
+        .clone();
+    body.points[1] = pinched.camera_from_tip() * Point3::new(0.0, scene.jaw_radius, -0.01);
     let found = candidates(&body.model(), &scene, &options).unwrap();
     let reason = |v: usize| found.rejected.iter().find(|r| r.0 == v as u32).map(|r| r.1);
     assert_eq!(reason(rim[0]), Some(Reason::Hidden));
     assert!(matches!(reason(rim[1]), Some(Reason::FacesTable { .. })));
     assert!(matches!(reason(rim[2]), Some(Reason::TooLow { .. })));
-    assert!(matches!(reason(rim[3]), Some(Reason::OutOfReach { arm: 0, at: Waypoint::Approach })));
+    assert_eq!(
+        reason(pinched.vertex as usize),
+        Some(Reason::TooWide { by: 1 })
+    );
+    assert!(matches!(
+        reason(rim[3]),
+        Some(Reason::OutOfReach {
+            arm: 0,
+            at: Waypoint::Approach
+        })
+    ));
     assert!(
         found
             .rejected
@@ -284,7 +510,11 @@ fn every_reason_for_a_rejection_occurs() {
     )
     .unwrap();
     assert_eq!(few.accepted.len(), 4);
-    assert!(few.rejected.iter().any(|r| matches!(r.1, Reason::Thinned { .. })));
+    assert!(
+        few.rejected
+            .iter()
+            .any(|r| matches!(r.1, Reason::Thinned { .. }))
+    );
     let boundary = body.boundary.iter().filter(|b| **b).count();
     assert_eq!(found.accepted.len() + found.rejected.len(), boundary);
 }
@@ -326,7 +556,15 @@ fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
         }
     }
     let scene = fixture::scene(&arms);
-    assert!(plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default()).is_ok());
+    assert!(
+        plan(
+            &body.model(),
+            &scene,
+            Action::TurnOver,
+            &PlanOptions::default()
+        )
+        .is_ok()
+    );
     let strict = PlanOptions {
         grips: Options {
             source: CandidateSource::Boundary,
@@ -354,7 +592,11 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
             ..a
         })
         .collect();
-    let Err(Error::AllRefused { refused }) = plan(&body.model(), &fixture::scene(&low), Action::TurnOver, &PlanOptions::default(),
+    let Err(Error::AllRefused { refused }) = plan(
+        &body.model(),
+        &fixture::scene(&low),
+        Action::TurnOver,
+        &PlanOptions::default(),
     ) else {
         panic!("a motion out of the workspace was planned")
     };
@@ -366,7 +608,11 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
     // Arms that come from the same place.
     let mut near = fixture::arms(2);
     near[1].base = near[0].base + Vector3::new(0.0, 0.004, 0.0);
-    let Err(Error::AllRefused { refused }) = plan(&body.model(), &fixture::scene(&near), Action::TurnOver, &PlanOptions::default(),
+    let Err(Error::AllRefused { refused }) = plan(
+        &body.model(),
+        &fixture::scene(&near),
+        Action::TurnOver,
+        &PlanOptions::default(),
     ) else {
         panic!("two arms in one place were planned")
     };
@@ -408,7 +654,15 @@ fn bad_input_is_named() {
     let arms = fixture::arms(2);
     let good = fixture::usual(400);
     let scene = fixture::scene(&arms);
-    let run = |body: &Body| plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default()).map(|_| ());
+    let run = |body: &Body| {
+        plan(
+            &body.model(),
+            &scene,
+            Action::TurnOver,
+            &PlanOptions::default(),
+        )
+        .map(|_| ())
+    };
     let mut b = good.clone();
     b.points[7].x = f64::NAN;
     assert!(matches!(
@@ -431,14 +685,22 @@ fn bad_input_is_named() {
     b.areas.fill(0.0);
     assert!(matches!(run(&b), Err(Error::NoTarget { .. })));
     let one = fixture::arms(1);
-    let alone = plan(&good.model(), &fixture::scene(&one), Action::TurnOver, &PlanOptions::default(),
+    let alone = plan(
+        &good.model(),
+        &fixture::scene(&one),
+        Action::TurnOver,
+        &PlanOptions::default(),
     );
     assert!(matches!(alone, Err(Error::TooFewArms { count: 1 })));
     let turn = TurnOptions {
         speed: -1.0,
         ..Default::default()
     };
-    let slow = plan(&good.model(), &scene, Action::TurnOver, &PlanOptions {
+    let slow = plan(
+        &good.model(),
+        &scene,
+        Action::TurnOver,
+        &PlanOptions {
             turn,
             ..Default::default()
         },
@@ -475,7 +737,12 @@ fn degenerate_bodies_are_errors_and_not_panics() {
     for points in shapes {
         let body = of(points);
         // Whatever comes out, it comes out as a value.
-        let _ = plan(&body.model(), &scene, Action::TurnOver, &PlanOptions::default());
+        let _ = plan(
+            &body.model(),
+            &scene,
+            Action::TurnOver,
+            &PlanOptions::default(),
+        );
     }
 }
 

@@ -74,9 +74,5 @@ fn numbers<const N: usize>(option: &str, text: &str) -> Result<[f64; N], String>
     let parts: Result<Vec<f64>, _> = text.split(',').map(|p| p.trim().parse::<f64>()).collect();
     let parts = parts.map_err(|_| bad())?;
     let finite = parts.iter().all(|x| x.is_finite());
-    parts
-        .try_into()
-        .ok()
-        .filter(|_| finite)
-        .ok_or_else(bad)
+    parts.try_into().ok().filter(|_| finite).ok_or_else(bad)
 }

@@ -22,8 +22,8 @@ use std::process::ExitCode;
 use arguments::{Arguments, USAGE};
 use grip_planner::nalgebra::{Isometry3, Point3, UnitQuaternion, UnitVector3, Vector3};
 use grip_planner::{
-    Arm, GripSet, Model, Plan, PlanOptions, Plane, Ranked, Reason, Refusal, Role, Scene,
-    Workspace, agent_box, missing_vector_area, plan_grips, plan_set,
+    Arm, GripSet, Model, Plan, PlanOptions, Plane, Ranked, Reason, Refusal, Role, Scene, Workspace,
+    agent_box, missing_vector_area, plan_grips, plan_set,
 };
 use surface::Surface;
 
@@ -59,9 +59,16 @@ fn run(arguments: &Arguments) -> Result<(), String> {
     if table.height(&camera) <= 0.0 {
         return Err("the camera is under the table".into());
     }
-    let lowest = mesh.points.iter().map(|p| table.height(p)).fold(f64::INFINITY, f64::min);
+    let lowest = mesh
+        .points
+        .iter()
+        .map(|p| table.height(p))
+        .fold(f64::INFINITY, f64::min);
     if lowest < -0.05 * diagonal {
-        return Err(format!("the model reaches {:.4} m under the table", -lowest));
+        return Err(format!(
+            "the model reaches {:.4} m under the table",
+            -lowest
+        ));
     }
     let surface = Surface::new(mesh, &camera).map_err(|e| format!("{}: {e}", arguments.model))?;
     let arms = arms(arguments.arms, &surface, &table).map_err(|e| e.to_string())?;
@@ -113,7 +120,11 @@ fn arms(count: usize, surface: &Surface, table: &Plane) -> Result<Vec<Arm>, grip
             max_speed: 0.1,
         }
     };
-    Ok([long, -long, -short].into_iter().take(count).map(arm).collect())
+    Ok([long, -long, -short]
+        .into_iter()
+        .take(count)
+        .map(arm)
+        .collect())
 }
 
 fn describe(name: &str, surface: &Surface, model: &Model) {
@@ -129,7 +140,8 @@ fn describe(name: &str, surface: &Surface, model: &Model) {
     println!(
         "missing vector area {:.1} cm² toward {}",
         1e4 * m.norm(),
-        m.try_normalize(0.0).map_or("nowhere".into(), |d| direction(&d))
+        m.try_normalize(0.0)
+            .map_or("nowhere".into(), |d| direction(&d))
     );
 }
 
@@ -187,7 +199,11 @@ fn print_sets(
             println!(
                 "       arm {} {} vertex {:5} at {} mm, approach {}, jaws {}",
                 grip.arm,
-                if grip.role == Role::Lift { "lifts" } else { "holds" },
+                if grip.role == Role::Lift {
+                    "lifts"
+                } else {
+                    "holds"
+                },
                 grip.vertex,
                 millimetres(&grip.tip()),
                 direction(&(pose.rotation * Vector3::z())),

@@ -65,8 +65,8 @@ struct View {
 impl View {
     fn new(scene: &Scene, surface: &Surface, tips: &[Vec<Point3<f64>>]) -> Self {
         let (middle, _) = crate::surface::extent(&surface.points);
-        let forward = UnitVector3::try_new(middle - scene.camera, 1e-12)
-            .unwrap_or(-scene.table.normal);
+        let forward =
+            UnitVector3::try_new(middle - scene.camera, 1e-12).unwrap_or(-scene.table.normal);
         // The picture's x is level; seen from straight above, it is one of the table's axes.
         let level = scene.table.normal.cross(&forward);
         let right = UnitVector3::try_new(-level, 1e-6).unwrap_or(scene.table.axes()[0]);
@@ -83,7 +83,8 @@ impl View {
             .chain(tips.iter().flatten())
             .map(|p| view.project(p))
             .collect();
-        let fold = |k: usize, f: fn(f64, f64) -> f64, from: f64| all.iter().map(|p| p[k]).fold(from, f);
+        let fold =
+            |k: usize, f: fn(f64, f64) -> f64, from: f64| all.iter().map(|p| p[k]).fold(from, f);
         let low = [0, 1].map(|k| fold(k, f64::min, f64::INFINITY));
         let high = [0, 1].map(|k| fold(k, f64::max, f64::NEG_INFINITY));
         let room = [WIDTH - 2.0 * MARGIN, HEIGHT - 2.0 * MARGIN];
@@ -120,7 +121,10 @@ fn triangles(svg: &mut String, surface: &Surface, scene: &Scene, view: &View, co
     let share = |v: u32| coverage.get(v as usize).copied().unwrap_or(0.0);
     for (_, t) in order {
         let [a, b, c] = t.map(|v| surface.points[v as usize]);
-        let normal = (b - a).cross(&(c - a)).try_normalize(0.0).unwrap_or_else(Vector3::zeros);
+        let normal = (b - a)
+            .cross(&(c - a))
+            .try_normalize(0.0)
+            .unwrap_or_else(Vector3::zeros);
         let toward = (scene.camera - a).normalize();
         let light = 0.55 + 0.45 * normal.dot(&toward).abs();
         // The square root lets small shares be seen.
@@ -168,7 +172,10 @@ fn grips(svg: &mut String, plan: &Plan, scene: &Scene, view: &View) {
         let part = |x: f64, y: f64, z: f64| view.at(&(grip.camera_from_tip * Point3::new(x, y, z)));
         let lines = [
             (part(0.0, 0.0, 0.0), part(0.0, 0.0, -scene.shaft_length)),
-            (part(0.0, -scene.jaw_radius, 0.0), part(0.0, scene.jaw_radius, 0.0)),
+            (
+                part(0.0, -scene.jaw_radius, 0.0),
+                part(0.0, scene.jaw_radius, 0.0),
+            ),
         ];
         for ([x1, y1], [x2, y2]) in lines {
             let _ = writeln!(
@@ -177,7 +184,11 @@ fn grips(svg: &mut String, plan: &Plan, scene: &Scene, view: &View) {
             );
         }
         let [x, y] = lines[0].1;
-        let what = if grip.role == Role::Lift { "lifts" } else { "holds" };
+        let what = if grip.role == Role::Lift {
+            "lifts"
+        } else {
+            "holds"
+        };
         let _ = writeln!(
             svg,
             "<text class=\"grip\" x=\"{x:.1}\" y=\"{:.1}\" fill=\"{color}\">arm {} {what}</text>",

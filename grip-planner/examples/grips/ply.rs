@@ -45,7 +45,12 @@ fn check(mesh: &Mesh) -> Result<(), String> {
         return Err("no faces: grips are planned on a surface".into());
     }
     let count = mesh.points.len();
-    match mesh.triangles.iter().flatten().find(|&&v| v as usize >= count) {
+    match mesh
+        .triangles
+        .iter()
+        .flatten()
+        .find(|&&v| v as usize >= count)
+    {
         Some(v) => Err(format!("a face names vertex {v} of {count}")),
         None => Ok(()),
     }
@@ -127,7 +132,10 @@ impl Header {
         let mut rest = bytes;
         let mut first = true;
         loop {
-            let end = rest.iter().position(|b| *b == b'\n').ok_or("not a PLY file")?;
+            let end = rest
+                .iter()
+                .position(|b| *b == b'\n')
+                .ok_or("not a PLY file")?;
             let line = String::from_utf8_lossy(&rest[..end]).trim().to_owned();
             rest = &rest[end + 1..];
             if std::mem::take(&mut first) && line != "ply" {
@@ -144,7 +152,7 @@ impl Header {
         let bad = || format!("header line '{line}'");
         let scalar = |name: &str| Scalar::named(name).ok_or_else(bad);
         match line.split_whitespace().collect::<Vec<_>>()[..] {
-            ["format", format, _] => self.format = format.to_owned(),
+            ["format", format, _] => format.clone_into(&mut self.format),
             ["element", name, count] => self.elements.push(Element {
                 name: name.to_owned(),
                 count: count.parse().map_err(|_| bad())?,
@@ -156,7 +164,11 @@ impl Header {
                     count: Some(scalar(count)?),
                     scalar: scalar(kind)?,
                 };
-                self.elements.last_mut().ok_or_else(bad)?.properties.push(property);
+                self.elements
+                    .last_mut()
+                    .ok_or_else(bad)?
+                    .properties
+                    .push(property);
             }
             ["property", kind, name] => {
                 let property = Property {
@@ -164,7 +176,11 @@ impl Header {
                     count: None,
                     scalar: scalar(kind)?,
                 };
-                self.elements.last_mut().ok_or_else(bad)?.properties.push(property);
+                self.elements
+                    .last_mut()
+                    .ok_or_else(bad)?
+                    .properties
+                    .push(property);
             }
             ["ply" | "comment" | "obj_info", ..] | [] => {}
             _ => return Err(bad()),

@@ -30,10 +30,15 @@ impl Surface {
         let closed = rims(&mesh.triangles).is_empty();
         let free = unhidden(&mesh, camera)?;
         face_outward(&mut mesh, &free, camera);
-        let whole_area = mesh.triangles.iter().map(|t| cross(&mesh.points, t).norm() / 2.0).sum();
+        let whole_area = mesh
+            .triangles
+            .iter()
+            .map(|t| cross(&mesh.points, t).norm() / 2.0)
+            .sum();
         let seen = visible(&mesh, &free, camera);
         if closed {
-            mesh.triangles.retain(|t| t.iter().all(|&v| seen[v as usize]));
+            mesh.triangles
+                .retain(|t| t.iter().all(|&v| seen[v as usize]));
         }
         let mut surface = Self {
             closed,
@@ -135,7 +140,10 @@ fn cross(points: &[Point3<f64>], t: &[u32; 3]) -> Vector3<f64> {
 
 /// Turns the triangles so that their normals point outward: what is seen first faces the camera.
 fn face_outward(mesh: &mut Mesh, free: &[bool], camera: &Point3<f64>) {
-    let seen = mesh.triangles.iter().filter(|t| t.iter().all(|&v| free[v as usize]));
+    let seen = mesh
+        .triangles
+        .iter()
+        .filter(|t| t.iter().all(|&v| free[v as usize]));
     let toward: f64 = seen
         .map(|t| cross(&mesh.points, t).dot(&(camera - mesh.points[t[0] as usize])))
         .sum();
@@ -163,7 +171,9 @@ fn visible(mesh: &Mesh, free: &[bool], camera: &Point3<f64>) -> Vec<bool> {
     let mut seen = vec![false; mesh.points.len()];
     for t in &mesh.triangles {
         if cross(&mesh.points, t).dot(&(camera - mesh.points[t[0] as usize])) > 0.0 {
-            t.iter().for_each(|&v| seen[v as usize] = free[v as usize]);
+            for v in t.map(|v| v as usize) {
+                seen[v] = free[v];
+            }
         }
     }
     seen
@@ -171,7 +181,11 @@ fn visible(mesh: &Mesh, free: &[bool], camera: &Point3<f64>) -> Vec<bool> {
 
 /// The table through the lowest vertex, z up.
 pub fn floor(mesh: &Mesh) -> Plane {
-    let lowest = mesh.points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+    let lowest = mesh
+        .points
+        .iter()
+        .map(|p| p.z)
+        .fold(f64::INFINITY, f64::min);
     Plane {
         normal: Vector3::z_axis(),
         offset: -lowest,
@@ -182,5 +196,8 @@ pub fn floor(mesh: &Mesh) -> Plane {
 pub fn extent(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
     let low = points.iter().fold(points[0], |a, p| a.inf(p));
     let high = points.iter().fold(points[0], |a, p| a.sup(p));
-    (grip_planner::nalgebra::center(&low, &high), (high - low).norm())
+    (
+        grip_planner::nalgebra::center(&low, &high),
+        (high - low).norm(),
+    )
 }
