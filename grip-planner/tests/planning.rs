@@ -12,8 +12,8 @@ use grip_planner::nalgebra::{
 };
 use grip_planner::{
     Action, Arm, CandidateSource, Coverage, Error, Motion, Options, Plan, PlanOptions, Reason,
-    Recentre, Refusal, Role, Scene, Tracking, TurnOptions, Waypoint, Workspace, candidates, plan,
-    plan_grips, turn_over,
+    Recentre, Refusal, Role, Scene, Stage, Tracking, TurnOptions, Waypoint, Workspace, candidates,
+    plan, plan_grips, turn_over,
 };
 use proptest::prelude::*;
 
@@ -620,6 +620,35 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
         refused
             .iter()
             .all(|r| matches!(r.reason, Refusal::ArmsCollide { .. }))
+    );
+}
+
+#[test]
+fn tools_that_would_go_through_the_body_are_refused() {
+    let body = fixture::usual(1200);
+    // Arms low on the far side of the table: the lines from their wrists to their bases run through the body.
+    let mut low = fixture::arms(2);
+    let free = fixture::arms(2);
+    let lift = Options {
+        lift: Some(Vector3::y_axis()),
+        ..Default::default()
+    };
+    for arm in &mut low {
+        arm.base = Point3::new(0.14 * arm.base.x, -0.25, DEPTH - 0.005);
+    }
+    let attempt = |arms: &[Arm]| {
+        let scene = fixture::scene(arms);
+        let set = plan_grips(&body.model(), &scene, &lift)
+            .unwrap()
+            .sets
+            .remove(0);
+        turn_over(&body.model(), &scene, &set, &TurnOptions::default()).map(|_| ())
+    };
+    assert!(attempt(&free).is_ok());
+    let refused = attempt(&low);
+    assert!(
+        matches!(refused, Err(Refusal::HitsBody { stage: Stage::Lift, distance, .. }) if distance < 0.0025),
+        "{refused:?}"
     );
 }
 
