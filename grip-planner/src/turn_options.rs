@@ -18,7 +18,7 @@ pub enum Recentre {
     At(Point3<f64>),
 }
 
-/// Settings of [`turn_over`].
+/// Settings of [`crate::turn_over`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TurnOptions {
     /// How far to turn, radians, between a quarter and half a turn. Default: what [`Turn::angle`] says.

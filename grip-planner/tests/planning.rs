@@ -520,6 +520,41 @@ fn every_reason_for_a_rejection_occurs() {
 }
 
 #[test]
+fn an_arm_must_reach_approach_grasp_and_retreat() {
+    let (body, free) = (fixture::usual(1200), fixture::arms(2));
+    let options = Options::default();
+    let first = candidates(&body.model(), &fixture::scene(&free), &options)
+        .unwrap()
+        .accepted[0]
+        .clone();
+    let height = |distance: f64| {
+        let pose = first.camera_from_tip() * Translation3::new(0.0, 0.0, -distance);
+        DEPTH - pose.translation.vector.z
+    };
+    // The approach is 0.03 m back along the tool, the retreat as far back and 0.015 m up.
+    let (grasp, approach) = (height(0.0), height(options.approach_distance));
+    let ceilings = [
+        (0.5 * (grasp + approach), Some(Waypoint::Approach)),
+        (approach + 0.007, Some(Waypoint::Retreat)),
+        (approach + 0.016, None),
+    ];
+    for (ceiling, expected) in ceilings {
+        let mut arms = free.clone();
+        for arm in &mut arms {
+            arm.workspace = Workspace::Custom(Arc::new(move |pose: &Isometry3<f64>| {
+                DEPTH - pose.translation.vector.z <= ceiling
+            }));
+        }
+        let found = candidates(&body.model(), &fixture::scene(&arms), &options).unwrap();
+        let missed = found.rejected.iter().find_map(|(v, r)| match r {
+            Reason::OutOfReach { at, .. } if *v == first.vertex => Some(*at),
+            _ => None,
+        });
+        assert_eq!(missed, expected);
+    }
+}
+
+#[test]
 fn candidates_come_against_the_normal_and_never_from_below() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(2));
     let scene = fixture::scene(&arms);
