@@ -17,7 +17,6 @@ use crate::consistency::Consistency;
 use crate::constrain::Constrained;
 use crate::contact::Surface;
 use crate::graph::{Graph, check_points};
-use crate::marginal::variances;
 use crate::memory::{Memory, Relaxed, fit_rotations};
 use crate::motion::{Moved, predict};
 use crate::observability::Observability;
@@ -199,7 +198,7 @@ impl Filter {
 
     fn variances(&self) -> Result<Vec<f64>, Error> {
         let values = self.values(&self.information, &self.weights());
-        variances(&self.system.pattern, self.system.simplicial()?, &values)
+        self.system.variances(&values)
     }
 
     /// What the last step determined, by connection; [`Filter::marginal_sigmas`] says how well.

@@ -1,88 +1,138 @@
-//! Marginal variances of all vertices at once: the selected inverse.
+//! Marginal variances of all vertices at once: the selected inverse, block by block.
 //!
 //! ```text
-//! S = L Lᵀ,   Z = S⁻¹ on the pattern of L, last column first:
-//! Z_ij = −(1/L_jj) Σ_{k>j} L_kj Z_ik      (i > j)
-//! Z_jj = (1/L_jj) (1/L_jj − Σ_{k>j} L_kj Z_kj)
+//! S = L Lᵀ,   Z = S⁻¹ on the pattern of L, last block first.   J: the columns of a block, R: its rows below
+//! Y = L_RJ L_JJ⁻¹
+//! Z_RJ = −Z_RR Y
+//! Z_JJ = L_JJ⁻ᵀ L_JJ⁻¹ − Yᵀ Z_RJ
 //! ```
 //!
-//! Every `Z_ik` on the right lies on the pattern of `L` again, so nothing outside it is ever formed: the cost is that of
-//! one factorisation, not of `Q` solves. Source: Takahashi, Fagan and Chen (1973); Erisman and Tinney (1975).
+//! `Z_RR` lies on the pattern of `L` again, in later blocks, so nothing outside it is ever formed: the cost is that of
+//! a few factorisations, not of `Q` solves, and it is spent in dense products. Source: Takahashi, Fagan and Chen (1973); Erisman and
+//! Tinney (1975).
 
-use faer::dyn_stack::{MemBuffer, MemStack};
-use faer::linalg::cholesky::llt::factor::LltRegularization;
-use faer::sparse::linalg::cholesky::{SymbolicCholesky, SymbolicCholeskyRaw};
-use faer::{Par, Side};
+use faer::linalg::matmul::matmul;
+use faer::linalg::triangular_solve::{
+    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
+};
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
-use crate::Error;
-use crate::system::{Pattern, matrix};
-
-/// Diagonal of `S⁻¹`; `symbolic` must be the simplicial analysis of the same pattern.
-pub(crate) fn variances(
-    pattern: &Pattern,
-    symbolic: &SymbolicCholesky<usize>,
-    values: &[f64],
-) -> Result<Vec<f64>, Error> {
-    let mut factor = vec![0.0; symbolic.len_val()];
-    let scratch = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-    let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
-    symbolic
-        .factorize_numeric_llt(
-            &mut factor,
-            matrix(pattern, values),
-            Side::Lower,
-            LltRegularization::default(),
+/// Diagonal of `S⁻¹`, in the order of the factor.
+pub(crate) fn selected_diagonal(
+    symbolic: &SymbolicSupernodalCholesky<usize>,
+    factor: &[f64],
+) -> Vec<f64> {
+    let mut selected = Selected::new(symbolic);
+    let llt = SupernodalLltRef::new(symbolic, factor);
+    let mut diagonal = vec![0.0; symbolic.nrows()];
+    for block in (0..symbolic.n_supernodes()).rev() {
+        let node = llt.supernode(block);
+        let width = node.val().ncols();
+        let (top, below) = node.val().split_at_row(width);
+        let corner = selected.corner(node.pattern());
+        let mut y = below.to_owned();
+        solve_upper_triangular_in_place(top.transpose(), y.transpose_mut(), Par::Seq);
+        let mut inverse = Mat::identity(width, width);
+        solve_lower_triangular_in_place(top, inverse.as_mut(), Par::Seq);
+        let (mut z_top, mut z_below) = selected.block_mut(block).split_at_row_mut(width);
+        matmul(
+            z_below.as_mut(),
+            Accum::Replace,
+            &corner,
+            &y,
+            -1.0,
             Par::Seq,
-            MemStack::new(&mut memory),
-            faer::Spec::default(),
-        )
-        .map_err(|_| Error::Factorisation)?;
-    let (SymbolicCholeskyRaw::Simplicial(columns), Some(order)) = (symbolic.raw(), symbolic.perm())
-    else {
-        return Err(Error::Factorisation);
-    };
-    let diagonal = selected_diagonal(columns.col_ptr(), columns.row_idx(), &factor);
-    let mut variances = vec![0.0; diagonal.len()];
-    for (&vertex, z) in order.arrays().0.iter().zip(diagonal) {
-        variances[vertex] = z;
+        );
+        matmul(
+            z_top.as_mut(),
+            Accum::Replace,
+            inverse.transpose(),
+            &inverse,
+            1.0,
+            Par::Seq,
+        );
+        matmul(
+            z_top.as_mut(),
+            Accum::Add,
+            y.transpose(),
+            &z_below,
+            -1.0,
+            Par::Seq,
+        );
+        for k in 0..width {
+            diagonal[node.start() + k] = z_top[(k, k)];
+        }
     }
-    Ok(variances)
+    diagonal
 }
 
-/// The recursion above; rows of a column are sorted, the diagonal first.
-fn selected_diagonal(starts: &[usize], rows: &[usize], l: &[f64]) -> Vec<f64> {
-    let size = starts.len() - 1;
-    let mut z = vec![0.0; l.len()];
-    let mut sum = vec![0.0; size];
-    let mut weight = vec![0.0; size];
-    let mut owner = vec![usize::MAX; size];
-    for j in (0..size).rev() {
-        let column = starts[j] + 1..starts[j + 1];
-        for at in column.clone() {
-            (sum[rows[at]], weight[rows[at]], owner[rows[at]]) = (0.0, l[at], j);
+/// `Z` in the layout of the factor.
+struct Selected<'a> {
+    symbolic: &'a SymbolicSupernodalCholesky<usize>,
+    values: Vec<f64>,
+    /// The block of every column.
+    block: Vec<usize>,
+}
+
+impl<'a> Selected<'a> {
+    fn new(symbolic: &'a SymbolicSupernodalCholesky<usize>) -> Self {
+        let mut block = vec![0; symbolic.nrows()];
+        for (s, (&begin, &end)) in symbolic
+            .supernode_begin()
+            .iter()
+            .zip(symbolic.supernode_end())
+            .enumerate()
+        {
+            block[begin..end].fill(s);
         }
-        for at in column.clone() {
-            let k = rows[at];
-            let lk = l[at];
-            let first = starts[k];
-            let mut own = lk * z[first];
-            for below in first + 1..starts[k + 1] {
-                let i = rows[below];
-                if owner[i] == j {
-                    // Z is symmetric and only its lower half is stored: one entry serves both sums.
-                    sum[i] += lk * z[below];
-                    own += weight[i] * z[below];
+        Self {
+            symbolic,
+            values: vec![0.0; symbolic.len_val()],
+            block,
+        }
+    }
+
+    fn block_mut(&mut self, s: usize) -> MatMut<'_, f64> {
+        let (begin, end) = (
+            self.symbolic.supernode_begin()[s],
+            self.symbolic.supernode_end()[s],
+        );
+        let range = self.symbolic.col_ptr_for_val()[s]..self.symbolic.col_ptr_for_val()[s + 1];
+        let height = range.len() / (end - begin);
+        MatMut::from_column_major_slice_mut(&mut self.values[range], height, end - begin)
+    }
+
+    /// `Z_RR` for the rows of a block: column by column from the later blocks that own them.
+    fn corner(&self, rows: &[usize]) -> Mat<f64> {
+        let mut corner = Mat::zeros(rows.len(), rows.len());
+        let mut places = vec![0; rows.len()];
+        let mut first = 0;
+        while first < rows.len() {
+            let s = self.block[rows[first]];
+            let node = SupernodalLltRef::new(self.symbolic, &self.values).supernode(s);
+            let (begin, width) = (node.start(), node.val().ncols());
+            let own = rows[first..].partition_point(|&r| r < begin + width);
+            // Both lists ascend, and the rows beyond a block's columns are among its own rows.
+            let mut at = 0;
+            for (place, &r) in places[first..].iter_mut().zip(&rows[first..]) {
+                *place = if r < begin + width {
+                    r - begin
+                } else {
+                    at += node.pattern()[at..].partition_point(|&p| p < r);
+                    width + at
+                };
+            }
+            for k in first..first + own {
+                let column: MatRef<f64> = node.val().subcols(rows[k] - begin, 1);
+                for (i, &place) in places.iter().enumerate().skip(k) {
+                    let z = column[(place, 0)];
+                    corner[(i, k)] = z;
+                    corner[(k, i)] = z;
                 }
             }
-            sum[k] += own;
+            first += own;
         }
-        let pivot = 1.0 / l[starts[j]];
-        let mut tail = 0.0;
-        for at in column {
-            z[at] = -pivot * sum[rows[at]];
-            tail += l[at] * z[at];
-        }
-        z[starts[j]] = pivot * (pivot - tail);
+        corner
     }
-    (0..size).map(|j| z[starts[j]]).collect()
 }

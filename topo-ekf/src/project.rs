@@ -33,6 +33,8 @@ use crate::{Error, columns};
 const ROUNDS: usize = 40;
 /// Height up to which a vertex that rested last time is taken to rest again, m.
 const NEAR: f64 = 1e-3;
+/// Rounds whose next set is foretold by relaxation. After them the primal-dual set goes its own way, which is known to end.
+const FORETOLD: usize = 3;
 /// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
 const ROW_DEPTH: f64 = 1e-8;
 /// While the table still changes, forces need not be better than this share of the largest gap.
@@ -137,6 +139,10 @@ impl Problem<'_> {
         let (mut rounds, mut solves) = (0, 0);
         let mut settled = false;
         let mut shift = vec![];
+        if self.plane.is_some() {
+            let push = stack.push(&forces, self.estimate.len());
+            table.foretell(self.values, &system.pattern, &table.sunk(), &push);
+        }
         while !settled && rounds < ROUNDS {
             rounds += 1;
             table.refactor(self.values, system)?;
@@ -165,6 +171,9 @@ impl Problem<'_> {
                 *s += l;
             }
             let changed = table.update(self.values, system, &shift, &push);
+            if changed && rounds < FORETOLD {
+                table.foretell(self.values, &system.pattern, &shift, &push);
+            }
             settled = !changed && tolerance <= fine && found.settled;
             if !changed {
                 tolerance = fine;

@@ -7,24 +7,26 @@
 //! The pattern and the fill-reducing order depend on the graph alone: they are found once and every factorisation
 //! after it is numeric only.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::SupernodalThreshold;
 use faer::sparse::linalg::cholesky::{
-    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering,
+    CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 
 use crate::Error;
+use crate::marginal::selected_diagonal;
 
 /// Columns that one solve may have; more are solved in slices of this width.
 const WIDTH: usize = 64;
-/// From this many vertices the blocked (supernodal) factorisation is the faster one.
-const SUPERNODAL_FROM: usize = 200;
+
+/// Below every ratio, that of a graph without edges (0) included: one kind of factor for all, and [`crate::marginal`] needs its blocks.
+const ALWAYS_BLOCKED: SupernodalThreshold = SupernodalThreshold(-1.0);
 
 /// Lower triangle of `S` in compressed columns.
 #[derive(Clone, Debug)]
@@ -35,6 +37,9 @@ pub(crate) struct Pattern {
     pub diagonal: Vec<usize>,
     /// Where each edge's entry lies.
     pub edge: Vec<usize>,
+    /// Both triangles by rows, without the diagonal: the other vertex and where the entry lies.
+    around: Vec<(u32, u32)>,
+    around_starts: Vec<usize>,
 }
 
 impl Pattern {
@@ -60,12 +65,23 @@ impl Pattern {
             })
             .collect();
         let diagonal = starts[..vertices].to_vec();
+        let (around_starts, around) = by_rows(&starts, &rows);
         Self {
             starts,
             rows,
             diagonal,
             edge,
+            around,
+            around_starts,
         }
+    }
+
+    /// `(S v)_i` without the diagonal's part.
+    pub fn pull(&self, values: &[f64], v: &[f64], i: usize) -> f64 {
+        self.around[self.around_starts[i]..self.around_starts[i + 1]]
+            .iter()
+            .map(|&(j, at)| values[at as usize] * v[j as usize])
+            .sum()
     }
 
     pub fn size(&self) -> usize {
@@ -122,13 +138,29 @@ impl Pattern {
     }
 }
 
+/// Off-diagonal entries of both triangles, row after row, from the columns of the lower one.
+fn by_rows(starts: &[usize], rows: &[usize]) -> (Vec<usize>, Vec<(u32, u32)>) {
+    let size = starts.len() - 1;
+    let mut lists: Vec<Vec<(u32, u32)>> = vec![vec![]; size];
+    for column in 0..size {
+        for at in starts[column] + 1..starts[column + 1] {
+            lists[rows[at]].push((column as u32, at as u32));
+            lists[column].push((rows[at] as u32, at as u32));
+        }
+    }
+    let mut ends = vec![0];
+    ends.extend(lists.iter().scan(0, |end, list| {
+        *end += list.len();
+        Some(*end)
+    }));
+    (ends, lists.concat())
+}
+
 /// Pattern, order and working memory; a numeric factor is a plain vector made by [`System::factorise`].
 pub(crate) struct System {
     pub pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
     memory: MemBuffer,
-    /// Column-by-column analysis for the selected inverse, made when first asked for.
-    simplicial: OnceLock<SymbolicCholesky<usize>>,
 }
 
 /// Numeric Cholesky factor belonging to the [`System`] that made it.
@@ -137,12 +169,7 @@ pub(crate) struct Factor(Vec<f64>);
 impl System {
     pub fn new(vertices: usize, edges: &[[u32; 2]]) -> Result<Self, Error> {
         let pattern = Pattern::new(vertices, edges);
-        let threshold = if vertices < SUPERNODAL_FROM {
-            SupernodalThreshold::FORCE_SIMPLICIAL
-        } else {
-            SupernodalThreshold::FORCE_SUPERNODAL
-        };
-        let symbolic = analyse(&pattern, threshold)?;
+        let symbolic = analyse(&pattern)?;
         let scratch = symbolic
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default())
             .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
@@ -151,34 +178,42 @@ impl System {
             pattern: Arc::new(pattern),
             symbolic,
             memory,
-            simplicial: OnceLock::new(),
         })
-    }
-
-    /// The analysis that [`crate::marginal`] needs.
-    pub fn simplicial(&self) -> Result<&SymbolicCholesky<usize>, Error> {
-        if let Some(done) = self.simplicial.get() {
-            return Ok(done);
-        }
-        let analysis = analyse(&self.pattern, SupernodalThreshold::FORCE_SIMPLICIAL)?;
-        Ok(self.simplicial.get_or_init(|| analysis))
     }
 
     /// Cholesky factor of the matrix with these lower-triangle values.
     pub fn factorise(&mut self, values: &[f64]) -> Result<Factor, Error> {
-        let mut factor = vec![0.0; self.symbolic.len_val()];
-        self.symbolic
-            .factorize_numeric_llt(
-                &mut factor,
-                matrix(&self.pattern, values),
-                Side::Lower,
-                LltRegularization::default(),
-                Par::Seq,
-                MemStack::new(&mut self.memory),
-                faer::Spec::default(),
-            )
-            .map_err(|_| Error::Factorisation)?;
-        Ok(Factor(factor))
+        let stack = MemStack::new(&mut self.memory);
+        numeric(&self.symbolic, &self.pattern, values, stack)
+    }
+
+    /// Diagonal of the inverse of the matrix with these lower-triangle values.
+    pub fn variances(&self, values: &[f64]) -> Result<Vec<f64>, Error> {
+        let scratch = self
+            .symbolic
+            .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
+        let factor = numeric(
+            &self.symbolic,
+            &self.pattern,
+            values,
+            MemStack::new(&mut memory),
+        )?;
+        let (SymbolicCholeskyRaw::Supernodal(blocks), Some(order)) =
+            (self.symbolic.raw(), self.symbolic.perm())
+        else {
+            return Err(Error::Factorisation);
+        };
+        let mut variances = vec![0.0; self.pattern.size()];
+        for (&vertex, z) in order
+            .arrays()
+            .0
+            .iter()
+            .zip(selected_diagonal(blocks, &factor.0))
+        {
+            variances[vertex] = z;
+        }
+        Ok(variances)
     }
 
     /// Replaces the columns of `rhs` (column-major, as many as fit) by `S⁻¹` of them.
@@ -193,13 +228,31 @@ impl System {
     }
 }
 
-/// Fill-reducing order and pattern of the factor.
-fn analyse(
+fn numeric(
+    symbolic: &SymbolicCholesky<usize>,
     pattern: &Pattern,
-    threshold: SupernodalThreshold,
-) -> Result<SymbolicCholesky<usize>, Error> {
+    values: &[f64],
+    stack: &mut MemStack,
+) -> Result<Factor, Error> {
+    let mut factor = vec![0.0; symbolic.len_val()];
+    symbolic
+        .factorize_numeric_llt(
+            &mut factor,
+            matrix(pattern, values),
+            Side::Lower,
+            LltRegularization::default(),
+            Par::Seq,
+            stack,
+            faer::Spec::default(),
+        )
+        .map_err(|_| Error::Factorisation)?;
+    Ok(Factor(factor))
+}
+
+/// Fill-reducing order and pattern of the factor.
+fn analyse(pattern: &Pattern) -> Result<SymbolicCholesky<usize>, Error> {
     let params = CholeskySymbolicParams {
-        supernodal_flop_ratio_threshold: threshold,
+        supernodal_flop_ratio_threshold: ALWAYS_BLOCKED,
         ..Default::default()
     };
     factorize_symbolic_cholesky(
@@ -222,9 +275,6 @@ fn symbolic(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
 }
 
 /// View of the lower triangle for faer.
-pub(crate) fn matrix<'a>(
-    pattern: &'a Pattern,
-    values: &'a [f64],
-) -> SparseColMatRef<'a, usize, f64> {
+fn matrix<'a>(pattern: &'a Pattern, values: &'a [f64]) -> SparseColMatRef<'a, usize, f64> {
     SparseColMatRef::new(symbolic(pattern), values)
 }

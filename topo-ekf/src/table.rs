@@ -10,10 +10,15 @@
 //! rows `W` is an M-matrix and the sets are monotone.
 
 use crate::Error;
-use crate::system::{Factor, System};
+use crate::system::{Factor, Pattern, System};
 
 /// A vertex lower than this is struck, m; it is then put exactly on the plane.
 const DEPTH: f64 = 1e-9;
+
+/// Sweeps of the relaxation that foretells the set.
+const SWEEPS: usize = 24;
+/// Its over-relaxation: 1 is Gauss and Seidel's, at 2 it no longer converges.
+const OVER: f64 = 1.7;
 
 /// Resting vertices and the factor of the others.
 pub(crate) struct Table {
@@ -48,6 +53,19 @@ impl Table {
         (0..self.struck.len() as u32)
             .filter(|&i| self.struck[i as usize])
             .collect()
+    }
+
+    /// Displacement that puts the struck vertices on the plane and moves no other, as a block.
+    pub fn sunk(&self) -> Vec<f64> {
+        let size = self.struck.len();
+        let mut block = vec![0.0; 3 * size];
+        block[2 * size..].copy_from_slice(&self.held());
+        block
+    }
+
+    fn held(&self) -> Vec<f64> {
+        let marked = self.struck.iter().zip(&self.heights);
+        marked.map(|(&s, &h)| if s { -h } else { 0.0 }).collect()
     }
 
     /// Whether a vertex rests on the plane.
@@ -114,12 +132,7 @@ impl Table {
         let Some(free) = &self.free else {
             return vec![0.0; self.struck.len()];
         };
-        let held: Vec<f64> = self
-            .struck
-            .iter()
-            .zip(&self.heights)
-            .map(|(&s, &h)| if s { -h } else { 0.0 })
-            .collect();
+        let held = self.held();
         let mut lift = system.pattern.multiply(values, &held);
         for (l, &s) in lift.iter_mut().zip(&self.struck) {
             *l = if s { 0.0 } else { -*l };
@@ -129,6 +142,21 @@ impl Table {
             *l += h;
         }
         lift
+    }
+
+    /// Foretells the set by projected over-relaxation of the heights (Cryer 1971), from a displacement and the forces of the rows (blocks).
+    /// A sweep costs a fraction of a factorisation, and neighbours answer each other in it, where in [`Table::update`] they err together.
+    pub fn foretell(&mut self, values: &[f64], pattern: &Pattern, shift: &[f64], push: &[f64]) {
+        let size = self.struck.len();
+        let (mut risen, pushed) = (shift[2 * size..].to_vec(), &push[2 * size..]);
+        for _ in 0..SWEEPS {
+            for i in 0..size {
+                let rest = pushed[i] - pattern.pull(values, &risen, i);
+                let step = rest / values[pattern.diagonal[i]] - risen[i];
+                risen[i] = (risen[i] + OVER * step).max(-self.heights[i]);
+                self.struck[i] = risen[i] <= -self.heights[i];
+            }
+        }
     }
 
     /// Next set, from the displacement and the forces of the rows (blocks); `true` if it changed.
