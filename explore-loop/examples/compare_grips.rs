@@ -77,7 +77,7 @@ impl Arguments {
                 "--cap" => arguments.cap = number(&value)?,
                 "--scenes" => arguments.scenes = value.split(',').map(str::to_owned).collect(),
                 "--arms" => {
-                    arguments.arms = value.split(',').map(number).collect::<Result<_, _>>()?
+                    arguments.arms = value.split(',').map(number).collect::<Result<_, _>>()?;
                 }
                 "--csv" => arguments.csv = Some(value),
                 _ => return Err(format!("unknown option {word}")),
