@@ -108,6 +108,8 @@ pub(crate) struct Influence {
     free: DMatrix<f64>,
     /// Vertices that some row pushes along the plane by more than [`TILT`]; the model leaves out the rest's `full`.
     tilted: Vec<bool>,
+    /// Resting vertices for which `free` was made.
+    resting: Vec<bool>,
 }
 
 impl Influence {
@@ -118,13 +120,20 @@ impl Influence {
             full: DMatrix::zeros(0, 0),
             free: DMatrix::zeros(0, 0),
             tilted: vec![],
+            resting: vec![],
         }
     }
 
-    /// The table's set has changed too much for the entries along the normal.
+    /// The model has become of no use: because the table's set is another by now, or else because of what it leaves out along the plane.
     pub fn renew(&mut self, compliance: &mut Compliance) {
         let all = self.vertices.clone();
-        self.free = compliance.inverse(&all, &all, true);
+        if self.resting != compliance.table.set() {
+            self.free = compliance.inverse(&all, &all, true);
+            self.resting = compliance.table.set().to_vec();
+        } else if self.tilted.contains(&false) {
+            self.tilted.fill(true);
+            self.full = compliance.inverse(&all, &all, false);
+        }
     }
 
     fn learn(&mut self, compliance: &mut Compliance, rows: &[usize]) {
@@ -145,6 +154,9 @@ impl Influence {
         let new = self.vertices[old..].to_vec();
         if new.is_empty() {
             return;
+        }
+        if old == 0 {
+            self.resting = compliance.table.set().to_vec();
         }
         let columns = compliance.inverse(&self.vertices, &new, true);
         let all: Vec<usize> = (old..self.vertices.len()).collect();

@@ -86,6 +86,7 @@ impl Surface {
                 |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
             Aabb::from_points(t.map(corner))
         });
+        let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
         let tree = Bvh::from_iter(BvhBuildStrategy::Binned, boxes.enumerate());
         let reach = reach.max(2.0 * separation);
         self.corners
@@ -99,14 +100,10 @@ impl Surface {
                 );
                 tree.intersect_aabb(&around)
                     .filter_map(|t| {
-                        self.pair(
-                            v,
-                            &self.triangles[t as usize],
-                            before,
-                            now,
-                            separation,
-                            reach,
-                        )
+                        let facet = facets[t as usize].as_ref()?;
+                        let triangle = &self.triangles[t as usize];
+                        let foot = facet.over(p);
+                        self.pair(v, triangle, before, foot, separation, reach)
                     })
                     // Lower triangles first would depend on the tree's order: ties are broken by the row itself.
                     .max_by(|(a, r), (b, s)| {
@@ -122,18 +119,17 @@ impl Surface {
         vertex: u32,
         triangle: &[u32; 3],
         before: &[Point3<f64>],
-        now: &[Point3<f64>],
+        (height, normal, weights): Foot,
         separation: f64,
         reach: f64,
     ) -> Option<(f64, Row)> {
-        let (height, normal, weights) = over(triangle, now, &now[vertex as usize])?;
         if height.abs() > reach
             || weights.iter().any(|b| *b < -OVERLAP)
             || self.adjoins(vertex, triangle)
         {
             return None;
         }
-        let (was, _, _) = over(triangle, before, &before[vertex as usize])?;
+        let (was, _, _) = Facet::new(triangle, before)?.over(&before[vertex as usize]);
         let side = was.signum();
         let gap = separation - side * height;
         // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
@@ -181,27 +177,34 @@ fn around(from: u32, ring: &[Vec<u32>], rest: &[Point3<f64>], length: f64) -> Ve
 }
 
 /// Signed height over a triangle's plane, its unit normal and the barycentric weights of the foot.
-fn over(
-    triangle: &[u32; 3],
-    points: &[Point3<f64>],
-    p: &Point3<f64>,
-) -> Option<(f64, Vector3<f64>, [f64; 3])> {
-    let [a, b, c] = triangle.map(|k| points[k as usize]);
-    let (u, v, w) = (b - a, c - a, p - a);
-    let area = u.cross(&v);
-    let square = area.norm_squared();
-    // A sliver has no side; its neighbours stand in for it.
-    if square <= 1e-12 * u.norm_squared() * v.norm_squared() {
-        return None;
+type Foot = (f64, Vector3<f64>, [f64; 3]);
+
+/// A triangle made ready for many vertices: most candidates are next to it and not over it, and a few products tell.
+struct Facet {
+    origin: Point3<f64>,
+    normal: Vector3<f64>,
+    /// Gradients of the second and third barycentric weight.
+    slopes: [Vector3<f64>; 2],
+}
+
+impl Facet {
+    fn new(triangle: &[u32; 3], points: &[Point3<f64>]) -> Option<Self> {
+        let [origin, b, c] = triangle.map(|k| points[k as usize]);
+        let (u, v) = (b - origin, c - origin);
+        let area = u.cross(&v);
+        let square = area.norm_squared();
+        // A sliver has no side; its neighbours stand in for it.
+        (square > 1e-12 * u.norm_squared() * v.norm_squared()).then(|| Self {
+            origin,
+            normal: area / square.sqrt(),
+            slopes: [v.cross(&area) / square, area.cross(&u) / square],
+        })
     }
-    let normal = area / square.sqrt();
-    let (second, third) = (
-        w.cross(&v).dot(&area) / square,
-        u.cross(&w).dot(&area) / square,
-    );
-    Some((
-        normal.dot(&w),
-        normal,
-        [1.0 - second - third, second, third],
-    ))
+
+    fn over(&self, p: &Point3<f64>) -> Foot {
+        let w = p - self.origin;
+        let [second, third] = self.slopes.map(|s| s.dot(&w));
+        let weights = [1.0 - second - third, second, third];
+        (self.normal.dot(&w), self.normal, weights)
+    }
 }

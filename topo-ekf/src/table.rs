@@ -68,6 +68,11 @@ impl Table {
         marked.map(|(&s, &h)| if s { -h } else { 0.0 }).collect()
     }
 
+    /// For every vertex, whether it rests on the plane.
+    pub fn set(&self) -> &[bool] {
+        &self.struck
+    }
+
     /// Whether a vertex rests on the plane.
     pub fn rests(&self, vertex: u32) -> bool {
         self.struck[vertex as usize]
