@@ -9,7 +9,8 @@
 //!
 //! `M` is what `G` was when the rows came into play, with another set of resting vertices or before the last linearisation. The gradient and the length of the step are exact, so an old model costs steps and no accuracy: the cost falls in
 //! every step, and where it no longer does the answer is optimal for the exact `G`. A step is one sparse solve, where a fresh dense
-//! `G` would be a solve per row and per round. When the model has become too old to be of use it is made anew.
+//! `G` would be a solve per row and per round. When the model is of no use any more, it is
+//! renewed for the present set of resting vertices or, if that is what it was made for, completed by what it left out ([`crate::compliance`]).
 
 use nalgebra::DMatrix;
 
@@ -17,7 +18,7 @@ use crate::Error;
 use crate::compliance::{Compliance, Influence};
 use crate::pivots::minimise;
 
-/// Steps with a model before it is made anew.
+/// Steps with a model before it is renewed or completed.
 const PATIENCE: usize = 3;
 /// Most steps in all.
 const STEPS: usize = 60;

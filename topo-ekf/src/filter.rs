@@ -191,7 +191,7 @@ impl Filter {
     /// As [`Filter::step`], after stiffness or options that leave the information matrix unusable.
     ///
     /// # Complexity
-    /// One factorisation and one selected inverse, some ten times a linear update: ask for it every few frames.
+    /// One factorisation and one selected inverse, together about two linear updates.
     pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
         Ok(self.variances()?.into_iter().map(f64::sqrt).collect())
     }
@@ -291,8 +291,8 @@ impl Filter {
     /// it was.
     ///
     /// # Complexity
-    /// Three numeric factorisations (one for [`Motion::Still`]) and `rotation_iterations + 2` solves; a touched table costs two to four
-    /// factorisations more, contacts some tens of solves.
+    /// Three numeric factorisations (one for [`Motion::Still`]) and `rotation_iterations + 2` solves; a touched table costs one or two
+    /// factorisations more, contacts some hundred columns of the inverse.
     pub fn step(&mut self, frame: &Frame) -> Result<StepReport, Error> {
         frame.check(self.live.len())?;
         let prediction = self.predict(frame)?;

@@ -6,7 +6,7 @@
 //! ```
 //!
 //! All that are wrong change sides at once: a primal-dual active set, that is a semismooth Newton method (Hintermüller, Ito, Kunisch
-//! 2002). Struck vertices are taken out of `W` by zeroing their rows, so the pattern and its symbolic factor stay. Without
+//! 2002), with the next set foretold by relaxation in the first rounds. Struck vertices are taken out of `W` by zeroing their rows, so the pattern and its symbolic factor stay. Without
 //! rows `W` is an M-matrix and the sets are monotone.
 
 use crate::Error;
