@@ -4,8 +4,8 @@
 
 FOLDER holds pairs as `cargo bench --bench bars -- --write FOLDER` writes them; without one, they are written to a temporary folder first.
 Makes an environment of its own, installs the peers there, builds and runs our example `pairs` on the same files, and prints
-errors in mm, milliseconds, and both as multiples of ours. All get the three landmarks. Times are the best of three of one process after a
-warm-up; for the peers it is processor time over all their threads, for ours (one thread) the time on the clock.
+errors in mm, milliseconds, and both as multiples of ours. All get the three landmarks. Times are the best of
+four in one process, or of one where that takes over two seconds; for the peers it is processor time over all their threads, for ours (one thread) the time on the clock.
 """
 
 import os
@@ -94,9 +94,11 @@ def score_peer(run, folder):
     best = np.inf
     for _ in range(4):
         start = time.process_time()
-        moved, moved_hidden = run(source, target, len(grips), np.zeros((0, 3)))
+        moved, moved_hidden = run(source, target, len(grips), hidden)
         best = min(best, (time.process_time() - start) * 1e3)
-    moved, moved_hidden = run(source, target, len(grips), hidden)
+        # What takes seconds is not decided by a cold cache.
+        if best > 2e3:
+            break
     mean, p95 = errors(moved[: len(truth)], truth)
     return [mean, p95, errors(moved_hidden, hidden_truth)[0], best]
 
@@ -123,7 +125,10 @@ def main():
     names = sorted(path.name for path in folder.iterdir() if path.is_dir())
     scores = {"nonrigid-reg": score_ours(folder)}
     for peer, run in peers().items():
-        scores[peer] = {name: score_peer(run, folder / name) for name in names}
+        scores[peer] = {}
+        for name in names:
+            scores[peer][name] = score_peer(run, folder / name)
+            print(f"{peer}: {name} {scores[peer][name][0]:.3f} mm, {scores[peer][name][3]:.0f} ms", file=sys.stderr, flush=True)
     for title, belongs in groups.items():
         chosen = [name for name in names if belongs(name)]
         if not chosen:
