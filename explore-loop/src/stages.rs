@@ -164,7 +164,7 @@ impl Register for NonrigidRegister {
         Ok(RegisterOutput {
             displacements: result.displacements,
             confidence: result.confidence,
-            residual: result.residuals.rms,
+            residual: result.residual_rms,
             overlap: result.overlap,
             failure,
         })
@@ -177,12 +177,13 @@ pub struct FilterTrack {
     options: topo_ekf::Options,
 }
 
-/// How far an edge may leave its shape at rest, metres: a body of 10 kPa stretches by some percent under its own weight,
-/// and a stiffer memory would not let it.
-const EDGE_SIGMA: f64 = 3e-3;
-/// What is known of a hidden vertex's place fades by this a frame, metres: its shape memory has to win over where it was
-/// predicted.
-const PROCESS_NOISE: f64 = 3e-3;
+/// How far an edge may leave its shape at rest, metres: a body of 10 kPa stretches by some percent under its own weight, and a
+/// stiffer memory would not let it; with a softer one hidden vertices follow the last error of the seen ones.
+const EDGE_SIGMA: f64 = 1e-3;
+/// What was measured of a vertex is as good as forgotten once it is hidden, metres a frame: registration slides it by millimetres before it
+/// goes, and its shape memory knows better. With 3 mm a frame no surface closes.
+const PROCESS_NOISE: f64 = 0.1;
+
 impl Default for FilterTrack {
     /// With the settings measured best for models of soft bodies.
     fn default() -> Self {
