@@ -179,7 +179,7 @@ pub struct FilterTrack {
 
 /// How far an edge may leave its shape at rest, metres: a body of 10 kPa stretches by some percent under its own weight, and a
 /// stiffer memory would not let it; with a softer one hidden vertices follow the last error of the seen ones.
-const EDGE_SIGMA: f64 = 1e-3;
+const EDGE_SIGMA: f64 = 1.5e-3;
 /// What was measured of a vertex is as good as forgotten once it is hidden, metres a frame: registration slides it by millimetres before it
 /// goes, and its shape memory knows better. With 3 mm a frame no surface closes.
 const PROCESS_NOISE: f64 = 0.1;
