@@ -1,6 +1,6 @@
 //! Writes an ε-net of a surface as `STEM.ply` (x y z nx ny nz, ASCII) and `STEM.txt` (x y z): `nets SURFACE COUNT SEED STEM`.
 //!
-//! `cargo run --release -p cech-complex --features manifolds --example nets -- torus 2000 1 /tmp/torus`
+//! `cargo run --release -p cech-complex --features manifolds --example nets -- torus 2000 1 torus`
 #![allow(clippy::print_stdout, reason = "an example talks")]
 
 use cech_complex::manifolds::Manifold;
