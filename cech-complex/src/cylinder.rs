@@ -123,7 +123,7 @@ impl Cylinder {
     /// let torus = Manifold::Torus { major: 1.0, minor: 0.4 };
     /// let cloud = torus.net(900, 1);
     /// let covering = 1.25 * cloud.spacing;
-    /// let cylinder = Cylinder::new(1.1 * covering, 0.8 * covering)?;
+    /// let cylinder = Cylinder::new(1.1 * covering, 2.0 * covering)?;
     /// let b = cylinder.proven_scale(covering, torus.reach(), 0.0)?;
     /// let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default().max_scale(b))?;
     /// assert_eq!(complex.persistent_betti(1.0, b), [1, 2, 1]);
