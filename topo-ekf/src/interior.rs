@@ -18,8 +18,11 @@ use crate::rows::Stack;
 use crate::system::{Pattern, System};
 use crate::table::Table;
 
-/// Relative tolerance: 1e-11 of the deepest violation.
-const TOLERANCE: f64 = 1e-11;
+/// Tolerance of the cost, relative to that of the deepest violation squared.
+const GAP: f64 = 1e-11;
+/// Tolerance of feasibility, relative to the deepest violation. What is reached is near rounding; demanded near rounding, a residual
+/// that grows from 1e-14 to 1e-10 makes clarabel stop where the cost is still wrong by per cents (seen at 1e-12).
+const FEASIBILITY: f64 = 1e-9;
 
 /// Displacement as a block in the frame of the plane, and the forces of the rows. The table takes over who rests.
 pub(crate) fn interior_point(
@@ -87,9 +90,9 @@ fn settings() -> Result<DefaultSettings<f64>, Error> {
     DefaultSettingsBuilder::default()
         .verbose(false)
         .max_threads(1)
-        .tol_gap_abs(TOLERANCE)
-        .tol_gap_rel(TOLERANCE)
-        .tol_feas(TOLERANCE)
+        .tol_gap_abs(GAP)
+        .tol_gap_rel(GAP)
+        .tol_feas(FEASIBILITY)
         .build()
         .map_err(|_| Error::Factorisation)
 }
@@ -157,4 +160,98 @@ fn bounds(stack: &Stack, size: usize, plane: bool) -> CscMatrix<f64> {
     }
     let height = rows + if plane { size } else { 0 };
     CscMatrix::new(height, 3 * size + rows, starts, at, entries)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+
+    use super::*;
+    use crate::observation::Plane;
+    use crate::rows::{Key, Row};
+
+    /// Uniform in (−1, 1).
+    fn draw(state: &mut u64) -> f64 {
+        *state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (*state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    }
+
+    /// A chain over a table and rows between its vertices: force and displacement belong to each other, forces push and do so only
+    /// where something touches.
+    #[test]
+    fn the_optimality_conditions_hold() {
+        let (size, count, soft) = (40, 6, 1e-9);
+        let edges: Vec<_> = (1..size as u32).map(|i| [i - 1, i]).collect();
+        let mut system = System::new(size, &edges).unwrap();
+        let normal = UnitVector3::new_unchecked(Vector3::z());
+        for seed in 0..50 {
+            let mut state = seed;
+            let mut next = || draw(&mut state);
+            let diagonal: Vec<f64> = (0..size).map(|_| 1e5 * (1.1 + next())).collect();
+            let values = system.pattern.assemble(&diagonal, &edges, |_| 1e6);
+            let factor = system.factorise(&values).unwrap();
+            let estimate: Vec<_> = (0..size)
+                .map(|i| Point3::new(5e-3 * i as f64, next() * 1e-3, next() * 3e-3))
+                .collect();
+            let rows: Vec<_> = (0..count as u32)
+                .map(|k| Row {
+                    key: Key::Own(k),
+                    terms: vec![
+                        (5 * k, Vector3::new(next(), next(), 1.0)),
+                        (5 * k + 7, -Vector3::new(0.3, next(), 1.0)),
+                    ],
+                    bound: next() * 2e-3,
+                })
+                .collect();
+            let problem = Problem {
+                values: &values,
+                factor: &factor,
+                estimate: &estimate,
+                plane: Some(Plane {
+                    normal,
+                    offset: 0.0,
+                }),
+                rows: &rows,
+            };
+            let stack = Stack::new(&rows, &Matrix3::identity());
+            let gaps: Vec<f64> = rows.iter().map(|r| r.gap(&estimate)).collect();
+            let heights: Vec<f64> = estimate.iter().map(|p| p.z).collect();
+            let mut table = Table::new(heights, vec![false; size]);
+            let softness = vec![soft; count];
+            let (shift, forces) =
+                interior_point(&problem, &stack, &gaps, &softness, &system, &mut table).unwrap();
+
+            let push = stack.push(&forces, size);
+            let largest = push.iter().fold(1.0, |a: f64, f| a.max(f.abs()));
+            for axis in 0..3 {
+                let pulled = system
+                    .pattern
+                    .multiply(&values, &shift[axis * size..(axis + 1) * size]);
+                for i in 0..size {
+                    // Information of 1e6 times 1e-9 m, beside forces of a thousand.
+                    let other = pulled[i] - push[axis * size + i];
+                    let held = axis == 2 && table.rests(i as u32);
+                    assert!(
+                        other.abs() < 1e-6 * largest || held && other > 0.0,
+                        "{other} {largest}"
+                    );
+                }
+            }
+            for (i, p) in estimate.iter().enumerate() {
+                let height = p.z + shift[2 * size + i];
+                assert!(
+                    height > -1e-10 && (height < 1e-8 || !table.rests(i as u32)),
+                    "{height}"
+                );
+            }
+            for (k, reached) in stack.reach(&shift).into_iter().enumerate() {
+                let left = gaps[k] - reached - soft * forces[k];
+                assert!(left < 1e-9 && (left > -1e-8 || forces[k] == 0.0), "{left}");
+            }
+        }
+    }
 }

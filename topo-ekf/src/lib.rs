@@ -22,6 +22,7 @@ mod regraph;
 mod report;
 mod rotation;
 mod rows;
+mod search;
 mod system;
 mod table;
 

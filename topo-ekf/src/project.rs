@@ -7,9 +7,8 @@
 //! `W = S` is estimate projection, `W = I` gain projection ([`crate::Projection`]). The metric is the same in every direction, so
 //! the main plane touches the heights `n·x` alone: a bound-constrained problem with the scalar matrix `W`, solved by a primal-dual
 //! active set ([`crate::table`]). Rows (self-contact, further planes, the caller's) push with forces found in the
-//! dual ([`crate::dual`]), and the two alternate until neither changes. The optimum of a strictly convex problem is
-//! unique, so the starting set changes the time and not the answer. What has not settled after the rounds allowed is
-//! handed to an interior point method ([`crate::interior`]).
+//! dual ([`crate::dual`]), and the two alternate until neither changes ([`crate::search`]). The optimum of a strictly convex
+//! problem is unique, so the starting set changes the time and not the answer.
 //!
 //! The projected mean is kept by the filter; the set of active constraints is a property of this estimate and never becomes
 //! information (that would make the filter overconfident by an order of magnitude, since the same table would be measured anew in
@@ -19,26 +18,18 @@ use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
-use crate::compliance::{Compliance, Influence};
-use crate::dual::{Dual, Forces, Model};
-use crate::interior::interior_point;
+use crate::compliance::Influence;
 use crate::observation::Plane;
 use crate::rows::{Key, Row, Stack, plane_rows};
+use crate::search::Search;
 use crate::system::{Factor, System};
 use crate::table::Table;
 use crate::{Error, columns};
 
-/// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
-/// of vertices.
-const ROUNDS: usize = 40;
 /// Height up to which a vertex that rested last time is taken to rest again, m.
 const NEAR: f64 = 1e-3;
-/// Rounds whose next set is foretold by relaxation. After them the primal-dual set goes its own way, which is known to end.
-const FORETOLD: usize = 3;
 /// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
-const ROW_DEPTH: f64 = 1e-8;
-/// While the table still changes, forces need not be better than this share of the largest gap.
-const COARSE: f64 = 1e-1;
+pub(crate) const ROW_DEPTH: f64 = 1e-8;
 
 /// How the projection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,119 +99,11 @@ impl Problem<'_> {
             // Only those near the plane: a set left over from another place would cost rounds, not save them.
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
-        self.alternate(
-            (system, influence),
-            Table::new(heights, struck),
-            &gaps,
-            warm,
-        )
-    }
-
-    /// The two active sets, turn and turn about.
-    fn alternate(
-        &self,
-        (system, influence): (&mut System, &mut Influence),
-        mut table: Table,
-        gaps: &[f64],
-        warm: &Warm,
-    ) -> Result<Projected, Error> {
         let basis = self.basis();
         let stack = Stack::new(self.rows, &basis);
-        let held = self.held_compliance(&stack, system);
-        let soft: Vec<f64> = self.rows.iter().map(|r| r.softness() * held).collect();
-        let fine = ROW_DEPTH;
-        let mut tolerance = gaps.iter().fold(fine, |a, g| a.max(COARSE * g));
-        let mut forces: Vec<f64> = self
-            .rows
-            .iter()
-            .map(|r| warm.forces.get(&r.key).copied().unwrap_or(0.0))
-            .collect();
-        let mut model = Model::new();
-        let (mut rounds, mut solves) = (0, 0);
-        let mut settled = false;
-        let mut shift = vec![];
-        if self.plane.is_some() {
-            let push = stack.push(&forces, self.estimate.len());
-            table.foretell(self.values, &system.pattern, &table.sunk(), &push);
-        }
-        while !settled && rounds < ROUNDS {
-            rounds += 1;
-            table.refactor(self.values, system)?;
-            let lift = table.lift(self.values, system);
-            let mut compliance = Compliance {
-                stack: &stack,
-                table: &table,
-                factor: self.factor,
-                system,
-            };
-            let dual = Dual {
-                gaps,
-                soft: &soft,
-                tolerance,
-            };
-            let play = (&mut model, &mut *influence);
-            let found = self.forces((&dual, &lift), forces, play, &mut compliance)?;
-            solves += found.products;
-            forces = found.values;
-            let push = stack.push(&forces, self.estimate.len());
-            shift.clone_from(&push);
-            if !self.rows.is_empty() {
-                table.respond(self.factor, system, &mut shift);
-            }
-            for (s, l) in shift[2 * lift.len()..].iter_mut().zip(&lift) {
-                *s += l;
-            }
-            let changed = table.update(self.values, system, &shift, &push);
-            if changed && rounds < FORETOLD {
-                table.foretell(self.values, &system.pattern, &shift, &push);
-            }
-            settled = !changed && tolerance <= fine && found.settled;
-            if !changed {
-                tolerance = fine;
-            }
-        }
-        if !settled {
-            (shift, forces) = interior_point(self, &stack, gaps, &soft, system, &mut table)?;
-        }
-        Ok(self.finish(&basis, &shift, &forces, &table, (rounds, solves)))
-    }
-
-    /// Forces of the rows with the table's set as it is.
-    fn forces(
-        &self,
-        (dual, lift): (&Dual, &[f64]),
-        start: Vec<f64>,
-        (model, influence): (&mut Model, &mut Influence),
-        compliance: &mut Compliance,
-    ) -> Result<Forces, Error> {
-        if self.rows.is_empty() {
-            return Ok(Forces {
-                values: start,
-                settled: true,
-                products: 0,
-            });
-        }
-        let mut lifted = vec![0.0; 3 * lift.len()];
-        lifted[2 * lift.len()..].copy_from_slice(lift);
-        let reached = compliance.stack.reach(&lifted);
-        let gaps: Vec<f64> = dual.gaps.iter().zip(reached).map(|(g, r)| g - r).collect();
-        Dual {
-            gaps: &gaps,
-            ..*dual
-        }
-        .solve(start, model, influence, compliance)
-    }
-
-    /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.
-    fn held_compliance(&self, stack: &Stack, system: &System) -> f64 {
-        let diagonal = |v: u32| self.values[system.pattern.diagonal[v as usize]];
-        let of = |k: usize| {
-            let terms = stack.row(k).iter();
-            terms
-                .map(|(v, a)| a.norm_squared() / diagonal(*v))
-                .sum::<f64>()
-        };
-        (0..stack.len()).map(of).sum::<f64>() / stack.len().max(1) as f64
+        let mut search = Search::new(self, stack, gaps, Table::new(heights, struck), warm);
+        search.run(system, influence)?;
+        Ok(self.finish(&basis, &search))
     }
 
     /// Into the frame whose third axis is the normal of the main plane.
@@ -236,19 +119,12 @@ impl Problem<'_> {
         )
     }
 
-    fn finish(
-        &self,
-        basis: &Matrix3<f64>,
-        shift: &[f64],
-        forces: &[f64],
-        table: &Table,
-        (rounds, solves): (usize, usize),
-    ) -> Projected {
+    fn finish(&self, basis: &Matrix3<f64>, search: &Search) -> Projected {
         let back = basis.transpose();
         let mut positions: Vec<_> = self
             .estimate
             .iter()
-            .zip(columns::read(shift))
+            .zip(columns::read(&search.shift))
             .map(|(p, d)| p + back * d)
             .collect();
         if let Some(plane) = &self.plane {
@@ -256,7 +132,12 @@ impl Problem<'_> {
         }
         let feasible = self.rows.iter().all(|r| r.gap(&positions) <= r.tolerance());
         let pushing = |(r, f): (&Row, &f64)| (*f > 0.0).then_some((r.key, *f));
-        let forces: HashMap<_, _> = self.rows.iter().zip(forces).filter_map(pushing).collect();
+        let forces: HashMap<_, _> = self
+            .rows
+            .iter()
+            .zip(&search.forces)
+            .filter_map(pushing)
+            .collect();
         Projected {
             positions,
             status: if feasible {
@@ -266,12 +147,12 @@ impl Problem<'_> {
             },
             pushing: forces.len(),
             warm: Warm {
-                resting: table.resting(),
+                resting: search.table.resting(),
                 forces,
             },
-            rounds,
-            solves,
-            factorisations: table.factorisations,
+            rounds: search.rounds,
+            solves: search.solves,
+            factorisations: search.table.factorisations,
         }
     }
 

@@ -32,6 +32,8 @@ fn observe(
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
     #[test]
     fn a_rigid_motion_of_everything_moves_the_answer(
         axis in prop::array::uniform3(-3.0..3.0f64),

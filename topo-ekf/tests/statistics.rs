@@ -79,6 +79,8 @@ fn some(points: &[Point3<f64>], share: f64, noise: &mut Noise) -> Vec<Observatio
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
+
     #[test]
     fn the_linear_filter_is_the_textbook_kalman_filter(
         seed in any::<u64>(),

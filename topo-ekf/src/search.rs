@@ -1,0 +1,224 @@
+//! The two active sets of a projection, turn and turn about: who rests on the main plane, and which rows push.
+//!
+//! ```text
+//! pass p     min ½ λᵀ (G + ς I) λ − gᵖᵀ λ,  λ ≥ 0     with the table's set, until neither set changes
+//! left       g − G λᵖ = ς (λᵖ − λᵖ⁻¹)                  of rows that push
+//! ask        gᵖ⁺¹ = g + ς λᵖ                            where that is more than may be left
+//! ```
+//!
+//! The softness `ς` keeps rows apart that repeat each other, and costs a share of every gap. One pass leaves of a gap of millimetres
+//! less than may be left; of metres, or where rows brace each other, it does not. Asking for what was left is Hestenes's and Powell's
+//! method of multipliers: rows that can be kept together are kept as exactly as asked for, and rows that contradict each other end
+//! where their sum of squares is least. What has not settled after the rounds allowed is handed to an interior point
+//! method ([`crate::interior`]).
+
+use crate::Error;
+use crate::compliance::{Compliance, Influence};
+use crate::dual::{Dual, Forces, Model};
+use crate::interior::interior_point;
+use crate::project::{Problem, ROW_DEPTH, Warm};
+use crate::rows::{FEASIBLE, Stack};
+use crate::system::System;
+use crate::table::Table;
+
+/// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
+/// of vertices.
+const ROUNDS: usize = 40;
+/// Rounds whose next set is foretold by relaxation. After them the primal-dual set goes its own way, which is known to end.
+const FORETOLD: usize = 3;
+/// While the table still changes, forces need not be better than this share of the largest gap.
+const COARSE: f64 = 1e-1;
+/// Passes at most. One is the rule, two or three where gaps are of metres.
+const PASSES: usize = 20;
+/// What is left of the gaps has come to rest when it changes by less than this, m: the rows contradict each other.
+const STILL: f64 = 1e-2 * FEASIBLE;
+
+/// A projection under way, and in the end its result.
+pub(crate) struct Search<'a> {
+    problem: &'a Problem<'a>,
+    stack: Stack,
+    /// Gaps without forces, m.
+    gaps: Vec<f64>,
+    /// Who rests.
+    pub table: Table,
+    /// Forces of the rows.
+    pub forces: Vec<f64>,
+    /// Displacement, as a block in the frame of the plane.
+    pub shift: Vec<f64>,
+    pub rounds: usize,
+    pub solves: usize,
+    model: Model,
+}
+
+impl<'a> Search<'a> {
+    /// From the forces of `warm`.
+    pub fn new(
+        problem: &'a Problem,
+        stack: Stack,
+        gaps: Vec<f64>,
+        table: Table,
+        warm: &Warm,
+    ) -> Self {
+        let force = |key| warm.forces.get(key).copied().unwrap_or(0.0);
+        Self {
+            problem,
+            stack,
+            gaps,
+            forces: problem.rows.iter().map(|r| force(&r.key)).collect(),
+            shift: table.sunk(),
+            table,
+            rounds: 0,
+            solves: 0,
+            model: Model::new(),
+        }
+    }
+
+    /// Passes until the rows hold or nothing more is to be had.
+    pub fn run(&mut self, system: &mut System, influence: &mut Influence) -> Result<(), Error> {
+        let held = self.held_compliance(system);
+        let rows = self.problem.rows;
+        let soft: Vec<f64> = rows.iter().map(|r| r.softness() * held).collect();
+        if self.problem.plane.is_some() {
+            self.foretell(system);
+        }
+        let mut asked = self.gaps.clone();
+        let mut left = vec![f64::INFINITY; rows.len()];
+        for _ in 0..PASSES {
+            self.alternate((&asked, &soft), system, influence)?;
+            let before = std::mem::replace(&mut left, self.left());
+            // A hair below what will be demanded of the positions, which round differently.
+            let kept = rows
+                .iter()
+                .zip(&left)
+                .all(|(r, l)| *l <= 0.99 * r.tolerance());
+            let still = left
+                .iter()
+                .zip(&before)
+                .all(|(l, b)| (l - b).abs() <= STILL);
+            if kept || still {
+                break;
+            }
+            for (k, a) in asked.iter_mut().enumerate() {
+                *a = self.gaps[k] + soft[k] * self.forces[k];
+            }
+        }
+        Ok(())
+    }
+
+    /// One pass: the two active sets by turns.
+    fn alternate(
+        &mut self,
+        (asked, soft): (&[f64], &[f64]),
+        system: &mut System,
+        influence: &mut Influence,
+    ) -> Result<(), Error> {
+        let values = self.problem.values;
+        let mut tolerance = asked.iter().fold(ROW_DEPTH, |a, g| a.max(COARSE * g));
+        let last = self.rounds + ROUNDS;
+        let mut settled = false;
+        while !settled && self.rounds < last {
+            self.rounds += 1;
+            self.table.refactor(values, system)?;
+            let lift = self.table.lift(values, system);
+            let dual = Dual {
+                gaps: asked,
+                soft,
+                tolerance,
+            };
+            let found = self.push(&dual, &lift, system, influence)?;
+            self.respond(&lift, system);
+            let push = self.stack.push(&self.forces, lift.len());
+            let changed = self.table.update(values, system, &self.shift, &push);
+            if changed && self.rounds < FORETOLD {
+                self.foretell(system);
+            }
+            settled = !changed && tolerance <= ROW_DEPTH && found;
+            if !changed {
+                tolerance = ROW_DEPTH;
+            }
+        }
+        if !settled {
+            (self.shift, self.forces) = interior_point(
+                self.problem,
+                &self.stack,
+                asked,
+                soft,
+                system,
+                &mut self.table,
+            )?;
+        }
+        Ok(())
+    }
+
+    /// Forces of the rows with the table's set as it is; whether they are optimal.
+    fn push(
+        &mut self,
+        dual: &Dual,
+        lift: &[f64],
+        system: &mut System,
+        influence: &mut Influence,
+    ) -> Result<bool, Error> {
+        if self.problem.rows.is_empty() {
+            return Ok(true);
+        }
+        let mut lifted = vec![0.0; 3 * lift.len()];
+        lifted[2 * lift.len()..].copy_from_slice(lift);
+        let reached = self.stack.reach(&lifted);
+        let gaps: Vec<f64> = dual.gaps.iter().zip(reached).map(|(g, r)| g - r).collect();
+        let dual = Dual {
+            gaps: &gaps,
+            ..*dual
+        };
+        let mut compliance = Compliance {
+            stack: &self.stack,
+            table: &self.table,
+            factor: self.problem.factor,
+            system,
+        };
+        let start = std::mem::take(&mut self.forces);
+        let Forces {
+            values,
+            settled,
+            products,
+        } = dual.solve(start, &mut self.model, influence, &mut compliance)?;
+        self.forces = values;
+        self.solves += products;
+        Ok(settled)
+    }
+
+    /// Displacement under the forces, with the struck vertices on the plane.
+    fn respond(&mut self, lift: &[f64], system: &mut System) {
+        self.shift = self.stack.push(&self.forces, lift.len());
+        if !self.problem.rows.is_empty() {
+            self.table
+                .respond(self.problem.factor, system, &mut self.shift);
+        }
+        for (s, l) in self.shift[2 * lift.len()..].iter_mut().zip(lift) {
+            *s += l;
+        }
+    }
+
+    fn foretell(&mut self, system: &System) {
+        let push = self.stack.push(&self.forces, self.problem.estimate.len());
+        let (values, pattern) = (self.problem.values, &system.pattern);
+        self.table.foretell(values, pattern, &self.shift, &push);
+    }
+
+    /// What the displacement leaves of the gaps.
+    fn left(&self) -> Vec<f64> {
+        let reached = self.stack.reach(&self.shift);
+        self.gaps.iter().zip(reached).map(|(g, r)| g - r).collect()
+    }
+
+    /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.
+    fn held_compliance(&self, system: &System) -> f64 {
+        let diagonal = |v: u32| self.problem.values[system.pattern.diagonal[v as usize]];
+        let of = |k: usize| {
+            let terms = self.stack.row(k).iter();
+            terms
+                .map(|(v, a)| a.norm_squared() / diagonal(*v))
+                .sum::<f64>()
+        };
+        (0..self.stack.len()).map(of).sum::<f64>() / self.stack.len().max(1) as f64
+    }
+}
