@@ -81,24 +81,19 @@ impl Surface {
         separation: f64,
         reach: f64,
     ) -> Vec<Row> {
-        let boxes = self.triangles.iter().map(|t| {
-            let corner =
-                |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
-            Aabb::from_points(t.map(corner))
-        });
-        let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
-        let tree = Bvh::from_iter(BvhBuildStrategy::Binned, boxes.enumerate());
         let reach = reach.max(2.0 * separation);
+        let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
+        let prisms = self.triangles.iter().zip(&facets).enumerate();
+        let prisms = prisms.filter_map(|(t, (triangle, facet))| {
+            Some((t, facet.as_ref()?.prism(triangle, now, reach)))
+        });
+        let tree = Bvh::from_iter(BvhBuildStrategy::Binned, prisms);
         self.corners
             .iter()
             .filter_map(|&v| {
                 let p = &now[v as usize];
-                let (low, high) = (p.coords.add_scalar(-reach), p.coords.add_scalar(reach));
-                let around = Aabb::new(
-                    Corner::new(low.x, low.y, low.z),
-                    Corner::new(high.x, high.y, high.z),
-                );
-                tree.intersect_aabb(&around)
+                let here = Corner::new(p.x, p.y, p.z);
+                tree.intersect_aabb(&Aabb::new(here, here))
                     .filter_map(|t| {
                         let facet = facets[t as usize].as_ref()?;
                         let triangle = &self.triangles[t as usize];
@@ -199,6 +194,20 @@ impl Facet {
             normal: area / square.sqrt(),
             slopes: [v.cross(&area) / square, area.cross(&u) / square],
         })
+    }
+
+    /// Box around the points that stand over the triangle, its margin of [`OVERLAP`] included, within `reach`: far fewer vertices lie in it
+    /// than triangles in a box of that reach around a vertex.
+    fn prism(&self, triangle: &[u32; 3], points: &[Point3<f64>], reach: f64) -> Aabb {
+        let corners = triangle.map(|k| points[k as usize].coords);
+        let sum: Vector3<f64> = corners.iter().sum();
+        let wider = corners.map(|c| c * (1.0 + 3.0 * OVERLAP) - sum * OVERLAP);
+        let low = wider[0].inf(&wider[1]).inf(&wider[2]);
+        let high = wider[0].sup(&wider[1]).sup(&wider[2]);
+        // A nanometre for rounding.
+        let margin = (self.normal.abs() * reach).add_scalar(1e-9);
+        let corner = |c: Vector3<f64>| Corner::new(c.x, c.y, c.z);
+        Aabb::new(corner(low - margin), corner(high + margin))
     }
 
     fn over(&self, p: &Point3<f64>) -> Foot {
