@@ -7,19 +7,18 @@
 //! G_kl = Σ_vw (a_kv,t · a_lw,t) (S⁻¹)_vw + a_kv,n a_lw,n (S_free⁻¹)_vw         t: along the plane, n: along its normal
 //! ```
 //!
-//! That is one solve per vertex and factor: sheets that lie on each other share vertices among many rows, resting ones have no column
+//! Those of one factor come at once ([`crate::among`]), a few more by a solve each: sheets that lie on each other share vertices among many rows, resting ones have no column
 //! along the normal, and another linearisation costs no solve at all.
 
 use nalgebra::DMatrix;
 
+use crate::Error;
 use crate::rows::Stack;
 use crate::system::{Factor, System};
 use crate::table::Table;
 
 /// A row whose direction is nearer to the normal than this (sine of the angle) is taken for normal by the model.
 const TILT: f64 = 0.3;
-/// Columns that are held at once.
-const BATCH: usize = 64;
 
 /// The operator at the table's present set.
 pub(crate) struct Compliance<'a> {
@@ -43,8 +42,8 @@ impl Compliance<'_> {
         of: &[usize],
         new: &[usize],
         influence: &mut Influence,
-    ) -> DMatrix<f64> {
-        influence.learn(self, new);
+    ) -> Result<DMatrix<f64>, Error> {
+        influence.learn(self, new)?;
         let count = influence.vertices.len();
         let mut entries = DMatrix::zeros(of.len(), new.len());
         let mut along = vec![0.0; 3 * count];
@@ -71,31 +70,38 @@ impl Compliance<'_> {
                     .sum();
             }
         }
-        entries
+        Ok(entries)
     }
 
-    /// Entries of `S⁻¹` (of the free vertices' along the normal) in the rows `of` and the columns `new`.
-    fn inverse(&mut self, of: &[u32], new: &[u32], normal: bool) -> DMatrix<f64> {
-        let size = self.system.pattern.size();
+    /// Entries of `S⁻¹` (of the free vertices' along the normal) in the rows `of` and the columns `new`, which are among them.
+    fn inverse(&mut self, of: &[u32], new: &[u32], normal: bool) -> Result<DMatrix<f64>, Error> {
+        // A resting vertex does not move along the normal, whoever pushes it.
+        let moves = |v: u32| !(normal && self.table.rests(v));
+        let moving: Vec<usize> = (0..new.len()).filter(|&l| moves(new[l])).collect();
+        let chosen: Vec<u32> = moving.iter().map(|&l| new[l]).collect();
+        let factor = self.table.factor_along(self.factor, normal);
         let mut entries = DMatrix::zeros(of.len(), new.len());
-        for (batch, first) in new.chunks(BATCH).zip((0..).step_by(BATCH)) {
-            // A resting vertex does not move along the normal, whoever pushes it.
-            let moving: Vec<usize> = (0..batch.len())
-                .filter(|&at| !(normal && self.table.rests(batch[at])))
-                .collect();
-            let mut block = vec![0.0; size * moving.len()];
-            for (column, &at) in block.chunks_exact_mut(size).zip(&moving) {
-                column[batch[at] as usize] = 1.0;
-            }
-            self.table
-                .respond_along(self.factor, self.system, normal, &mut block);
-            for (column, &at) in block.chunks_exact(size).zip(&moving) {
-                for (k, &v) in of.iter().enumerate() {
-                    entries[(k, first + at)] = column[v as usize];
+        if of.len() == new.len() {
+            let found = self.system.inverse_among(factor, &chosen)?;
+            for (column, &l) in found.column_iter().zip(&moving) {
+                for (value, &k) in column.iter().zip(&moving) {
+                    entries[(k, l)] = *value;
                 }
             }
+            return Ok(entries);
         }
-        entries
+        let size = self.system.pattern.size();
+        let mut block = vec![0.0; size * chosen.len()];
+        for (column, &v) in block.chunks_exact_mut(size).zip(&chosen) {
+            column[v as usize] = 1.0;
+        }
+        self.system.solve(factor, &mut block);
+        for (column, &l) in block.chunks_exact(size).zip(&moving) {
+            for (k, &v) in of.iter().enumerate() {
+                entries[(k, l)] = column[v as usize];
+            }
+        }
+        Ok(entries)
     }
 }
 
@@ -125,18 +131,18 @@ impl Influence {
     }
 
     /// The model has become of no use: because the table's set is another by now, or else because of what it leaves out along the plane.
-    pub fn renew(&mut self, compliance: &mut Compliance) {
-        let all = self.vertices.clone();
+    pub fn renew(&mut self, compliance: &mut Compliance) -> Result<(), Error> {
         if self.resting != compliance.table.set() {
-            self.free = compliance.inverse(&all, &all, true);
+            self.free = compliance.inverse(&self.vertices, &self.vertices, true)?;
             self.resting = compliance.table.set().to_vec();
         } else if self.tilted.contains(&false) {
             self.tilted.fill(true);
-            self.full = compliance.inverse(&all, &all, false);
+            self.full = compliance.inverse(&self.vertices, &self.vertices, false)?;
         }
+        Ok(())
     }
 
-    fn learn(&mut self, compliance: &mut Compliance, rows: &[usize]) {
+    fn learn(&mut self, compliance: &mut Compliance, rows: &[usize]) -> Result<(), Error> {
         let old = self.vertices.len();
         for &k in rows {
             for &(v, a) in compliance.stack.row(k) {
@@ -151,33 +157,43 @@ impl Influence {
                 }
             }
         }
-        let new = self.vertices[old..].to_vec();
-        if new.is_empty() {
-            return;
+        if old == self.vertices.len() {
+            return Ok(());
         }
         if old == 0 {
             self.resting = compliance.table.set().to_vec();
         }
-        let columns = compliance.inverse(&self.vertices, &new, true);
-        let all: Vec<usize> = (old..self.vertices.len()).collect();
-        extend(&mut self.free, &all, &columns);
+        let all: Vec<usize> = (0..self.vertices.len()).collect();
+        self.extend(compliance, &all, old, true)?;
         // Left out on both sides or on none: the model stays symmetric and positive.
-        let steep: Vec<usize> = all.into_iter().filter(|&l| self.tilted[l]).collect();
-        let new: Vec<u32> = steep.iter().map(|&l| self.vertices[l]).collect();
-        let mut columns = compliance.inverse(&self.vertices, &new, false);
-        for (k, _) in self.tilted.iter().enumerate().filter(|(_, t)| !**t) {
-            columns.row_mut(k).fill(0.0);
-        }
-        extend(&mut self.full, &steep, &columns);
+        let tilted: Vec<usize> = all.into_iter().filter(|&k| self.tilted[k]).collect();
+        self.extend(compliance, &tilted, old, false)
     }
-}
 
-/// Writes columns and their mirror images into a matrix that grows with them.
-fn extend(known: &mut DMatrix<f64>, at: &[usize], columns: &DMatrix<f64>) {
-    let count = columns.nrows();
-    *known = std::mem::take(known).resize(count, count, 0.0);
-    for (column, &l) in columns.column_iter().zip(at) {
-        known.column_mut(l).copy_from(&column);
-        known.row_mut(l).tr_copy_from(&column);
+    /// Entries among the vertices at `of` for those from position `old` on.
+    fn extend(
+        &mut self,
+        compliance: &mut Compliance,
+        of: &[usize],
+        old: usize,
+        normal: bool,
+    ) -> Result<(), Error> {
+        let new = &of[of.partition_point(|&k| k < old)..];
+        let named = |at: &[usize]| at.iter().map(|&k| self.vertices[k]).collect::<Vec<_>>();
+        let columns = compliance.inverse(&named(of), &named(new), normal)?;
+        let count = self.vertices.len();
+        let known = if normal {
+            &mut self.free
+        } else {
+            &mut self.full
+        };
+        *known = std::mem::take(known).resize(count, count, 0.0);
+        for (column, &l) in columns.column_iter().zip(new) {
+            for (value, &k) in column.iter().zip(of) {
+                known[(k, l)] = *value;
+                known[(l, k)] = *value;
+            }
+        }
+        Ok(())
     }
 }

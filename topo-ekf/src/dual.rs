@@ -69,20 +69,20 @@ impl Dual<'_> {
                 &self.lacking(&forces, &gradient, model),
                 influence,
                 compliance,
-            );
+            )?;
             if self.defect(&forces, &gradient, model) <= self.tolerance {
                 settled = true;
                 break;
             }
             age += 1;
             if age > PATIENCE {
-                model.renew(&forces, &gradient, influence, compliance);
+                model.renew(&forces, &gradient, influence, compliance)?;
                 age = 0;
             }
             let mut target = self.target(&forces, &gradient, model);
             if target.is_none() {
                 // Entries of different age need not make a positive matrix.
-                model.renew(&forces, &gradient, influence, compliance);
+                model.renew(&forces, &gradient, influence, compliance)?;
                 target = self.target(&forces, &gradient, model);
             }
             let direction = target.ok_or(Error::Factorisation)?;
@@ -203,13 +203,18 @@ impl Model {
     }
 
     /// Takes rows into play.
-    fn admit(&mut self, new: &[usize], influence: &mut Influence, compliance: &mut Compliance) {
+    fn admit(
+        &mut self,
+        new: &[usize],
+        influence: &mut Influence,
+        compliance: &mut Compliance,
+    ) -> Result<(), Error> {
         if new.is_empty() {
-            return;
+            return Ok(());
         }
         let old = self.rows.len();
         self.rows.extend_from_slice(new);
-        let columns = compliance.columns(&self.rows, new, influence);
+        let columns = compliance.columns(&self.rows, new, influence)?;
         let count = self.rows.len();
         self.gram = std::mem::take(&mut self.gram).resize(count, count, 0.0);
         for l in 0..new.len() {
@@ -218,6 +223,7 @@ impl Model {
                 self.gram[(old + l, k)] = columns[(k, l)];
             }
         }
+        Ok(())
     }
 
     /// Starts again with the rows that push or ought to.
@@ -227,12 +233,12 @@ impl Model {
         gradient: &[f64],
         influence: &mut Influence,
         compliance: &mut Compliance,
-    ) {
+    ) -> Result<(), Error> {
         let of_use = |k: &usize| forces[*k] > 0.0 || gradient[*k] < 0.0;
         let rows: Vec<usize> = self.rows.iter().copied().filter(of_use).collect();
-        influence.renew(compliance);
+        influence.renew(compliance)?;
         *self = Self::new();
-        self.admit(&rows, influence, compliance);
+        self.admit(&rows, influence, compliance)
     }
 }
 

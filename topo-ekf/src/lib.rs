@@ -1,5 +1,6 @@
 #![doc = include_str!("../README.md")]
 
+mod among;
 mod columns;
 mod compliance;
 mod consistency;

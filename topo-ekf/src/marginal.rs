@@ -67,6 +67,16 @@ pub(crate) fn selected_diagonal(
     diagonal
 }
 
+/// The block of every column.
+pub(crate) fn block_of(symbolic: &SymbolicSupernodalCholesky<usize>) -> Vec<usize> {
+    let mut block = vec![0; symbolic.nrows()];
+    let ends = symbolic.supernode_end().iter();
+    for (s, (&begin, &end)) in symbolic.supernode_begin().iter().zip(ends).enumerate() {
+        block[begin..end].fill(s);
+    }
+    block
+}
+
 /// `Z` in the layout of the factor.
 struct Selected<'a> {
     symbolic: &'a SymbolicSupernodalCholesky<usize>,
@@ -77,19 +87,10 @@ struct Selected<'a> {
 
 impl<'a> Selected<'a> {
     fn new(symbolic: &'a SymbolicSupernodalCholesky<usize>) -> Self {
-        let mut block = vec![0; symbolic.nrows()];
-        for (s, (&begin, &end)) in symbolic
-            .supernode_begin()
-            .iter()
-            .zip(symbolic.supernode_end())
-            .enumerate()
-        {
-            block[begin..end].fill(s);
-        }
         Self {
             symbolic,
             values: vec![0.0; symbolic.len_val()],
-            block,
+            block: block_of(symbolic),
         }
     }
 

@@ -18,8 +18,10 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
+use nalgebra::DMatrix;
 
 use crate::Error;
+use crate::among::inverse_among;
 use crate::marginal::selected_diagonal;
 
 /// Columns that one solve may have; more are solved in slices of this width.
@@ -214,6 +216,31 @@ impl System {
             variances[vertex] = z;
         }
         Ok(variances)
+    }
+
+    /// Entries of `S⁻¹` among some vertices, each named once.
+    pub fn inverse_among(&self, factor: &Factor, vertices: &[u32]) -> Result<DMatrix<f64>, Error> {
+        let (SymbolicCholeskyRaw::Supernodal(blocks), Some(order)) =
+            (self.symbolic.raw(), self.symbolic.perm())
+        else {
+            return Err(Error::Factorisation);
+        };
+        let place = order.arrays().1;
+        let mut sorted: Vec<usize> = (0..vertices.len()).collect();
+        sorted.sort_unstable_by_key(|&k| place[vertices[k] as usize]);
+        let places: Vec<_> = sorted
+            .iter()
+            .map(|&k| place[vertices[k] as usize])
+            .collect();
+        let lower = inverse_among(blocks, &factor.0, &places);
+        let mut entries = DMatrix::zeros(vertices.len(), vertices.len());
+        for (l, &column) in sorted.iter().enumerate() {
+            for (k, &row) in sorted.iter().enumerate().skip(l) {
+                entries[(row, column)] = lower[(k, l)];
+                entries[(column, row)] = lower[(k, l)];
+            }
+        }
+        Ok(entries)
     }
 
     /// Replaces the columns of `rhs` (column-major, as many as fit) by `S⁻¹` of them.

@@ -118,17 +118,11 @@ impl Table {
         }
     }
 
-    /// The same for columns of forces that all lie along the normal, none of them on resting vertices, or all along the plane.
-    pub fn respond_along(
-        &self,
-        full: &Factor,
-        system: &mut System,
-        normal: bool,
-        block: &mut [f64],
-    ) {
+    /// Factor that answers forces along the normal (none of them on resting vertices) or along the plane.
+    pub fn factor_along<'a>(&'a self, full: &'a Factor, normal: bool) -> &'a Factor {
         match &self.free {
-            Some(free) if normal => system.solve(free, block),
-            _ => system.solve(full, block),
+            Some(free) if normal => free,
+            _ => full,
         }
     }
 

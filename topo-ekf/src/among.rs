@@ -1,0 +1,164 @@
+//! Entries of the inverse among some vertices: half a solve each, along the elimination tree.
+//!
+//! ```text
+//! S = L Lᵀ,   X = L⁻¹ E_C        E_C: the unit columns of the vertices C
+//! (S⁻¹)_CC = Xᵀ X
+//! ```
+//!
+//! Column `c` of `X` vanishes outside the path from `c` to the root of the elimination tree. With the vertices in the order of
+//! elimination, those below a block of the factor are an interval, so `X` is a row of dense blocks and both steps are
+//! dense products. The backward substitution and the rows that nobody asks for are never computed.
+
+use faer::linalg::matmul::{matmul, triangular};
+use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
+use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
+use faer::{Accum, Mat, MatMut, Par};
+
+use crate::marginal::block_of;
+
+/// `(S⁻¹)_CC`, lower triangle, for places in the order of the factor that ascend.
+pub(crate) fn inverse_among(
+    symbolic: &SymbolicSupernodalCholesky<usize>,
+    factor: &[f64],
+    places: &[usize],
+) -> Mat<f64> {
+    let llt = SupernodalLltRef::new(symbolic, factor);
+    let mut columns = Columns::new(symbolic, &llt, places);
+    let mut product = Mat::zeros(places.len(), places.len());
+    let mut update = vec![];
+    for s in 0..symbolic.n_supernodes() {
+        let (first, end) = columns.ranges[s];
+        if first >= end {
+            continue;
+        }
+        let node = llt.supernode(s);
+        let width = node.val().ncols();
+        let (top, below) = node.val().split_at_row(width);
+        let (own, mut later) = columns.split(s);
+        let mut own = MatMut::from_column_major_slice_mut(own, width, end - first);
+        solve_lower_triangular_in_place(top, own.as_mut(), Par::Seq);
+        update.resize(below.nrows() * (end - first), 0.0);
+        let mut out = MatMut::from_column_major_slice_mut(&mut update, below.nrows(), end - first);
+        matmul(
+            out.as_mut(),
+            Accum::Replace,
+            below,
+            own.as_ref(),
+            -1.0,
+            Par::Seq,
+        );
+        later.add(node.pattern(), &update, first);
+        triangular::matmul(
+            product
+                .as_mut()
+                .submatrix_mut(first, first, end - first, end - first),
+            triangular::BlockStructure::TriangularLower,
+            Accum::Add,
+            own.as_ref().transpose(),
+            triangular::BlockStructure::Rectangular,
+            own.as_ref(),
+            triangular::BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+    }
+    product
+}
+
+/// `X`: for every block of the factor the columns from below it, column-major.
+struct Columns<'a> {
+    symbolic: &'a SymbolicSupernodalCholesky<usize>,
+    /// The block of every place.
+    block: Vec<usize>,
+    /// First and one past the last column that does not vanish in a block; empty where none does.
+    ranges: Vec<(usize, usize)>,
+    starts: Vec<usize>,
+    values: Vec<f64>,
+}
+
+impl<'a> Columns<'a> {
+    fn new(
+        symbolic: &'a SymbolicSupernodalCholesky<usize>,
+        llt: &SupernodalLltRef<usize, f64>,
+        places: &[usize],
+    ) -> Self {
+        let block = block_of(symbolic);
+        let (begin, end) = (symbolic.supernode_begin(), symbolic.supernode_end());
+        let mut ranges = vec![(usize::MAX, 0); begin.len()];
+        let widen = |range: &mut (usize, usize), by: (usize, usize)| {
+            *range = (range.0.min(by.0), range.1.max(by.1));
+        };
+        for (k, &place) in places.iter().enumerate() {
+            widen(&mut ranges[block[place]], (k, k + 1));
+        }
+        let mut starts = vec![0];
+        for s in 0..begin.len() {
+            let range = ranges[s];
+            // The first row below belongs to the parent in the tree.
+            if let Some(&row) = llt.supernode(s).pattern().first() {
+                widen(&mut ranges[block[row]], range);
+            }
+            starts.push(starts[s] + (end[s] - begin[s]) * range.1.saturating_sub(range.0));
+        }
+        let mut values = vec![0.0; starts[begin.len()]];
+        for (k, &place) in places.iter().enumerate() {
+            let s = block[place];
+            values[starts[s] + (k - ranges[s].0) * (end[s] - begin[s]) + place - begin[s]] = 1.0;
+        }
+        Self {
+            symbolic,
+            block,
+            ranges,
+            starts,
+            values,
+        }
+    }
+
+    /// The values of block `s` and those of all later ones.
+    fn split(&mut self, s: usize) -> (&mut [f64], Later<'_>) {
+        let base = self.starts[s + 1];
+        let (before, values) = self.values.split_at_mut(base);
+        let later = Later {
+            symbolic: self.symbolic,
+            block: &self.block,
+            ranges: &self.ranges,
+            starts: &self.starts,
+            base,
+            values,
+        };
+        (&mut before[self.starts[s]..], later)
+    }
+}
+
+/// Blocks that have not been reached yet.
+struct Later<'a> {
+    symbolic: &'a SymbolicSupernodalCholesky<usize>,
+    block: &'a [usize],
+    ranges: &'a [(usize, usize)],
+    starts: &'a [usize],
+    base: usize,
+    values: &'a mut [f64],
+}
+
+impl Later<'_> {
+    /// Adds what an earlier block does to these rows in the columns from `first` on, column-major.
+    fn add(&mut self, rows: &[usize], update: &[f64], first: usize) {
+        let mut done = 0;
+        while done < rows.len() {
+            let s = self.block[rows[done]];
+            let (begin, end) = (
+                self.symbolic.supernode_begin()[s],
+                self.symbolic.supernode_end()[s],
+            );
+            let count = rows[done..].partition_point(|&r| r < end);
+            let start = self.starts[s] - self.base + (first - self.ranges[s].0) * (end - begin);
+            let own = self.values[start..].chunks_exact_mut(end - begin);
+            for (column, from) in own.zip(update.chunks_exact(rows.len())) {
+                for (&row, u) in rows[done..done + count].iter().zip(&from[done..]) {
+                    column[row - begin] += u;
+                }
+            }
+            done += count;
+        }
+    }
+}
