@@ -73,6 +73,8 @@ pub(crate) struct Problem<'a> {
 pub(crate) struct Warm {
     /// Vertices that rested on the plane.
     pub resting: Vec<u32>,
+    /// How far every vertex was moved along the normal of the plane, m; empty if there is nothing to go by.
+    pub risen: Vec<f64>,
     /// Forces of the rows that pushed.
     pub forces: HashMap<Key, f64>,
 }
@@ -139,7 +141,6 @@ impl Problem<'_> {
             .filter_map(pushing)
             .collect();
         Projected {
-            positions,
             status: if feasible {
                 Status::Constrained
             } else {
@@ -148,8 +149,10 @@ impl Problem<'_> {
             pushing: forces.len(),
             warm: Warm {
                 resting: search.table.resting(),
+                risen: search.shift[2 * positions.len()..].to_vec(),
                 forces,
             },
+            positions,
             rounds: search.rounds,
             solves: search.solves,
             factorisations: search.table.factorisations,

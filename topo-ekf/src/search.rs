@@ -65,7 +65,7 @@ impl<'a> Search<'a> {
             stack,
             gaps,
             forces: problem.rows.iter().map(|r| force(&r.key)).collect(),
-            shift: table.sunk(),
+            shift: table.start(&warm.risen),
             table,
             rounds: 0,
             solves: 0,

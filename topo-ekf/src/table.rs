@@ -55,11 +55,18 @@ impl Table {
             .collect()
     }
 
-    /// Displacement that puts the struck vertices on the plane and moves no other, as a block.
-    pub fn sunk(&self) -> Vec<f64> {
+    /// Displacement to foretell from, as a block: struck vertices on the plane, the others risen as they had last time (which is the
+    /// better part of what they will, the weight of a table changes little from frame to frame).
+    pub fn start(&self, risen: &[f64]) -> Vec<f64> {
         let size = self.struck.len();
         let mut block = vec![0.0; 3 * size];
-        block[2 * size..].copy_from_slice(&self.held());
+        let normal = &mut block[2 * size..];
+        if risen.len() == size {
+            normal.copy_from_slice(risen);
+        }
+        for (v, (&s, &h)) in normal.iter_mut().zip(self.struck.iter().zip(&self.heights)) {
+            *v = if s { -h } else { v.max(-h) };
+        }
         block
     }
 
