@@ -9,9 +9,14 @@
 
 use std::sync::Arc;
 
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
+use faer::perm::PermRef;
 use faer::sparse::linalg::SupernodalThreshold;
+use faer::sparse::linalg::cholesky::supernodal::{
+    SymbolicSupernodalCholesky, factorize_supernodal_numeric_llt,
+    factorize_supernodal_numeric_llt_scratch,
+};
 use faer::sparse::linalg::cholesky::{
     CholeskySymbolicParams, LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering,
     factorize_symbolic_cholesky,
@@ -158,10 +163,40 @@ fn by_rows(starts: &[usize], rows: &[usize]) -> (Vec<usize>, Vec<(u32, u32)>) {
     (ends, lists.concat())
 }
 
+/// Lower triangle in the order of elimination, ready to be filled: permuting the pattern anew would be a tenth of a factorisation.
+struct Permuted {
+    starts: Vec<usize>,
+    rows: Vec<usize>,
+    /// Where in [`Pattern`] each entry is taken from.
+    from: Vec<usize>,
+}
+
+impl Permuted {
+    fn new(pattern: &Pattern, place: &[usize]) -> Self {
+        let size = pattern.size();
+        let mut columns: Vec<Vec<(usize, usize)>> = vec![vec![]; size];
+        for column in 0..size {
+            for at in pattern.starts[column]..pattern.starts[column + 1] {
+                let (i, j) = (place[column], place[pattern.rows[at]]);
+                columns[i.min(j)].push((i.max(j), at));
+            }
+        }
+        let (mut starts, mut rows, mut from) = (vec![0], vec![], vec![]);
+        for column in &mut columns {
+            column.sort_unstable();
+            rows.extend(column.iter().map(|e| e.0));
+            from.extend(column.iter().map(|e| e.1));
+            starts.push(rows.len());
+        }
+        Self { starts, rows, from }
+    }
+}
+
 /// Pattern, order and working memory; a numeric factor is a plain vector made by [`System::factorise`].
 pub(crate) struct System {
     pub pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
+    permuted: Permuted,
     memory: MemBuffer,
 }
 
@@ -172,47 +207,39 @@ impl System {
     pub fn new(vertices: usize, edges: &[[u32; 2]]) -> Result<Self, Error> {
         let pattern = Pattern::new(vertices, edges);
         let symbolic = analyse(&pattern)?;
-        let scratch = symbolic
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default())
-            .or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
+        let (blocks, order) = parts(&symbolic)?;
+        let permuted = Permuted::new(&pattern, order.arrays().1);
+        let scratch =
+            numeric_scratch(blocks).or(symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq));
         let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
         Ok(Self {
             pattern: Arc::new(pattern),
             symbolic,
+            permuted,
             memory,
         })
     }
 
     /// Cholesky factor of the matrix with these lower-triangle values.
     pub fn factorise(&mut self, values: &[f64]) -> Result<Factor, Error> {
-        let stack = MemStack::new(&mut self.memory);
-        numeric(&self.symbolic, &self.pattern, values, stack)
+        let (blocks, _) = parts(&self.symbolic)?;
+        numeric(
+            blocks,
+            &self.permuted,
+            values,
+            MemStack::new(&mut self.memory),
+        )
     }
 
     /// Diagonal of the inverse of the matrix with these lower-triangle values.
     pub fn variances(&self, values: &[f64]) -> Result<Vec<f64>, Error> {
-        let scratch = self
-            .symbolic
-            .factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
-        let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
-        let factor = numeric(
-            &self.symbolic,
-            &self.pattern,
-            values,
-            MemStack::new(&mut memory),
-        )?;
-        let (SymbolicCholeskyRaw::Supernodal(blocks), Some(order)) =
-            (self.symbolic.raw(), self.symbolic.perm())
-        else {
-            return Err(Error::Factorisation);
-        };
+        let (blocks, order) = parts(&self.symbolic)?;
+        let mut memory =
+            MemBuffer::try_new(numeric_scratch(blocks)).map_err(|_| Error::Factorisation)?;
+        let factor = numeric(blocks, &self.permuted, values, MemStack::new(&mut memory))?;
         let mut variances = vec![0.0; self.pattern.size()];
-        for (&vertex, z) in order
-            .arrays()
-            .0
-            .iter()
-            .zip(selected_diagonal(blocks, &factor.0))
-        {
+        let diagonal = selected_diagonal(blocks, &factor.0);
+        for (&vertex, z) in order.arrays().0.iter().zip(diagonal) {
             variances[vertex] = z;
         }
         Ok(variances)
@@ -220,11 +247,7 @@ impl System {
 
     /// Entries of `S⁻¹` among some vertices, each named once.
     pub fn inverse_among(&self, factor: &Factor, vertices: &[u32]) -> Result<DMatrix<f64>, Error> {
-        let (SymbolicCholeskyRaw::Supernodal(blocks), Some(order)) =
-            (self.symbolic.raw(), self.symbolic.perm())
-        else {
-            return Err(Error::Factorisation);
-        };
+        let (blocks, order) = parts(&self.symbolic)?;
         let place = order.arrays().1;
         let mut sorted: Vec<usize> = (0..vertices.len()).collect();
         sorted.sort_unstable_by_key(|&k| place[vertices[k] as usize]);
@@ -256,24 +279,40 @@ impl System {
 }
 
 fn numeric(
-    symbolic: &SymbolicCholesky<usize>,
-    pattern: &Pattern,
+    blocks: &SymbolicSupernodalCholesky<usize>,
+    permuted: &Permuted,
     values: &[f64],
     stack: &mut MemStack,
 ) -> Result<Factor, Error> {
-    let mut factor = vec![0.0; symbolic.len_val()];
-    symbolic
-        .factorize_numeric_llt(
-            &mut factor,
-            matrix(pattern, values),
-            Side::Lower,
-            LltRegularization::default(),
-            Par::Seq,
-            stack,
-            faer::Spec::default(),
-        )
-        .map_err(|_| Error::Factorisation)?;
+    let (size, starts, rows) = (blocks.nrows(), &permuted.starts, &permuted.rows);
+    let ordered: Vec<f64> = permuted.from.iter().map(|&at| values[at]).collect();
+    let pattern = SymbolicSparseColMatRef::new_checked(size, size, starts, None, rows);
+    let mut factor = vec![0.0; blocks.len_val()];
+    factorize_supernodal_numeric_llt(
+        &mut factor,
+        SparseColMatRef::new(pattern, &ordered),
+        LltRegularization::default(),
+        blocks,
+        Par::Seq,
+        stack,
+        faer::Spec::default(),
+    )
+    .map_err(|_| Error::Factorisation)?;
     Ok(Factor(factor))
+}
+
+fn numeric_scratch(blocks: &SymbolicSupernodalCholesky<usize>) -> StackReq {
+    factorize_supernodal_numeric_llt_scratch::<usize, f64>(blocks, Par::Seq, faer::Spec::default())
+}
+
+/// The blocks and the order that [`analyse`] found: both are there for every graph.
+fn parts(
+    symbolic: &SymbolicCholesky<usize>,
+) -> Result<(&SymbolicSupernodalCholesky<usize>, PermRef<'_, usize>), Error> {
+    match (symbolic.raw(), symbolic.perm()) {
+        (SymbolicCholeskyRaw::Supernodal(blocks), Some(order)) => Ok((blocks, order)),
+        _ => Err(Error::Factorisation),
+    }
 }
 
 /// Fill-reducing order and pattern of the factor.
@@ -282,26 +321,12 @@ fn analyse(pattern: &Pattern) -> Result<SymbolicCholesky<usize>, Error> {
         supernodal_flop_ratio_threshold: ALWAYS_BLOCKED,
         ..Default::default()
     };
+    let (size, starts, rows) = (pattern.size(), &pattern.starts, &pattern.rows);
     factorize_symbolic_cholesky(
-        symbolic(pattern),
+        SymbolicSparseColMatRef::new_checked(size, size, starts, None, rows),
         Side::Lower,
         SymmetricOrdering::Amd,
         params,
     )
     .map_err(|_| Error::Factorisation)
-}
-
-fn symbolic(pattern: &Pattern) -> SymbolicSparseColMatRef<'_, usize> {
-    SymbolicSparseColMatRef::new_checked(
-        pattern.size(),
-        pattern.size(),
-        &pattern.starts,
-        None,
-        &pattern.rows,
-    )
-}
-
-/// View of the lower triangle for faer.
-fn matrix<'a>(pattern: &'a Pattern, values: &'a [f64]) -> SparseColMatRef<'a, usize, f64> {
-    SparseColMatRef::new(symbolic(pattern), values)
 }
