@@ -55,18 +55,18 @@ impl Filter {
             .into_iter()
             .chain(own.map(|(k, row)| Row::of(row, k)))
             .collect();
-        let surface =
+        let mut surface =
             self.surface
                 .clone()
                 .renewed(frame.triangles, &self.rest, self.options.separation);
-        let before = lack(&self.watch(&surface, estimate), estimate);
+        let before = lack(&self.watch(&mut surface, estimate), estimate);
         let metric = self.metric(update)?;
         let Settled {
             projected,
             left,
             watched,
             work,
-        } = self.linearise(&metric, estimate, plane, &fixed, &surface)?;
+        } = self.linearise(&metric, estimate, plane, &fixed, &mut surface)?;
         if let Some(vertex) = first_infinite(&projected.positions) {
             return Err(Error::Overflow { vertex });
         }
@@ -109,7 +109,7 @@ impl Filter {
         estimate: &[Point3<f64>],
         plane: Option<Plane>,
         fixed: &[Row],
-        surface: &Surface,
+        surface: &mut Surface,
     ) -> Result<Settled, Error> {
         let (values, factor) = metric.parts();
         let mut contacts = self.watch(surface, &self.expected(estimate));
@@ -164,7 +164,7 @@ impl Filter {
         estimate.iter().zip(pushed).map(|(p, d)| p + d).collect()
     }
 
-    fn watch(&self, surface: &Surface, now: &[Point3<f64>]) -> Vec<Row> {
+    fn watch(&self, surface: &mut Surface, now: &[Point3<f64>]) -> Vec<Row> {
         let separation = self.options.separation + SPARE;
         surface.watch(&self.live, now, separation, self.options.contact_reach)
     }

@@ -30,6 +30,8 @@ pub(crate) struct Surface {
     corners: Vec<u32>,
     starts: Vec<usize>,
     near: Vec<u32>,
+    /// Over the prisms of all triangles; made once, brought up to date by every look.
+    tree: Bvh,
 }
 
 impl Surface {
@@ -64,6 +66,7 @@ impl Surface {
             corners: corners.into_iter().collect(),
             starts,
             near,
+            tree: Bvh::new(),
         }
     }
 
@@ -75,7 +78,7 @@ impl Surface {
     /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row per vertex, that of the
     /// deepest pass.
     pub fn watch(
-        &self,
+        &mut self,
         before: &[Point3<f64>],
         now: &[Point3<f64>],
         separation: f64,
@@ -83,17 +86,14 @@ impl Surface {
     ) -> Vec<Row> {
         let reach = reach.max(2.0 * separation);
         let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
-        let prisms = self.triangles.iter().zip(&facets).enumerate();
-        let prisms = prisms.filter_map(|(t, (triangle, facet))| {
-            Some((t, facet.as_ref()?.prism(triangle, now, reach)))
-        });
-        let tree = Bvh::from_iter(BvhBuildStrategy::Binned, prisms);
+        self.refresh(&facets, now, reach);
         self.corners
             .iter()
             .filter_map(|&v| {
                 let p = &now[v as usize];
                 let here = Corner::new(p.x, p.y, p.z);
-                tree.intersect_aabb(&Aabb::new(here, here))
+                self.tree
+                    .intersect_aabb(&Aabb::new(here, here))
                     .filter_map(|t| {
                         let facet = facets[t as usize].as_ref()?;
                         let triangle = &self.triangles[t as usize];
@@ -107,6 +107,31 @@ impl Surface {
                     .map(|(_, row)| row)
             })
             .collect()
+    }
+
+    /// Puts the present prisms into the tree.
+    fn refresh(&mut self, facets: &[Option<Facet>], now: &[Point3<f64>], reach: f64) {
+        let all = self.triangles.iter().zip(facets).enumerate();
+        let prisms = all.map(|(t, (triangle, facet))| {
+            // What is over a sliver is not asked; any box will do.
+            let corner =
+                |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
+            let flat = || Aabb::from_points(triangle.map(corner));
+            (
+                t,
+                facet
+                    .as_ref()
+                    .map_or_else(flat, |f| f.prism(triangle, now, reach)),
+            )
+        });
+        if self.tree.is_empty() {
+            self.tree = Bvh::from_iter(BvhBuildStrategy::Binned, prisms);
+        } else {
+            for (t, prism) in prisms {
+                self.tree.insert_or_update_partially(prism, t as u32, 0.0);
+            }
+            self.tree.refit_without_opt();
+        }
     }
 
     fn pair(
