@@ -104,7 +104,7 @@ impl Filter {
     pub fn new(rest: &[Point3<f64>], edges: &[[u32; 2]], options: &Options) -> Result<Self, Error> {
         options.check()?;
         let graph = Graph::new(rest, edges)?;
-        let system = System::new(rest.len(), edges)?;
+        let system = System::new(rest, edges)?;
         Ok(Self {
             options: *options,
             graph,

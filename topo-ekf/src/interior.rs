@@ -13,9 +13,10 @@ use clarabel::solver::{
 };
 
 use crate::Error;
+use crate::pattern::Pattern;
 use crate::project::Problem;
 use crate::rows::Stack;
-use crate::system::{Pattern, System};
+use crate::system::System;
 use crate::table::Table;
 
 /// Tolerance of the cost, relative to that of the deepest violation squared.
@@ -186,7 +187,10 @@ mod tests {
     fn the_optimality_conditions_hold() {
         let (size, count, soft) = (40, 6, 1e-9);
         let edges: Vec<_> = (1..size as u32).map(|i| [i - 1, i]).collect();
-        let mut system = System::new(size, &edges).unwrap();
+        let chain: Vec<_> = (0..size)
+            .map(|i| Point3::new(5e-3 * i as f64, 0.0, 0.0))
+            .collect();
+        let mut system = System::new(&chain, &edges).unwrap();
         let normal = UnitVector3::new_unchecked(Vector3::z());
         for seed in 0..50 {
             let mut state = seed;

@@ -17,6 +17,8 @@ mod motion;
 mod observability;
 mod observation;
 mod options;
+mod order;
+mod pattern;
 mod pivots;
 mod project;
 mod regraph;

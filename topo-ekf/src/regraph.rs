@@ -58,7 +58,7 @@ impl Filter {
             Some(given) => checked_rotations(given)?,
             None => self.continued_rotations(&graph, live, keep),
         };
-        let system = System::new(rest.len(), edges)?;
+        let system = System::new(rest, edges)?;
         let new = self.options.initial_sigma.powi(-2);
         self.information = keep
             .iter()

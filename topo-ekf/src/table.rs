@@ -10,7 +10,8 @@
 //! rows `W` is an M-matrix and the sets are monotone.
 
 use crate::Error;
-use crate::system::{Factor, Pattern, System};
+use crate::pattern::Pattern;
+use crate::system::{Factor, System};
 
 /// A vertex lower than this is struck, m; it is then put exactly on the plane.
 const DEPTH: f64 = 1e-9;
