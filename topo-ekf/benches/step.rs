@@ -1,5 +1,6 @@
-//! The bars of a frame: the linear update, whole steps (free, with 30 % of the vertices on the table, with 200 separations), marginals, a
-//! new graph, and a dense Cholesky factor of the same information matrix to compare with.
+//! The bars of a frame: the linear update and whole steps (free, with 30 % of the vertices on the table), on the edges of a mesh and on a
+//! graph with half as many again; steps with 200 separations and the same without; marginals, a new graph, and a dense
+//! Cholesky factor of the same information matrix to compare with.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a benchmark")]
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
@@ -12,11 +13,15 @@ use common::{Noise, ellipsoid, fold, sheet};
 
 const SIZES: [usize; 3] = [500, 2000, 8000];
 const FRAMES: usize = 20;
+/// Each vertex is joined to this many nearest ones. Nearness is mostly mutual: 6 make 6.1 to 6.3 neighbours a vertex, as many as on
+/// the edges of a closed mesh, and 9 make 9.5 to 9.7.
+const NEAREST: [(&str, usize); 2] = [("mesh", 6), ("graph", 9)];
 
-/// Ellipsoid of spacing about 4.5 mm, 10.8 neighbours a vertex, flattened below so that 30 % of its vertices lie on a plane.
-fn body(count: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Plane) {
+/// Ellipsoid of spacing about 4.5 mm, flattened below so that 30 % of its vertices lie on a plane.
+fn body(count: usize, nearest: usize) -> (Vec<Point3<f64>>, Vec<[u32; 2]>, Plane) {
     let scale = (count as f64 / 1000.0).sqrt();
-    let (mut points, edges) = ellipsoid(count, [0.055 * scale, 0.045 * scale, 0.03 * scale], 9);
+    let (mut points, edges) =
+        ellipsoid(count, [0.055 * scale, 0.045 * scale, 0.03 * scale], nearest);
     let floor = -0.4 * 0.03 * scale;
     for p in &mut points {
         p.z = p.z.max(floor);
@@ -59,22 +64,25 @@ fn at(k: usize) -> usize {
 }
 
 fn steps(c: &mut Criterion) {
-    for (name, motion) in [("update", Motion::Still), ("step", Motion::Spread)] {
-        let mut group = c.benchmark_group(name);
-        for count in SIZES {
-            let (rest, edges, table) = body(count);
-            let frames = frames(&rest, motion == Motion::Spread);
-            let options = Options::default().with_motion(motion);
-            for (name, planes) in [("free", &[][..]), ("table_30_percent", &[table][..])] {
-                let mut filter = Filter::new(&rest, &edges, &options).unwrap();
-                let mut k = 0;
-                group.bench_function(BenchmarkId::new(name, count), |b| {
-                    b.iter(|| {
-                        let frame = Frame::new(&frames[at(k)]).with_planes(planes);
-                        k += 1;
-                        filter.step(&frame).unwrap()
+    for (group, motion) in [("update", Motion::Still), ("step", Motion::Spread)] {
+        let mut group = c.benchmark_group(group);
+        for (edges_of, nearest) in NEAREST {
+            for count in SIZES {
+                let (rest, edges, table) = body(count, nearest);
+                let frames = frames(&rest, motion == Motion::Spread);
+                let options = Options::default().with_motion(motion);
+                for (name, planes) in [("free", &[][..]), ("table_30_percent", &[table][..])] {
+                    let mut filter = Filter::new(&rest, &edges, &options).unwrap();
+                    let mut k = 0;
+                    let id = BenchmarkId::new(format!("{edges_of}_{name}"), count);
+                    group.bench_function(id, |b| {
+                        b.iter(|| {
+                            let frame = Frame::new(&frames[at(k)]).with_planes(planes);
+                            k += 1;
+                            filter.step(&frame).unwrap()
+                        });
                     });
-                });
+                }
             }
         }
         group.finish();
@@ -93,6 +101,14 @@ fn contacts(c: &mut Criterion) {
         let frames: Vec<_> = (0..FRAMES)
             .map(|k| fold.pressed(4.5e-3 + 0.05e-3 * k as f64, k as u64))
             .collect();
+        let mut filter = Filter::new(&fold.live, &edges, &Options::default()).unwrap();
+        let mut k = 0;
+        group.bench_function(BenchmarkId::new("free", side * side), |b| {
+            b.iter(|| {
+                k += 1;
+                filter.step(&Frame::new(&frames[at(k)])).unwrap()
+            });
+        });
         let mut filter = Filter::new(&fold.live, &edges, &Options::default()).unwrap();
         let (mut k, mut pushing, mut solves) = (0, 0, 0);
         group.bench_function(
@@ -120,7 +136,7 @@ fn contacts(c: &mut Criterion) {
 fn graphs(c: &mut Criterion) {
     let mut group = c.benchmark_group("graph");
     for count in SIZES {
-        let (rest, edges, _) = body(count);
+        let (rest, edges, _) = body(count, 9);
         let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
         filter.step(&Frame::new(&frames(&rest, true)[1])).unwrap();
         group.bench_function(BenchmarkId::new("marginal_sigmas", count), |b| {
@@ -138,7 +154,7 @@ fn graphs(c: &mut Criterion) {
 fn reference(c: &mut Criterion) {
     let mut group = c.benchmark_group("dense_reference");
     for count in [500, 2000] {
-        let (rest, edges, _) = body(count);
+        let (rest, edges, _) = body(count, 9);
         let mut s = DMatrix::from_diagonal_element(count, count, 4e6);
         for e in &edges {
             let (i, j) = (e[0] as usize, e[1] as usize);

@@ -162,3 +162,52 @@ impl Later<'_> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "tests")]
+
+    use nalgebra::Point3;
+
+    use crate::system::System;
+
+    /// Two sheets and a lone vertex, entries among vertices in any order, against a solve per column.
+    #[test]
+    fn entries_are_those_of_the_solves() {
+        let side = 14_u32;
+        let half = side * side;
+        let (mut points, mut edges) = (vec![], vec![]);
+        for sheet in 0..2 {
+            for k in 0..half {
+                let (x, y) = (k % side, k / side);
+                points.push(Point3::new(f64::from(x), f64::from(y), f64::from(sheet)));
+                let at = sheet * half + k;
+                edges.extend((x + 1 < side).then_some([at, at + 1]));
+                edges.extend((y + 1 < side).then_some([at + side, at]));
+            }
+        }
+        points.push(Point3::origin());
+        let size = points.len();
+        let mut system = System::new(&points, &edges).unwrap();
+        let diagonal: Vec<f64> = (0..size).map(|i| 0.1 + (i % 7) as f64).collect();
+        let values = system
+            .pattern
+            .assemble(&diagonal, &edges, |e| 1.0 + (e % 5) as f64);
+        let factor = system.factorise(&values).unwrap();
+        let last = size as u32 - 1;
+        let few = vec![last, 3, 200, 17];
+        let many: Vec<u32> = (0..last).map(|k| k * 101 % last).take(150).collect();
+        for vertices in [vec![], vec![5], few, many] {
+            let found = system.inverse_among(&factor, &vertices).unwrap();
+            for (l, &v) in vertices.iter().enumerate() {
+                let mut column = vec![0.0; size];
+                column[v as usize] = 1.0;
+                system.solve(&factor, &mut column);
+                for (k, &w) in vertices.iter().enumerate() {
+                    let error = found[(k, l)] - column[w as usize];
+                    assert!(error.abs() < 1e-14, "{w} {v}: {error}");
+                }
+            }
+        }
+    }
+}

@@ -86,3 +86,44 @@ fn longest(points: &[Point3<f64>], set: &[usize]) -> usize {
     }
     (high - low).imax()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn complete(order: &[usize]) -> bool {
+        let mut sorted = order.to_vec();
+        sorted.sort_unstable();
+        sorted.into_iter().eq(0..order.len())
+    }
+
+    #[test]
+    fn a_sheet_is_cut_along_a_line() {
+        let side = 40;
+        let points: Vec<_> = (0..side * side)
+            .map(|k| Point3::new(f64::from(k % side), f64::from(k / side), 0.0))
+            .collect();
+        let at = |x: i32, y: i32| (y * side + x) as u32;
+        let mut edges = vec![];
+        for y in 0..side {
+            for x in 0..side - 1 {
+                edges.extend([[at(x, y), at(x + 1, y)], [at(y, x), at(y, x + 1)]]);
+            }
+        }
+        let order = dissect(&points, &Pattern::new(points.len(), &edges));
+        assert!(complete(&order));
+        let last = &order[order.len() - 40..];
+        let on_line = |axis: usize| {
+            let first = points[last[0]][axis];
+            last.iter().all(|&i| (points[i][axis] - first).abs() < 0.5)
+        };
+        assert!(on_line(0) || on_line(1), "{last:?}");
+    }
+
+    #[test]
+    fn vertices_in_one_place_come_once_each() {
+        let points = vec![Point3::origin(); 200];
+        let edges: Vec<_> = (1..200).map(|i| [0, i]).collect();
+        assert!(complete(&dissect(&points, &Pattern::new(200, &edges))));
+    }
+}
