@@ -135,17 +135,20 @@ fn contacts(c: &mut Criterion) {
 
 fn graphs(c: &mut Criterion) {
     let mut group = c.benchmark_group("graph");
-    for count in SIZES {
-        let (rest, edges, _) = body(count, 9);
-        let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
-        filter.step(&Frame::new(&frames(&rest, true)[1])).unwrap();
-        group.bench_function(BenchmarkId::new("marginal_sigmas", count), |b| {
-            b.iter(|| filter.marginal_sigmas().unwrap());
-        });
-        let keep: Vec<_> = (0..rest.len() as u32).map(Some).collect();
-        group.bench_function(BenchmarkId::new("set_graph", count), |b| {
-            b.iter(|| filter.set_graph(&rest, &rest, None, &edges, &keep).unwrap());
-        });
+    for (edges_of, nearest) in NEAREST {
+        for count in SIZES {
+            let (rest, edges, _) = body(count, nearest);
+            let mut filter = Filter::new(&rest, &edges, &Options::default()).unwrap();
+            filter.step(&Frame::new(&frames(&rest, true)[1])).unwrap();
+            let id = |name| BenchmarkId::new(format!("{edges_of}_{name}"), count);
+            group.bench_function(id("marginal_sigmas"), |b| {
+                b.iter(|| filter.marginal_sigmas().unwrap());
+            });
+            let keep: Vec<_> = (0..rest.len() as u32).map(Some).collect();
+            group.bench_function(id("set_graph"), |b| {
+                b.iter(|| filter.set_graph(&rest, &rest, None, &edges, &keep).unwrap());
+            });
+        }
     }
     group.finish();
 }

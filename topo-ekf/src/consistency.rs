@@ -9,6 +9,13 @@
 //! In the information form no covariance is needed: with the posterior `x⁺` from the same prior, `(H P⁻ Hᵀ + R)⁻¹ ν = R⁻¹ (z − H x⁺)`.
 //! Source: Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation* (2001), section 5.4.
 
+use nalgebra::Point3;
+
+use crate::filter::Filter;
+use crate::graph::check_points;
+use crate::observation::{Frame, Observation};
+use crate::{Error, columns};
+
 /// A sum of squares of normalised errors with its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -64,6 +71,86 @@ impl Consistency {
             mean if mean > high => Verdict::Optimistic,
             _ => Verdict::Honest,
         }
+    }
+}
+
+impl Filter {
+    /// Normalised innovation squared of the last step: what was seen against what data, shape and motion foretold, one innovation
+    /// per seen vertex. `None` before the first step and after a change of graph or stiffness.
+    ///
+    /// Exact for [`Motion::Still`](crate::Motion::Still). With [`Motion::Spread`](crate::Motion::Spread) the motion was estimated from the same observations, so the statistic
+    /// reads low; how low, the README says.
+    ///
+    /// # Errors
+    /// As [`Filter::step`].
+    ///
+    /// # Complexity
+    /// One factorisation and one solve.
+    pub fn innovation_statistic(&mut self) -> Result<Option<Consistency>, Error> {
+        let Some(last) = &self.last else {
+            return Ok(None);
+        };
+        let values = self.values(&last.information, &self.weights());
+        let factor = self.system.factorise(&values)?;
+        let mut expected = last.pull.clone();
+        self.system.solve(&factor, &mut expected);
+        let expected = columns::read(&expected);
+        let (mut squared, mut count) = (0.0, 0);
+        for i in 0..self.live.len() {
+            let r = last.seen.information[i];
+            if r > 0.0 {
+                let innovation = last.seen.position[i] - (last.origin[i] + expected[i]);
+                let residual = last.seen.position[i] - self.estimate[i];
+                squared += r * innovation.dot(&residual);
+                count += 1;
+            }
+        }
+        Ok(Some(Consistency::new(squared, 3 * count)))
+    }
+
+    /// Normalised estimation error squared of the live positions, where the truth is known: in simulations.
+    ///
+    /// # Errors
+    /// A truth of another length or with unusable points.
+    pub fn error_statistic(&self, truth: &[Point3<f64>]) -> Result<Consistency, Error> {
+        let (found, expected) = (truth.len(), self.live.len());
+        if found != expected {
+            return Err(Error::Length {
+                what: "truth",
+                found,
+                expected,
+            });
+        }
+        check_points("truth", truth)?;
+        let values = self.values(&self.information, &self.weights());
+        let along = |axis: usize| {
+            let error: Vec<f64> = self
+                .live
+                .iter()
+                .zip(truth)
+                .map(|(x, t)| x[axis] - t[axis])
+                .collect();
+            let pulled = self.system.pattern.multiply(&values, &error);
+            error.iter().zip(&pulled).map(|(e, p)| e * p).sum::<f64>()
+        };
+        Ok(Consistency::new((0..3).map(along).sum(), 3 * expected))
+    }
+
+    /// What the last step left of each of its observations, in the standard deviations that an honest residual has:
+    /// `‖z − x̂‖ / √(3 (σ² − P))`, `P` the marginal variance. About 1 is ordinary, 3 and more is an outlier.
+    ///
+    /// # Errors
+    /// Unusable observations; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    pub fn normalised_residuals(&self, observations: &[Observation]) -> Result<Vec<f64>, Error> {
+        Frame::new(observations).check(self.live.len())?;
+        let variances = self.variances()?;
+        let of = |o: &Observation| {
+            let i = o.vertex as usize;
+            // A vertex that nothing but this observation holds leaves no residual, and no variance of one: 0, not 0/0.
+            let left = (o.sigma * o.sigma - variances[i]).max(1e-12 * o.sigma * o.sigma);
+            (o.position - self.estimate[i]).norm() / (3.0 * left).sqrt()
+        };
+        Ok(observations.iter().map(of).collect())
     }
 }
 

@@ -41,6 +41,10 @@ const ALWAYS_BLOCKED: SupernodalThreshold = SupernodalThreshold(-1.0);
 /// entries, but a twentieth less time, since products of a few columns cost little more than their call.
 const MERGED: [(usize, f64); 4] = [(8, 1.0), (32, 0.8), (64, 0.3), (usize::MAX, 0.05)];
 
+/// A dissected surface of `Q` vertices has 5 (edges of a mesh) to 9 (ten neighbours) times `Q log₂ Q` entries in its factor. With more than
+/// this, minimum degree is tried too.
+const SURFACE: f64 = 12.0;
+
 /// Lower triangle in the order of elimination, ready to be filled: permuting the pattern anew would be a tenth of a factorisation.
 struct Permuted {
     starts: Vec<usize>,
@@ -203,6 +207,10 @@ fn analyse(pattern: &Pattern, points: &[Point3<f64>]) -> Result<SymbolicCholesky
     }
     let order = Perm::new_checked(order.into(), place.into(), points.len());
     let dissected = analyse_in(pattern, SymmetricOrdering::Custom(order.as_ref()))?;
+    let size = points.len() as f64;
+    if dissected.len_val() as f64 <= SURFACE * size * size.log2() {
+        return Ok(dissected);
+    }
     let minimum = analyse_in(pattern, SymmetricOrdering::Amd)?;
     let far = 2 * dissected.len_val() > 3 * minimum.len_val();
     Ok(if far { minimum } else { dissected })
