@@ -1,13 +1,14 @@
 //! What a frame says of vertices that registration could not match.
 //!
 //! ```text
+//! misplaced cloud with the same sheet of the model behind it: the sheet comes out to it
 //! outline   cloud that no vertex accounts for, next to surface that does not end there: the surface comes out to it
 //! sight     a vertex that was not measured is hidden: it lies behind the cloud, and within its outline
 //! ```
 //! Closest points along normals do not feel an outline slide sideways; what sticks out of the model does. And a hidden
 //! vertex is not unknown: the camera says where it is not.
 
-use crate::canonical::{CanonicalModel, graph};
+use crate::canonical::{CanonicalModel, graph, surface::aside};
 use crate::cell::ArmState;
 use crate::stages::Measured;
 use crate::visibility::{DepthGrid, behind_arm};
@@ -29,6 +30,9 @@ pub(crate) struct Evidence<'a> {
 const EXPLAINS: f64 = 1.3;
 /// Farthest vertex that comes out to a point, in spacings.
 const REACHES: f64 = 4.0;
+/// A vertex that lies less than `BEHIND` spacings behind a point, and less than `BESIDE` beside its normal, is that point of the surface.
+const BEHIND: f64 = 3.0;
+const BESIDE: f64 = 0.85;
 /// How far outside the outline a vertex is drawn back from, metres.
 const OUTSIDE: f64 = 0.08;
 
@@ -75,6 +79,10 @@ impl Evidence<'_> {
             if around.iter().any(explains) {
                 continue;
             }
+            if let Some((i, height)) = self.misplaced(&around, (point, normal), place, normals) {
+                pull[i] = pull[i].max(height);
+                continue;
+            }
             // Only the nearest vertex of the sheet answers, and only if the surface goes on behind it: at the
             // frontier the point is new surface.
             let nearest = around.iter().find(|(i, _)| normals[*i].dot(normal) > 0.3);
@@ -83,6 +91,25 @@ impl Evidence<'_> {
             }
         }
         pull
+    }
+
+    /// The vertex nearest to a point of the cloud that lies behind it and faces the same way, and how far behind, metres: the
+    /// surface seen there is known, but out of place.
+    fn misplaced(
+        &self,
+        around: &[(usize, f64)],
+        (point, normal): (&Point3<f64>, &UnitVector3<f64>),
+        place: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+    ) -> Option<(usize, f64)> {
+        around
+            .iter()
+            .filter(|(i, d)| *d < BEHIND * self.spacing && normals[*i].dot(normal) > 0.5)
+            .map(|(i, _)| (*i, point - place[*i]))
+            .find(|(_, offset)| {
+                normal.dot(offset) > 0.0 && aside(normal, offset) < BESIDE * self.spacing
+            })
+            .map(|(i, offset)| (i, normal.dot(&offset)))
     }
 
     /// Draws vertices that were not measured to the nearest place that the camera cannot see: behind the cloud, and
@@ -122,6 +149,65 @@ impl Evidence<'_> {
                     sigma,
                 });
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::canonical::NewVertex;
+    use nalgebra::{Matrix3, Vector3};
+
+    const SPACING: f64 = 5e-3;
+
+    fn grid(pitch: f64, depth: impl Fn(f64) -> f64) -> Vec<Point3<f64>> {
+        let side = (0.1 / pitch) as u32;
+        (0..side * side)
+            .map(|k| (f64::from(k % side) * pitch, f64::from(k / side) * pitch))
+            .map(|(x, y)| Point3::new(x, y, depth(x)))
+            .collect()
+    }
+
+    /// A sheet whose right half lies two spacings behind the cloud that shows it: that half, and nothing else, comes out, a spacing at
+    /// a time.
+    #[test]
+    fn what_is_out_of_place_comes_out() {
+        let mut model = CanonicalModel::default();
+        let behind = 2.0 * SPACING;
+        for p in grid(SPACING, |x| if x > 0.05 { 0.4 + behind } else { 0.4 }) {
+            model.push(
+                NewVertex {
+                    rest: p,
+                    rest_normal: -Vector3::z_axis(),
+                    live: p,
+                    rotation: Matrix3::identity(),
+                },
+                0,
+            );
+        }
+        let points = grid(0.5 * SPACING, |_| 0.4);
+        let normals = vec![-Vector3::z_axis(); points.len()];
+        let evidence = Evidence {
+            model: &model,
+            expected: &model.live,
+            points: &points,
+            normals: &normals,
+            spacing: SPACING,
+        };
+        let mut measured = Vec::new();
+        evidence.reach_for_unexplained(&mut measured, 1e-3, 3e-4);
+        let displaced = model.live.iter().filter(|p| p.z > 0.4).count();
+        // Beside the step the left half accounts for the cloud.
+        assert!(
+            measured.len() > displaced * 3 / 4,
+            "{} of {displaced}",
+            measured.len()
+        );
+        for m in measured {
+            let at = model.live[m.vertex as usize];
+            assert!(at.z > 0.4);
+            assert!((m.position - at - Vector3::z() * -SPACING).norm() < 1e-9);
         }
     }
 }

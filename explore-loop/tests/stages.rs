@@ -4,6 +4,7 @@
 use explore_loop::canonical::closure::refine;
 use explore_loop::canonical::cut::distorted;
 use explore_loop::canonical::graph::surface_edges;
+use explore_loop::canonical::merge::{FrameCloud, MergeOptions, extension};
 use explore_loop::canonical::surface::triangulate;
 use explore_loop::canonical::topology::analyse;
 use explore_loop::canonical::{CanonicalModel, NewVertex};
@@ -290,6 +291,77 @@ mod cutting {
             cuts.iter()
                 .all(|e| model.is_cut(*e) && model.is_cut([e[1], e[0]]))
         );
+    }
+}
+
+mod growing {
+    use super::*;
+
+    /// A flat cloud 0.4 m before the camera, 30 by 20 points at half the spacing.
+    fn cloud() -> (Vec<Point3<f64>>, Vec<Normal>) {
+        let points: Vec<_> = (0..30)
+            .flat_map(|i| (0..20).map(move |j| (f64::from(i), f64::from(j))))
+            .map(|(x, y)| Point3::new(0.5 * x * SPACING, 0.5 * y * SPACING, 0.4))
+            .collect();
+        let normals = vec![-Vector3::z_axis(); points.len()];
+        (points, normals)
+    }
+
+    /// The model knows the left half of the cloud and, if `beyond` says where, the right half that many metres behind it.
+    fn model(beyond: Option<f64>) -> CanonicalModel {
+        let (points, _) = cloud();
+        let on_grid: Vec<_> = points
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| (k / 20) % 2 == 0 && k % 2 == 0)
+            .map(|(_, p)| *p)
+            .collect();
+        let middle = 7.25 * SPACING;
+        let known: Vec<_> = on_grid
+            .into_iter()
+            .filter(|p| beyond.is_some() || p.x < middle)
+            .collect();
+        let normals = vec![-Vector3::z_axis(); known.len()];
+        let mut model = at_rest(&known, &normals);
+        model.edges = surface_edges(&model, SPACING);
+        for p in model.live.iter_mut().filter(|p| p.x > middle) {
+            p.z += beyond.unwrap_or(0.0);
+        }
+        model
+    }
+
+    fn grown(model: &CanonicalModel) -> Vec<NewVertex> {
+        let (points, normals) = cloud();
+        let seen: Vec<bool> = model.live.iter().map(|p| p.z < 0.4 + 1e-9).collect();
+        let frame = FrameCloud {
+            points: &points,
+            normals: &normals,
+        };
+        extension(model, frame, &seen, &MergeOptions::new(SPACING)).unwrap()
+    }
+
+    /// At the frontier the next row enters, at rest where it is.
+    #[test]
+    fn the_next_row_enters_at_the_frontier() {
+        let fresh = grown(&model(None));
+        assert!(fresh.len() >= 8, "{}", fresh.len());
+        for v in &fresh {
+            assert!((v.rest - v.live).norm() < 1e-9);
+            assert!(
+                v.live.x > 7.0 * SPACING && v.live.x < 9.5 * SPACING,
+                "{}",
+                v.live
+            );
+        }
+    }
+
+    proptest! {
+        /// Surface that is known but lies up to three spacings behind where it is seen is not laid over it again.
+        #[test]
+        fn what_is_out_of_place_is_not_new(beyond in 0.0..2.8f64) {
+            let fresh = grown(&model(Some(beyond * SPACING)));
+            prop_assert!(fresh.is_empty(), "{} of them", fresh.len());
+        }
     }
 }
 

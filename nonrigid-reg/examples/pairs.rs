@@ -2,7 +2,8 @@
 //!
 //! Every sub-folder has `source.ply`, `target.ply`, `truth.ply` (where each source point went), `landmarks.csv` and
 //! `features.csv`. Prints, in mm, mean and 95th percentile of the distance to the truth, the mean over the tenth of the points with
-//! least and the half with most confidence, the distance before registration, and milliseconds (best of three).
+//! least and the half with most confidence, the mean over `hidden.ply` (what the source does not show; truth in `hidden_truth.ply`; by
+//! `gpwrm::Field` through the nodes) if there is one, the distance before registration, and milliseconds with a fresh registrar (best of three).
 #![allow(clippy::print_stdout)] // a table is what the program is for
 
 #[path = "register/ply.rs"]
@@ -22,6 +23,7 @@ struct Pair {
     truth: Ply,
     landmarks: Vec<Landmark>,
     features: Vec<Feature>,
+    hidden: Option<(Ply, Ply)>,
 }
 
 /// How well one pair was registered, in mm.
@@ -30,6 +32,8 @@ struct Score {
     p95: f64,
     doubted: f64,
     trusted: f64,
+    /// NaN where nothing is known of what is hidden.
+    hidden: f64,
     still: f64,
 }
 
@@ -43,7 +47,6 @@ fn main() -> Result<(), Box<dyn Error>> {
     for setting in arguments {
         set(&mut options, &setting)?;
     }
-    let mut registrar = Registrar::new(options);
     let mut folders: Vec<_> = std::fs::read_dir(&folder)?
         .filter_map(Result::ok)
         .map(|entry| entry.path())
@@ -52,24 +55,35 @@ fn main() -> Result<(), Box<dyn Error>> {
     folders.sort();
 
     println!(
-        "{:24} {:>6} {:>6} {:>7} {:>7} {:>6} {:>7} {:>5} {:>6} {:>5} status",
-        "pair", "mean", "p95", "doubted", "trusted", "still", "overlap", "rms", "ms", "nodes"
+        "{:24} {:>6} {:>6} {:>7} {:>7} {:>6} {:>6} {:>7} {:>5} {:>6} {:>5} status",
+        "pair",
+        "mean",
+        "p95",
+        "doubted",
+        "trusted",
+        "hidden",
+        "still",
+        "overlap",
+        "rms",
+        "ms",
+        "nodes"
     );
     let mut core = Vec::new();
     for path in folders {
         let pair = Pair::read(&path, &mode)?;
-        let (result, ms) = pair.register(&mut registrar)?;
+        let (result, ms) = pair.register(&options)?;
         let score = pair.score(&result);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         println!(
-            "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
+            "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
             score.mean,
             score.p95,
             score.doubted,
             score.trusted,
+            score.hidden,
             score.still,
             result.overlap,
-            result.residual_rms * 1e3,
+            result.residuals.rms * 1e3,
             result.node_positions.len(),
             result.status,
             result.iterations,
@@ -115,13 +129,17 @@ impl Pair {
                 .into_iter()
                 .map(|(source, target)| Feature { source, target })
                 .collect(),
+            hidden: if path.join("hidden.ply").exists() {
+                let truth = Ply::read(&file("hidden_truth.ply"))?;
+                Some((Ply::read(&file("hidden.ply"))?, truth))
+            } else {
+                None
+            },
         })
     }
 
-    fn register(
-        &self,
-        registrar: &mut Registrar,
-    ) -> Result<(Registration, f64), nonrigid_reg::Error> {
+    /// Timed with a fresh registrar, that keeps nothing yet.
+    fn register(&self, options: &Options) -> Result<(Registration, f64), nonrigid_reg::Error> {
         let from = Cloud {
             points: &self.source.points,
             normals: &self.source.normals,
@@ -130,7 +148,8 @@ impl Pair {
             points: &self.target.points,
             normals: &self.target.normals,
         };
-        let mut timed = || {
+        let timed = || {
+            let mut registrar = Registrar::new(options.clone());
             let start = Instant::now();
             let result = registrar.register(&from, &to, &self.landmarks, &self.features, None)?;
             Ok((result, start.elapsed().as_secs_f64() * 1e3))
@@ -138,6 +157,22 @@ impl Pair {
         let (result, first) = timed()?;
         let fastest = first.min(timed()?.1).min(timed()?.1);
         Ok((result, fastest))
+    }
+
+    /// Registered nodes carry some noise, and what is hidden is far from them: wide supports, more shrinkage.
+    fn hidden_error(&self, result: &Registration) -> f64 {
+        let options = gpwrm::FieldOptions {
+            support: gpwrm::Support::Nearest(64),
+            shrinkage: 0.03,
+            ..Default::default()
+        };
+        let field = gpwrm::Field::new(&result.node_positions, &result.node_displacements, &options);
+        let (Some((hidden, truth)), Ok(field)) = (&self.hidden, field) else {
+            return f64::NAN;
+        };
+        let found = field.warp(&hidden.points);
+        let off = found.iter().zip(&truth.points).map(|(a, b)| (a - b).norm());
+        off.sum::<f64>() * 1e3 / found.len() as f64
     }
 
     fn score(&self, result: &Registration) -> Score {
@@ -159,6 +194,7 @@ impl Pair {
             p95: sorted[count * 95 / 100],
             doubted: mean(&by_confidence[..count / 10]),
             trusted: mean(&by_confidence[count / 2..]),
+            hidden: self.hidden_error(result),
             still: (0..count)
                 .map(|i| off(i, nalgebra::Vector3::zeros()))
                 .sum::<f64>()
@@ -178,6 +214,7 @@ fn set(options: &mut Options, setting: &str) -> Result<(), Box<dyn Error>> {
         "strain" => options.strain = value.parse()?,
         "drag" => options.drag = value.parse()?,
         "tolerance" => options.tolerance = value.parse()?,
+        "denoise" => options.denoise = value.parse()?,
         "rim" => options.boundary_weight = value.parse()?,
         _ => return Err(format!("no setting {name}").into()),
     }

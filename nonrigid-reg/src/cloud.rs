@@ -7,10 +7,11 @@
 //! boundary      neighbours seen along n, sorted by angle: a gap wider than the bound means that the surface ends there
 //! ```
 
+use gpwrm::{Neighbour, Tree};
 use nalgebra::{Matrix3, Point3, Unit, UnitVector3, Vector3};
 
+use crate::each::each;
 use crate::error::{Error, check_length, check_normals, check_points, check_range};
-use crate::tree::{Neighbour, Tree};
 
 /// A cloud of oriented points, borrowed.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +59,7 @@ pub fn estimate_normals(
     check_points("point", points)?;
     check_points("viewpoint", std::slice::from_ref(viewpoint))?;
     check_range("k", k as f64, k >= 3, "at least 3")?;
-    let Some(tree) = Tree::new(points) else {
+    let Ok(tree) = Tree::new(points) else {
         return Ok(Vec::new());
     };
     let normal = |p: &Point3<f64>| {
@@ -197,18 +198,20 @@ pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>,
         angle > 0.0 && angle < full,
         "between 0 and 2π",
     )?;
-    let Some(tree) = Tree::new(cloud.points) else {
+    let Ok(tree) = Tree::new(cloud.points) else {
         return Ok(Vec::new());
     };
-    let ends = |i: usize| is_boundary(cloud, &tree, i, k, angle);
+    let ends = |i: usize| {
+        let near = tree.nearest_n(&cloud.points[i], (k + 1).min(cloud.points.len()));
+        is_boundary(cloud, &near, i, angle)
+    };
     Ok((0..cloud.points.len()).map(ends).collect())
 }
 
-/// Whether the surface ends at point `i`.
-pub(crate) fn is_boundary(cloud: &Cloud, tree: &Tree, i: usize, k: usize, angle: f64) -> bool {
+/// Whether the surface ends at point `i`, whose neighbours are `near`.
+pub(crate) fn is_boundary(cloud: &Cloud, near: &[Neighbour], i: usize, angle: f64) -> bool {
     let (p, n) = (cloud.points[i], cloud.normals[i]);
     let (s, t) = tangents(&n);
-    let near = tree.nearest_n(&p, (k + 1).min(cloud.points.len()));
     let mut directions: Vec<f64> = near
         .iter()
         .filter(|other| other.index != i)
@@ -225,6 +228,43 @@ pub(crate) fn is_boundary(cloud: &Cloud, tree: &Tree, i: usize, k: usize, angle:
         .map(|pair| pair[1] - pair[0])
         .fold(around, f64::max);
     widest > angle
+}
+
+/// Point `i` without its noise across the surface: moved along its normal to the height that its neighbours `near` agree on,
+///
+/// ```text
+/// h = mean_j ½(n_i + n_j) · (p_j − p_i)        over neighbours (and p_i itself) whose normals agree
+/// ```
+///
+/// Either normal alone errs by the curvature, in opposite directions; their mean is exact on any quadric patch, also for one-sided
+/// neighbours (S. Rusinkiewicz, A symmetric objective function for ICP, 2019).
+pub(crate) fn denoised(cloud: &Cloud, i: usize, near: &[Neighbour]) -> Point3<f64> {
+    let (p, n) = (cloud.points[i], cloud.normals[i].into_inner());
+    let (mut sum, mut count) = (0.0, 0.0);
+    for other in near {
+        let m = cloud.normals[other.index].into_inner();
+        // Beyond 45° it is another side of the object.
+        if n.dot(&m) > std::f64::consts::FRAC_1_SQRT_2 {
+            sum += 0.5 * (n + m).dot(&(cloud.points[other.index] - p));
+            count += 1.0;
+        }
+    }
+    if count > 0.0 {
+        p + n * (sum / count)
+    } else {
+        p
+    }
+}
+
+/// Every point without its noise across the surface, by its `k` nearest.
+pub(crate) fn denoise(cloud: &Cloud, k: usize) -> Vec<Point3<f64>> {
+    let Some(tree) = Tree::new(cloud.points).ok().filter(|_| k > 0) else {
+        return cloud.points.to_vec();
+    };
+    let count = (k + 1).min(cloud.points.len());
+    each(cloud.points.len(), |i| {
+        denoised(cloud, i, &tree.nearest_n(&cloud.points[i], count))
+    })
 }
 
 /// Two unit vectors that complete `normal` to an orthonormal frame.

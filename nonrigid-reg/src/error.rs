@@ -12,6 +12,28 @@ pub enum Error {
         /// Which cloud.
         cloud: &'static str,
     },
+    /// A cloud has too few points to register.
+    #[error("the {cloud} cloud has {found} points, but at least {needed} are needed")]
+    TooFewPoints {
+        /// Which cloud.
+        cloud: &'static str,
+        /// Points found.
+        found: usize,
+        /// Points needed.
+        needed: usize,
+    },
+    /// Two landmarks demand what no continuous motion does: more change of their difference than a turn with doubling explains.
+    #[error(
+        "landmarks {first} and {second} contradict each other: their displacements differ by {gap} m"
+    )]
+    ContradictoryLandmarks {
+        /// Index of the earlier one.
+        first: usize,
+        /// Index of the later one.
+        second: usize,
+        /// Length of the difference of their displacements, in m.
+        gap: f64,
+    },
     /// Two slices that run in parallel have different lengths.
     #[error("{expected} points, but {found} {what}")]
     LengthMismatch {

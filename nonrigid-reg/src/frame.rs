@@ -1,83 +1,90 @@
-//! One pair of frames in terms of nodes: what is assembled once, and what every iteration adds.
+//! One pair of frames: what every iteration adds to the equations.
 
-use gpwrm::{ShapeFunctions, nearest_rotation};
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
+use crate::align::Alignment;
 use crate::cloud::Cloud;
-use crate::error::{Error, check_length, check_points, check_vectors};
-use crate::matching::{Match, Matcher};
-use crate::nodes::Nodes;
+use crate::each::each;
+use crate::error::Error;
+use crate::model::{Model, Shape, blend};
 use crate::options::Options;
-use crate::prior::Prior;
 use crate::registration::{Feature, Landmark};
-use crate::system::System;
+use crate::seams::{Correspondence, Pair, Probe, Rejection, Residual};
+use crate::system::{Solver, System};
+use crate::target::Target;
 
-/// Nodes that a point leans on.
-const SHAPE_NODES: usize = 8;
 /// Ties what nothing else determines (a part without matches or neighbours that have any) to where it started.
 const ANCHOR: f64 = 1e-7;
 
-/// A source point or feature in terms of nodes: `u(p) = Σ φ_k u_k`.
-pub(crate) type Shape = Vec<(usize, f64)>;
+/// Turns of a field of landmarks settle within these.
+const LANDMARK_ITERATIONS: usize = 6;
+/// Local rotations out of given displacements settle within these: each leaves a small part of the angle.
+const ROTATION_ITERATIONS: usize = 6;
 
-/// What stays the same over the iterations of one frame.
+/// A displacement field on the way to the answer.
+#[derive(Clone)]
+pub(crate) struct State {
+    /// Displacement of each node.
+    pub u: Vec<Vector3<f64>>,
+    /// Local rotation at each node.
+    pub rotations: Vec<Matrix3<f64>>,
+}
+
+/// A pair and what it counts.
+pub(crate) type Match = (Pair, f64);
+
+/// What the caller handed in, checked, beside the model made of it.
 pub(crate) struct Frame<'a> {
     pub source: &'a Cloud<'a>,
     pub landmarks: &'a [Landmark],
-    features: &'a [Feature],
+    pub features: &'a [Feature],
+    /// Whether a prediction holds every point.
+    pub predicted: bool,
     pub options: &'a Options,
-    pub nodes: Nodes,
-    pub prior: Prior,
-    pub shapes: Vec<Shape>,
-    feature_shapes: Vec<Shape>,
+    pub model: &'a Model,
 }
 
-impl<'a> Frame<'a> {
-    pub fn new(
-        source: &'a Cloud<'a>,
-        landmarks: &'a [Landmark],
-        features: &'a [Feature],
-        initial: Option<&[Vector3<f64>]>,
-        options: &'a Options,
-    ) -> Result<Self, Error> {
-        source.check("source")?;
-        check_pairs("landmark", landmarks.iter().map(|l| (l.source, l.target)))?;
-        check_pairs("feature", features.iter().map(|f| (f.source, f.target)))?;
-        for (index, landmark) in landmarks.iter().enumerate() {
-            if !(landmark.sigma >= 0.0 && landmark.sigma.is_finite()) {
-                let value = landmark.sigma;
-                return Err(Error::BadSigma { index, value });
-            }
+impl Frame<'_> {
+    /// The next state, given the one before: local rotations are followed, so that they may grow beyond half a turn.
+    pub fn advance(&self, before: &State, u: Vec<Vector3<f64>>) -> State {
+        let rotations = self.model.prior.rotations(&u, &before.rotations);
+        State { u, rotations }
+    }
+
+    /// A state out of nothing but displacements.
+    pub fn state(&self, u: Vec<Vector3<f64>>) -> State {
+        let mut state = self.rest();
+        state.u = u;
+        for _ in 0..ROTATION_ITERATIONS {
+            state.rotations = self.model.prior.rotations(&state.u, &state.rotations);
         }
-        if let Some(predicted) = initial {
-            check_length(
-                "initial displacements",
-                source.points.len(),
-                predicted.len(),
-            )?;
-            check_vectors("initial displacement", predicted)?;
+        state
+    }
+
+    pub fn rigid(&self, pose: &Alignment) -> State {
+        let turn = pose
+            .target_from_source
+            .rotation
+            .to_rotation_matrix()
+            .into_inner();
+        State {
+            u: pose.displacements(&self.model.nodes.positions),
+            rotations: vec![turn; self.model.nodes.len()],
         }
-        let spacing = options.node_spacing;
-        let nodes = Nodes::new(source.points, landmarks.iter().map(|l| l.source), spacing)?;
-        let prior = Prior::new(&nodes, options.bending, options.strain * spacing * spacing);
-        let functions = ShapeFunctions::new(&nodes.positions, SHAPE_NODES)
-            .map_err(|_| Error::EmptyCloud { cloud: "source" })?;
-        Ok(Self {
-            shapes: each(source.points.len(), |i| functions.at(&source.points[i])),
-            feature_shapes: features.iter().map(|f| functions.at(&f.source)).collect(),
-            source,
-            landmarks,
-            features,
-            options,
-            nodes,
-            prior,
-        })
+    }
+
+    pub fn rest(&self) -> State {
+        let count = self.model.nodes.len();
+        State {
+            u: vec![Vector3::zeros(); count],
+            rotations: vec![Matrix3::identity(); count],
+        }
     }
 
     /// Node displacements from predicted point displacements: the mean over the points that lean on a node.
     pub fn smoothed(&self, predicted: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        let mut sums = vec![(Vector3::zeros(), 0.0); self.nodes.len()];
-        for (shape, u) in self.shapes.iter().zip(predicted) {
+        let mut sums = vec![(Vector3::zeros(), 0.0); self.model.nodes.len()];
+        for (shape, u) in self.model.shapes.iter().zip(predicted) {
             for &(k, phi) in shape {
                 let w = phi.max(0.0).powi(2);
                 sums[k].0 += w * u;
@@ -88,163 +95,189 @@ impl<'a> Frame<'a> {
             .iter()
             .map(|(sum, w)| if *w > 0.0 { sum / *w } else { Vector3::zeros() })
             .collect();
-        for (landmark, &node) in self.landmarks.iter().zip(&self.nodes.of_landmark) {
-            start[node] = landmark.target - landmark.source;
+        for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
+            start[node] = landmark.motion();
         }
         start
     }
 
-    /// Every source point is drawn to its predicted displacement.
-    pub fn add_prediction(&self, predicted: &[Vector3<f64>], system: &mut System) {
-        let metric = Matrix3::from_diagonal_element(
-            self.options.prediction / self.source.points.len() as f64,
-        );
-        for (shape, wanted) in self.shapes.iter().zip(predicted) {
-            add_observation(shape, &metric, wanted, system);
-        }
-    }
-
     /// Membrane, landmarks and anchor: the same in all iterations.
     pub fn assemble_fixed(&self, start: &[Vector3<f64>], system: &mut System) {
-        system.reset(self.nodes.len());
-        self.prior.add_membrane(&self.nodes, system);
+        let structure = &self.model.structure;
+        system.reset(structure);
+        self.model
+            .prior
+            .add_membrane(&self.model.nodes, structure, system);
         let points = self.source.points.len() as f64;
-        for (landmark, &node) in self.landmarks.iter().zip(&self.nodes.of_landmark) {
+        for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
             let relative = self.options.point_sigma / landmark.sigma;
             // Exact landmarks have relative = ∞.
             let w = (relative * relative).min(self.options.landmark_weight) / points;
-            system.add_scalar(node, node, w);
-            system.add_right(node, &(w * (landmark.target - landmark.source)));
+            system.add_scalar(structure, node, node, w);
+            system.add_right(node, &(w * (landmark.motion())));
         }
-        let anchor = ANCHOR / self.nodes.len() as f64;
+        let anchor = ANCHOR / self.model.nodes.len() as f64;
         for (k, u) in start.iter().enumerate() {
-            system.add_scalar(k, k, anchor);
+            system.add_scalar(structure, k, k, anchor);
             system.add_right(k, &(anchor * u));
         }
     }
 
-    pub fn rotations(&self, u: &[Vector3<f64>]) -> Vec<Matrix3<f64>> {
-        let polar = |g: &Matrix3<f64>| nearest_rotation(&(Matrix3::identity() + g)).into_inner();
-        self.prior.gradients(u).iter().map(polar).collect()
+    /// The smoothest field that meets the landmarks; `fixed` as assembled at rest.
+    pub fn landmark_field(
+        &self,
+        fixed: &System,
+        system: &mut System,
+        solver: &mut Solver,
+    ) -> Result<State, Error> {
+        let mut state = self.rest();
+        // The strain is measured against the local rotations: found anew as the field turns.
+        for iteration in 0..LANDMARK_ITERATIONS {
+            system.copy_from(fixed);
+            let structure = &self.model.structure;
+            self.model
+                .prior
+                .add_forms(&state.rotations, structure, system);
+            let u = solver.solve(structure, system);
+            state = self.advance(&state, u.ok_or(Error::Singular { iteration })?);
+        }
+        Ok(state)
     }
 
+    /// Every source point is drawn to its predicted displacement, as strongly as `weight` cloud points would.
+    pub fn add_prediction(&self, predicted: &[Vector3<f64>], weight: f64, system: &mut System) {
+        let metric = Matrix3::from_diagonal_element(weight / self.source.points.len() as f64);
+        for (shape, wanted) in self.model.shapes.iter().zip(predicted) {
+            self.add_observation(shape, &metric, wanted, system);
+        }
+    }
+
+    /// Where every source point stands, whom it meets there, and what that counts.
     pub fn find_matches(
         &self,
-        u: &[Vector3<f64>],
-        rotations: &[Matrix3<f64>],
-        gate: f64,
-        matcher: &mut Matcher,
+        state: &State,
+        iteration: usize,
+        (correspondence, rejection): (&impl Correspondence, &impl Rejection),
+        target: &mut Target,
     ) -> Vec<Option<Match>> {
+        let reach = rejection.reach(iteration);
+        let (open, count) = (&*target, target.points().len());
         let hits = each(self.source.points.len(), |i| {
-            let (p, n, shape) = (
-                &self.source.points[i],
-                self.source.normals[i],
-                &self.shapes[i],
-            );
-            let turn: Matrix3<f64> = shape.iter().map(|&(k, phi)| phi * rotations[k]).sum();
-            let turned = (turn * n.as_ref()).try_normalize(1e-12);
-            matcher.find(
-                &(p + blend(shape, u)),
-                &turned.unwrap_or(*n),
-                gate,
-                self.options,
-            )
+            let probe = self.probe(i, state);
+            let hit = correspondence.find(&probe, open, reach);
+            // An index out of range is no match, whatever the caller's part says.
+            hit.filter(|&q| q < count).map(|q| (probe, q))
         });
+        let mut weigh = |(probe, q): (Probe, usize)| {
+            let place = target.place(q);
+            let pair = Pair {
+                probe,
+                target: q,
+                point: place.point,
+                normal: target.normals()[q].into_inner(),
+                on_rim: place.on_rim,
+            };
+            let weight = rejection.weight(&pair, iteration);
+            (weight > 0.0).then(|| (pair, weight.min(1.0)))
+        };
         hits.into_iter()
-            .map(|hit| Some(matcher.weigh(hit?, gate, self.options)))
-            .collect()
+            .map(|hit| hit.and_then(&mut weigh))
+            .collect::<Vec<_>>()
     }
 
+    fn probe(&self, i: usize, state: &State) -> Probe {
+        let shape = &self.model.shapes[i];
+        let (mut turn, mut moved) = (Matrix3::zeros(), Vector3::zeros());
+        for &(k, phi) in shape {
+            turn += state.rotations[k] * phi;
+            moved += state.u[k] * phi;
+        }
+        let n = self.source.normals[i];
+        Probe {
+            index: i,
+            position: self.model.clean[i] + moved,
+            normal: (turn * n.as_ref()).try_normalize(1e-12).unwrap_or(*n),
+        }
+    }
+
+    /// `Σ (w/n) |r + J (Φu − Φu₀)|²`. Returns the weighted mean square of `r`.
     pub fn add_matches(
         &self,
-        u: &[Vector3<f64>],
         matches: &[Option<Match>],
-        matcher: &Matcher,
+        residual: &impl Residual,
         system: &mut System,
-    ) {
+    ) -> f64 {
         let points = self.source.points.len() as f64;
-        for (i, m) in matches.iter().enumerate() {
-            let Some(m) = m else { continue };
-            let n = matcher.normal(m).as_ref();
-            let across = n * n.transpose();
-            let along = Matrix3::identity() - across;
-            let here = blend(&self.shapes[i], u);
-            let gap = matcher.point(m) - self.source.points[i] - here;
-            // Onto the plane of the match, and not along it.
-            let wanted = here + across * gap;
-            let metric = across + self.options.drag * along;
-            add_observation(
-                &self.shapes[i],
-                &(metric * (m.weight / points)),
-                &wanted,
-                system,
-            );
+        let (mut squares, mut weights) = (0.0, f64::MIN_POSITIVE);
+        for (pair, weight) in matches.iter().flatten() {
+            let r = residual.linearise(pair);
+            let shape = &self.model.shapes[pair.probe.index];
+            let jt = r.jacobian.transpose() * (weight / points);
+            let metric = jt * r.jacobian;
+            let here = pair.probe.position - self.model.clean[pair.probe.index];
+            let force = metric * here - jt * r.residual;
+            self.add_quadratic(shape, &metric, &force, system);
+            squares += weight * r.residual.norm_squared();
+            weights += weight;
         }
+        squares / weights
     }
 
-    /// Features, weighed by how well they agree with the motion so far.
-    pub fn add_features(&self, u: &[Vector3<f64>], system: &mut System) {
-        let wanted: Vec<Vector3<f64>> = self.features.iter().map(|f| f.target - f.source).collect();
-        let misfit: Vec<f64> = wanted
-            .iter()
-            .zip(&self.feature_shapes)
-            .map(|(d, shape)| (blend(shape, u) - d).norm())
-            .collect();
-        let cutoff = (2.5 * median(&misfit)).max(2.7 * self.options.feature_sigma);
+    /// Features, weighed by how well they agree with the motion of the nodes around them. Returns these weights.
+    pub fn add_features(&self, u: &[Vector3<f64>], system: &mut System) -> Vec<f64> {
+        let confidence = self.feature_confidence(u);
         let relative = self.options.point_sigma / self.options.feature_sigma;
         let full = relative * relative / self.source.points.len() as f64;
-        for (k, shape) in self.feature_shapes.iter().enumerate() {
-            let share = (1.0 - (misfit[k] / cutoff).powi(2)).max(0.0);
-            let metric = Matrix3::from_diagonal_element(full * share * share);
-            add_observation(shape, &metric, &wanted[k], system);
+        let shapes = self.model.feature_shapes.iter();
+        for ((shape, feature), c) in shapes.zip(self.features).zip(&confidence) {
+            let metric = Matrix3::from_diagonal_element(full * c);
+            self.add_observation(shape, &metric, &(feature.target - feature.source), system);
         }
+        confidence
     }
-}
 
-/// Adds `(Φu − wanted)ᵀ metric (Φu − wanted)`.
-fn add_observation(
-    shape: &[(usize, f64)],
-    metric: &Matrix3<f64>,
-    wanted: &Vector3<f64>,
-    system: &mut System,
-) {
-    let force = metric * wanted;
-    for &(k, phi_k) in shape {
-        system.add_right(k, &(phi_k * force));
-        for &(l, phi_l) in shape {
-            if l <= k {
-                system.add_block(k, l, &(metric * (phi_k * phi_l)));
+    /// `(1 − |d − Φu|²/c²)²₊`, with a cut-off `c` of 2.5 medians, and never below the features' own noise.
+    pub fn feature_confidence(&self, u: &[Vector3<f64>]) -> Vec<f64> {
+        let shapes = self.model.feature_shapes.iter();
+        let misfit: Vec<f64> = shapes
+            .zip(self.features)
+            .map(|(shape, f)| (blend(shape, u) - (f.target - f.source)).norm())
+            .collect();
+        let cutoff = (2.5 * median(&misfit)).max(2.7 * self.options.feature_sigma);
+        let weight = |m: &f64| (1.0 - (m / cutoff).powi(2)).max(0.0).powi(2);
+        misfit.iter().map(weight).collect()
+    }
+
+    /// Adds `(Φu − wanted)ᵀ metric (Φu − wanted)`.
+    fn add_observation(
+        &self,
+        shape: &Shape,
+        metric: &Matrix3<f64>,
+        wanted: &Vector3<f64>,
+        system: &mut System,
+    ) {
+        self.add_quadratic(shape, metric, &(metric * wanted), system);
+    }
+
+    /// Adds `(Φu)ᵀ metric Φu − 2 forceᵀ Φu`; shapes list later nodes first.
+    fn add_quadratic(
+        &self,
+        shape: &Shape,
+        metric: &Matrix3<f64>,
+        force: &Vector3<f64>,
+        system: &mut System,
+    ) {
+        for (a, &(k, phi_k)) in shape.iter().enumerate() {
+            system.add_right(k, &(phi_k * force));
+            for &(l, phi_l) in &shape[a..] {
+                system.add_scaled(&self.model.structure, (k, l), phi_k * phi_l, metric);
             }
         }
     }
-}
-
-pub(crate) fn blend(shape: &[(usize, f64)], u: &[Vector3<f64>]) -> Vector3<f64> {
-    shape.iter().map(|&(k, phi)| phi * u[k]).sum()
 }
 
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
-}
-
-fn check_pairs(
-    what: &'static str,
-    pairs: impl Iterator<Item = (Point3<f64>, Point3<f64>)>,
-) -> Result<(), Error> {
-    let (sources, targets): (Vec<_>, Vec<_>) = pairs.unzip();
-    check_points(what, &sources)?;
-    check_points(what, &targets)
-}
-
-/// `f` of every index; in parallel with the feature `rayon`, which changes no bit of the answer.
-fn each<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    #[cfg(feature = "rayon")]
-    {
-        use rayon::prelude::*;
-        (0..count).into_par_iter().map(f).collect()
-    }
-    #[cfg(not(feature = "rayon"))]
-    (0..count).map(f).collect()
 }

@@ -1,21 +1,32 @@
 #![doc = include_str!("../README.md")]
 
+mod align;
 pub mod cloud;
+mod defaults;
+mod each;
 mod error;
 mod frame;
-mod matching;
+mod input;
+mod model;
 mod nodes;
 mod options;
 mod prior;
 mod register;
 mod registration;
 mod report;
+mod seams;
 mod system;
-mod tree;
+mod target;
 
+pub use align::{Alignment, align_rigid};
 pub use cloud::{Cloud, Downsampled, boundary_points, estimate_normals, voxel_downsample};
+pub use defaults::{AnnealedTukey, ClosestPoint, PointToPlane, Settled};
 pub use error::Error;
 pub use nalgebra;
 pub use options::Options;
 pub use register::{Registrar, register};
-pub use registration::{Feature, Landmark, Registration, Status};
+pub use registration::{Feature, Landmark, LandmarkField, Registration, Residuals, Status};
+pub use seams::{
+    Correspondence, Linearised, Pair, Probe, Progress, Rejection, Residual, Termination,
+};
+pub use target::Target;

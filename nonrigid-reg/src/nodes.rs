@@ -4,11 +4,11 @@
 //! a spacing. Neighbours of a node are all nodes within 2.35 spacings, and always the nearest eight: a grip on the hidden side has nobody
 //! within reach and would otherwise move alone.
 
+use gpwrm::{Neighbour, Tree};
 use nalgebra::{Point3, Vector3};
 
 use crate::cloud::representatives;
 use crate::error::Error;
-use crate::tree::{Neighbour, Tree};
 
 /// Reach of a node in spacings: about 17 neighbours on a surface.
 const REACH: f64 = 2.35;
@@ -89,7 +89,7 @@ fn too_many(nodes: usize) -> Error {
 }
 
 fn links(positions: &[Point3<f64>], spacing: f64) -> Vec<Vec<Link>> {
-    let Some(tree) = Tree::new(positions) else {
+    let Ok(tree) = Tree::new(positions) else {
         return Vec::new();
     };
     positions

@@ -31,6 +31,9 @@ pub struct Options {
     /// pulls at a soft body locally, but a smooth field would carry its motion along surfaces that geometry lets
     /// slide; a prediction (the last frame's motion) holds them. Default 0: `initial` is only where the search starts.
     pub prediction: f64,
+    /// Neighbours over which the noise of a point across the surface is averaged before it is matched, on both clouds; 0 leaves points
+    /// as they are.
+    pub denoise: usize,
     /// Smallest cosine between the normals of a match.
     pub normal_cosine: f64,
     /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
@@ -43,6 +46,9 @@ pub struct Options {
     pub landmark_weight: f64,
     /// Standard deviation of an image feature, in m; outliers are found by a robust weight.
     pub feature_sigma: f64,
+    /// Without landmarks, features or `initial`: share of source points matched, at the start or in the end, below which the
+    /// registration also begins from [`align_rigid`](crate::align_rigid) and the better answer is taken. 0: only if it failed.
+    pub align_below: f64,
     /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
     pub min_overlap: f64,
     /// Root mean square distance of matches, in m, above which the status is [`Status::HighResidual`](crate::Status::HighResidual).
@@ -53,19 +59,21 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             node_spacing: 0.014,
-            iterations: 8,
+            iterations: 12,
             gates: vec![0.020, 0.014, 0.009, 0.006],
-            tolerance: 2e-4,
-            bending: 1.2,
-            strain: 0.025,
+            tolerance: 1.5e-4,
+            bending: 1.0,
+            strain: 0.02,
             drag: 0.012,
             prediction: 0.0,
+            denoise: 12,
             normal_cosine: 0.5,
-            boundary_weight: 0.1,
+            boundary_weight: 0.05,
             boundary_angle: 130_f64.to_radians(),
             point_sigma: 0.001,
-            landmark_weight: 1e4,
+            landmark_weight: 1e7,
             feature_sigma: 0.0011,
+            align_below: 0.6,
             min_overlap: 0.3,
             max_residual: 0.003,
         }
@@ -73,10 +81,21 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The gate of iteration `k`.
-    pub(crate) fn gate(&self, k: usize) -> f64 {
-        let last = self.gates.len().saturating_sub(1);
-        self.gates.get(k.min(last)).copied().unwrap_or(f64::MAX)
+    /// These settings for an object `factor` times as large, seen with as many points and noise in proportion: all lengths are multiplied.
+    /// Weights have no unit and stay.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.gates.iter_mut().for_each(|gate| *gate *= factor);
+        for length in [
+            &mut self.node_spacing,
+            &mut self.tolerance,
+            &mut self.point_sigma,
+            &mut self.feature_sigma,
+            &mut self.max_residual,
+        ] {
+            *length *= factor;
+        }
+        self
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -111,14 +130,16 @@ impl Options {
             (-1.0..1.0).contains(&cosine),
             "in [-1, 1)",
         )?;
-        let share = self.min_overlap;
-        check_range(
-            "min_overlap",
-            share,
-            (0.0..=1.0).contains(&share),
-            "in [0, 1]",
-        )?;
+        for (option, share) in [
+            ("min_overlap", self.min_overlap),
+            ("align_below", self.align_below),
+        ] {
+            let ok = (0.0..=1.0).contains(&share);
+            check_range(option, share, ok, "in [0, 1]")?;
+        }
         check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
+        let neighbours = self.denoise as f64;
+        check_range("denoise", neighbours, self.denoise <= 100, "at most 100")?;
         check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
         for &gate in &self.gates {
             check_range(

@@ -1,27 +1,32 @@
 //! The loop: match, weigh, solve, until nothing moves (Algorithm 1).
 //!
 //! ```text
-//! E(u) = (1/n) Σ_p w_p ( (n_q·(p + Φu − q))² + α |Π_q Φ(u − u₀)|² )        matches
+//! E(u) = (1/n) Σ_p w_p |r_p + J_p Φ(u − u₀)|²                          matches: see `seams` and `defaults`
 //!      + (1/n) Σ_l w_l |u_l − (y_l − x_l)|²                             landmarks, which are nodes
 //!      + (1/n) Σ_f w_f |Φ_f u − (y_f − x_f)|²                           features, Tukey weights
 //!      + (κ/n) Σ_p |Φu − ũ_p|²                                          prediction, if κ > 0
 //!      + prior(u)                                                       see `prior`
 //! ```
 //!
-//! `u₀` is the previous iterate and `Π_q` projects on the tangent plane of the match: `α` drags on sliding, in every iteration
-//! anew. The usual term pulls to the matched point itself, `α |p + Φu − q|²`; it drags as well, but also pulls the surface by the offset
+//! `u₀` is the previous iterate. By default `|r + J δ|² = (n_q·(y + δ − q))² + α |Π_q δ|²`, `Π_q` the projection on the
+//! tangent plane of the match: `α` drags on sliding, in every iteration
+//! anew. The usual term pulls to the matched point itself, `α |y + δ − q|²`; it drags as well, but also pulls the surface by the offset
 //! between the two samplings, which on regular clouds does not average out (0.5 mm at rest on clouds 4 mm apart).
 
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 
+use crate::align::{Alignment, align_rigid};
 use crate::cloud::Cloud;
+use crate::defaults::{AnnealedTukey, ClosestPoint, PointToPlane, Settled};
 use crate::error::Error;
-use crate::frame::Frame;
-use crate::matching::Matcher;
+use crate::frame::{Frame, State};
+use crate::input::Input;
+use crate::model::Model;
 use crate::options::Options;
-use crate::registration::{Feature, Landmark, Registration, Status};
-use crate::system::System;
-use crate::tree::Tree;
+use crate::registration::{Feature, Landmark, LandmarkField, Registration, Status};
+use crate::seams::{Correspondence, Progress, Rejection, Residual, Termination};
+use crate::system::{Solver, System};
+use crate::target::Target;
 
 /// Registers `source` onto `target`: [`Registrar::register`] for a single pair.
 ///
@@ -37,35 +42,114 @@ pub fn register(
     Registrar::new(options.clone()).register(source, target, landmarks, features, None)
 }
 
-/// Registers frame after frame and keeps its storage between them.
-#[derive(Default)]
-pub struct Registrar {
+/// Registers frame after frame. Keeps between them its buffers, the search tree while the target stays the same, and nodes, shape
+/// functions and symbolic factor while the source does.
+///
+/// The four parts of the loop can be replaced one by one, see [`Correspondence`], [`Residual`], [`Rejection`] and [`Termination`].
+pub struct Registrar<C = ClosestPoint, R = PointToPlane, J = AnnealedTukey, T = Settled> {
     options: Options,
+    correspondence: C,
+    residual: R,
+    rejection: J,
+    termination: T,
+    kept: Kept,
+}
+
+/// What outlives a frame. Nothing in it changes an answer.
+#[derive(Default)]
+struct Kept {
+    model: Option<Model>,
+    target: Option<Target>,
     fixed: System,
     system: System,
+    solver: Solver,
+}
+
+impl Default for Registrar {
+    fn default() -> Self {
+        Self::new(Options::default())
+    }
 }
 
 impl Registrar {
-    /// A registrar with these settings.
+    /// A registrar with these settings and the default parts.
     pub fn new(options: Options) -> Self {
         Self {
+            correspondence: options.closest_point(),
+            residual: options.point_to_plane(),
+            rejection: options.annealed_tukey(),
+            termination: options.settled(),
             options,
-            ..Self::default()
+            kept: Kept::default(),
         }
     }
+}
 
+impl<C, R, J, T> Registrar<C, R, J, T> {
     /// The settings.
     pub fn options(&self) -> &Options {
         &self.options
     }
 
+    /// Lets `part` say who meets whom.
+    pub fn with_correspondence<P: Correspondence>(self, part: P) -> Registrar<P, R, J, T> {
+        Registrar {
+            options: self.options,
+            correspondence: part,
+            residual: self.residual,
+            rejection: self.rejection,
+            termination: self.termination,
+            kept: self.kept,
+        }
+    }
+
+    /// Lets `part` say what a pair costs.
+    pub fn with_residual<P: Residual>(self, part: P) -> Registrar<C, P, J, T> {
+        Registrar {
+            options: self.options,
+            correspondence: self.correspondence,
+            residual: part,
+            rejection: self.rejection,
+            termination: self.termination,
+            kept: self.kept,
+        }
+    }
+
+    /// Lets `part` say how much a pair counts.
+    pub fn with_rejection<P: Rejection>(self, part: P) -> Registrar<C, R, P, T> {
+        Registrar {
+            options: self.options,
+            correspondence: self.correspondence,
+            residual: self.residual,
+            rejection: part,
+            termination: self.termination,
+            kept: self.kept,
+        }
+    }
+
+    /// Lets `part` say when to stop.
+    pub fn with_termination<P: Termination>(self, part: P) -> Registrar<C, R, J, P> {
+        Registrar {
+            options: self.options,
+            correspondence: self.correspondence,
+            residual: self.residual,
+            rejection: self.rejection,
+            termination: part,
+            kept: self.kept,
+        }
+    }
+}
+
+impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, R, J, T> {
     /// Finds the motion that carries `source` onto `target`.
     ///
     /// `initial` is a displacement predicted for every source point: the search starts from it instead of from rest,
-    /// and is drawn to it as strongly as [`Options::prediction`] says.
+    /// and is drawn to it as strongly as [`Options::prediction`] says. With neither landmarks, features nor `initial`, and if the clouds
+    /// do not meet from rest (see [`Options::align_below`]), the search starts from [`align_rigid`].
     ///
     /// # Errors
-    /// Empty or mismatched clouds, coordinates that are not finite, a negative `sigma`, options out of range, a node spacing that
+    /// Clouds of fewer than four points or of mismatched slices, coordinates that are not finite, a negative `sigma`, landmarks that contradict
+    /// each other, options out of range, a node spacing that
     /// makes too many nodes, or normal equations that lose definiteness. A poor fit is no error but a [`Status`].
     pub fn register(
         &mut self,
@@ -75,50 +159,213 @@ impl Registrar {
         features: &[Feature],
         initial: Option<&[Vector3<f64>]>,
     ) -> Result<Registration, Error> {
-        let Self {
-            options,
+        let input = Input {
+            source,
+            target,
+            landmarks,
+            features,
+            initial,
+        };
+        input.check(&self.options)?;
+        self.kept.model = Some(self.take_model(&input)?);
+        self.kept.target = Some(self.take_target(target)?);
+        let (result, met) = self.follow(&input, None)?;
+        let free = landmarks.is_empty() && features.is_empty() && initial.is_none();
+        if free && is_poor(&result, met, &self.options) {
+            return self.realign(&input, result);
+        }
+        Ok(result)
+    }
+
+    /// Nothing but the clouds to go by, and they were not brought together from rest: begin anew where a rigid motion does so.
+    fn realign(&mut self, input: &Input, poor: Registration) -> Result<Registration, Error> {
+        let found = align_rigid(input.source, input.target)?;
+        if found.overlap <= poor.overlap {
+            return Ok(poor);
+        }
+        let (aligned, _) = self.follow(input, Some(&found))?;
+        let better = aligned.overlap > poor.overlap;
+        Ok(if better { aligned } else { poor })
+    }
+
+    /// The smoothest field that meets the landmarks, without any target: every node and every source point moves as the prior alone
+    /// carries it. No landmark: no motion.
+    ///
+    /// # Errors
+    /// As for [`Registrar::register`].
+    ///
+    /// # Complexity
+    /// Six solves of the normal equations.
+    pub fn landmark_field(
+        &mut self,
+        source: &Cloud,
+        landmarks: &[Landmark],
+    ) -> Result<LandmarkField, Error> {
+        let input = Input {
+            source,
+            target: source,
+            landmarks,
+            features: &[],
+            initial: None,
+        };
+        input.check(&self.options)?;
+        let model = self.take_model(&input)?;
+        let frame = Frame {
+            source,
+            landmarks,
+            features: &[],
+            predicted: false,
+            options: &self.options,
+            model: &model,
+        };
+        let Kept {
             fixed,
             system,
-        } = self;
-        options.check()?;
-        let frame = Frame::new(source, landmarks, features, initial, options)?;
-        target.check("target")?;
-        let tree = Tree::new(target.points).ok_or(Error::EmptyCloud { cloud: "target" })?;
-        let mut matcher = Matcher::new(target, tree);
+            solver,
+            ..
+        } = &mut self.kept;
+        frame.assemble_fixed(&frame.rest().u, fixed);
+        let state = frame.landmark_field(fixed, system, solver)?;
+        let field = LandmarkField {
+            node_positions: model.nodes.positions.clone(),
+            displacements: model.displacements(&state.u),
+            node_displacements: state.u,
+        };
+        self.kept.model = Some(model);
+        Ok(field)
+    }
 
-        let start = initial.map_or_else(
-            || vec![Vector3::zeros(); frame.nodes.len()],
-            |predicted| frame.smoothed(predicted),
-        );
-        frame.assemble_fixed(&start, fixed);
-        if let Some(predicted) = initial.filter(|_| options.prediction > 0.0) {
-            frame.add_prediction(predicted, fixed);
+    /// The kept model, if it is one of this source, or a new one.
+    fn take_model(&mut self, input: &Input) -> Result<Model, Error> {
+        let anchors: Vec<Point3<f64>> = input.landmarks.iter().map(|l| l.source).collect();
+        let features: Vec<Point3<f64>> = input.features.iter().map(|f| f.source).collect();
+        let kept = self.kept.model.take();
+        match kept.filter(|model| model.is_of(input.source, &anchors, &self.options)) {
+            Some(mut model) => model.set_features(&features).map(|()| model),
+            None => Model::new(input.source, &anchors, &features, &self.options),
         }
-        let mut u = start;
-        let mut rotations = frame.rotations(&u);
+    }
+
+    fn take_target(&mut self, target: &Cloud) -> Result<Target, Error> {
+        let kept = self.kept.target.take();
+        match kept.filter(|kept| kept.is_of(target)) {
+            Some(kept) => Ok(kept),
+            None => Target::new(target, &self.options),
+        }
+    }
+
+    /// From the start to the report, and the share of source points that met something at the start.
+    fn follow(
+        &mut self,
+        input: &Input,
+        aligned: Option<&Alignment>,
+    ) -> Result<(Registration, f64), Error> {
+        let (Some(model), Some(target)) = (self.kept.model.take(), self.kept.target.take()) else {
+            return Err(Error::EmptyCloud { cloud: "source" });
+        };
+        let mut target = target;
+        let answer = self.iterate(input, aligned, &model, &mut target);
+        self.kept.model = Some(model);
+        self.kept.target = Some(target);
+        answer
+    }
+
+    fn iterate(
+        &mut self,
+        input: &Input,
+        aligned: Option<&Alignment>,
+        model: &Model,
+        target: &mut Target,
+    ) -> Result<(Registration, f64), Error> {
+        let options = &self.options;
+        let frame = Frame {
+            source: input.source,
+            landmarks: input.landmarks,
+            features: input.features,
+            predicted: input.initial.is_some() && options.prediction > 0.0,
+            options,
+            model,
+        };
+        let far = 0.5 * self.rejection.reach(0);
+        let mut state = start(&frame, input.initial, aligned, far, &mut self.kept)?;
+        let Kept {
+            fixed,
+            system,
+            solver,
+            ..
+        } = &mut self.kept;
+        let search = (&self.correspondence, &self.rejection);
         let mut status = Status::MaxIterations;
-        let mut iterations = 0;
+        let (mut iterations, mut met) = (0, 0.0);
         while iterations < options.iterations {
-            let gate = options.gate(iterations);
-            let matches = frame.find_matches(&u, &rotations, gate, &mut matcher);
+            let matches = frame.find_matches(&state, iterations, search, target);
             system.copy_from(fixed);
-            frame.prior.add_forms(&rotations, system);
-            frame.add_matches(&u, &matches, &matcher, system);
-            frame.add_features(&u, system);
-            let next = system.solve().ok_or(Error::Singular {
-                iteration: iterations,
-            })?;
-            let step = largest_step(&u, &next);
-            u = next;
-            rotations = frame.rotations(&u);
+            model
+                .prior
+                .add_forms(&state.rotations, &model.structure, system);
+            let squares = frame.add_matches(&matches, &self.residual, system);
+            frame.add_features(&state.u, system);
+            let iteration = iterations;
+            let next = solver.solve(&model.structure, system);
+            let next = next.ok_or(Error::Singular { iteration })?;
             iterations += 1;
-            if step <= options.tolerance && iterations >= options.gates.len() {
-                status = Status::Converged;
+            let progress = Progress {
+                iteration: iterations,
+                step: largest_step(&state.u, &next),
+                overlap: matches.iter().flatten().count() as f64 / matches.len() as f64,
+                residual: squares.sqrt(),
+            };
+            if iterations == 1 {
+                met = progress.overlap;
+            }
+            state = frame.advance(&state, next);
+            if let Some(verdict) = self.termination.verdict(&progress) {
+                status = verdict;
                 break;
             }
         }
-        Ok(frame.report(u, &rotations, &mut matcher, iterations, status))
+        let matches = frame.find_matches(&state, usize::MAX, search, target);
+        let result = frame.report(state, &matches, &self.residual, iterations, status);
+        Ok((result, met))
     }
+}
+
+/// Where the search starts, and in `kept.fixed` what does not change from there on.
+fn start(
+    frame: &Frame,
+    initial: Option<&[Vector3<f64>]>,
+    aligned: Option<&Alignment>,
+    far: f64,
+    kept: &mut Kept,
+) -> Result<State, Error> {
+    let Kept {
+        fixed,
+        system,
+        solver,
+        ..
+    } = kept;
+    let state = match (aligned, initial) {
+        (Some(pose), _) => frame.rigid(pose),
+        (None, Some(predicted)) => frame.state(frame.smoothed(predicted)),
+        (None, None) => frame.rest(),
+    };
+    frame.assemble_fixed(&state.u, fixed);
+    if let Some(predicted) = initial.filter(|_| frame.predicted) {
+        frame.add_prediction(predicted, frame.options.prediction, fixed);
+    }
+    // From rest, closest points lead astray where the motion is a good part of the gate; what is held says more then.
+    if initial.is_none() && frame.landmarks.iter().any(|l| l.motion().norm() > far) {
+        return frame.landmark_field(fixed, system, solver);
+    }
+    Ok(state)
+}
+
+fn is_poor(result: &Registration, met: f64, options: &Options) -> bool {
+    let failed = matches!(
+        result.status,
+        Status::LowOverlap { .. } | Status::HighResidual { .. }
+    );
+    failed || met.min(result.overlap) < options.align_below
 }
 
 fn largest_step(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {

@@ -11,6 +11,13 @@ pub struct Landmark {
     pub sigma: f64,
 }
 
+impl Landmark {
+    /// From where it was to where it is, in m.
+    pub fn motion(&self) -> Vector3<f64> {
+        self.target - self.source
+    }
+}
+
 /// A point believed to move to another: an image feature. May be wrong altogether.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feature {
@@ -28,6 +35,12 @@ pub enum Status {
     Converged,
     /// The iterations ran out first; usual for large motions, and no sign of a bad fit by itself.
     MaxIterations,
+    /// The matched surface slides on the target, and nothing else holds it: a plane, a sphere or a cylinder without landmarks. The
+    /// displacements are one answer of many.
+    Undetermined {
+        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution.
+        free_motions: usize,
+    },
     /// Too few source points found a match: the field is mostly prior.
     LowOverlap {
         /// Share of source points with a match.
@@ -42,6 +55,17 @@ pub enum Status {
         /// The threshold it passed.
         threshold: f64,
     },
+}
+
+/// What the landmarks alone say of the motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LandmarkField {
+    /// Deformation nodes on the source, landmarks first.
+    pub node_positions: Vec<Point3<f64>>,
+    /// Their displacements, in m.
+    pub node_displacements: Vec<Vector3<f64>>,
+    /// Displacement of each source point, in m.
+    pub displacements: Vec<Vector3<f64>>,
 }
 
 /// The motion from source to target.
@@ -59,12 +83,29 @@ pub struct Registration {
     pub confidence: Vec<f64>,
     /// Index of the target point that each source point met; none for points without a match or on the rim of the target.
     pub matches: Vec<Option<u32>>,
-    /// Root mean square distance of matches along the target normal, in m.
-    pub residual_rms: f64,
+    /// How far each feature agrees with the motion found, 0 (an outlier) to 1.
+    pub feature_confidence: Vec<f64>,
+    /// How well the matches fit.
+    pub residuals: Residuals,
     /// Share of source points that met a target point.
     pub overlap: f64,
     /// Iterations made.
     pub iterations: usize,
     /// How it ended.
     pub status: Status,
+}
+
+/// Distances of matches, along the normal unless the caller's own residual says otherwise, in m.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Residuals {
+    /// Matches counted: all but those with the rim of the target.
+    pub count: usize,
+    /// Root mean square, with the weights of the matches.
+    pub rms: f64,
+    /// Median.
+    pub median: f64,
+    /// 95th percentile.
+    pub p95: f64,
+    /// Largest.
+    pub largest: f64,
 }

@@ -9,70 +9,139 @@
 //! A hidden point between seen ones is so believed more than one far behind the rim. Sliding along a smooth surface is
 //! invisible to matches, and so to this.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
-use crate::frame::{Frame, blend};
-use crate::matching::Matcher;
-use crate::options::Options;
-use crate::registration::{Registration, Status};
+use crate::frame::{Frame, Match, State};
+use crate::registration::{Registration, Residuals, Status};
+use crate::seams::Residual;
+
+/// Share of the largest resistance below which a motion is free: normals within 0.6° of one that would be exactly free.
+const FREE: f64 = 1e-4;
 
 impl Frame<'_> {
     pub fn report(
-        self,
-        u: Vec<Vector3<f64>>,
-        rotations: &[Matrix3<f64>],
-        matcher: &mut Matcher,
+        &self,
+        state: State,
+        matches: &[Option<Match>],
+        residual: &impl Residual,
         iterations: usize,
         ended: Status,
     ) -> Registration {
-        let gate = self.options.gate(usize::MAX);
-        let matches = self.find_matches(&u, rotations, gate, matcher);
-        let displacements: Vec<Vector3<f64>> =
-            self.shapes.iter().map(|shape| blend(shape, &u)).collect();
-        let mut fit = Fit::default();
-        let trust: Vec<f64> = matches
+        // The rim of the target says nothing of the points that meet it.
+        let inner: Vec<Option<&Match>> = matches
             .iter()
-            .enumerate()
-            .map(|(i, m)| {
-                let Some(m) = m.filter(|m| !m.on_rim) else {
-                    return 0.0;
-                };
-                let y = self.source.points[i] + displacements[i];
-                let rho = matcher.normal(&m).dot(&(y - matcher.point(&m)));
-                fit.add(m.weight, rho);
-                // Three sigma of a point is the scale at which a match stops being one.
-                m.weight * (-(rho / (3.0 * self.options.point_sigma)).powi(2)).exp()
+            .map(|m| m.as_ref().filter(|(pair, _)| !pair.on_rim))
+            .collect();
+        let size = |(pair, _): &Match| residual.linearise(pair).residual.norm();
+        let trust: Vec<f64> = inner
+            .iter()
+            // Three sigma of a point is the scale at which a match stops being one.
+            .map(|m| {
+                m.map_or(0.0, |m| {
+                    m.1 * (-(size(m) / (3.0 * self.options.point_sigma)).powi(2)).exp()
+                })
             })
             .collect();
         let node_confidence = self.node_confidence(&trust);
-        let confidence = self
-            .shapes
-            .iter()
+        let shapes = self.model.shapes.iter();
+        let confidence = shapes
             .map(|shape| positive_mean(shape, |k| node_confidence[k]))
             .collect();
-        let overlap = fit.count / self.source.points.len() as f64;
-        let residual_rms = fit.rms();
+        let fits: Vec<(f64, f64)> = inner.iter().flatten().map(|m| (size(m), m.1)).collect();
+        let residuals = Residuals::new(fits);
+        let overlap = residuals.count as f64 / self.source.points.len() as f64;
         Registration {
-            node_positions: self.nodes.positions,
-            node_displacements: u,
+            node_positions: self.model.nodes.positions.clone(),
             node_confidence,
-            displacements,
+            displacements: self.model.displacements(&state.u),
             confidence,
-            matches: matches
+            feature_confidence: self.feature_confidence(&state.u),
+            matches: inner
                 .iter()
-                .map(|m| m.filter(|m| !m.on_rim).map(|m| m.target as u32))
+                .map(|m| m.map(|(pair, _)| pair.target as u32))
                 .collect(),
-            residual_rms,
+            residuals,
             overlap,
             iterations,
-            status: judge(ended, overlap, residual_rms, self.options),
+            status: self.judge(ended, overlap, residuals.rms, &inner),
+            node_displacements: state.u,
         }
+    }
+
+    fn judge(
+        &self,
+        ended: Status,
+        overlap: f64,
+        residual: f64,
+        matches: &[Option<&Match>],
+    ) -> Status {
+        let options = self.options;
+        if overlap < options.min_overlap {
+            let threshold = options.min_overlap;
+            return Status::LowOverlap { overlap, threshold };
+        }
+        if residual > options.max_residual {
+            let threshold = options.max_residual;
+            return Status::HighResidual {
+                residual,
+                threshold,
+            };
+        }
+        match self.free_motions(matches) {
+            0 => ended,
+            free_motions => Status::Undetermined { free_motions },
+        }
+    }
+
+    /// Rigid motions that no match, landmark, feature or prediction resists: eigenvalues of `Σ w J Jᵀ`, `J = (n, (y − c) × n / L)`, that
+    /// are next to nothing.
+    fn free_motions(&self, matches: &[Option<&Match>]) -> usize {
+        if self.predicted {
+            return 0;
+        }
+        let fixed = self
+            .landmarks
+            .iter()
+            .map(|l| l.source)
+            .chain(self.features.iter().map(|f| f.source));
+        let points: Vec<Point3<f64>> = matches
+            .iter()
+            .flatten()
+            .map(|(pair, _)| pair.point)
+            .chain(fixed.clone())
+            .collect();
+        let count = points.len().max(1) as f64;
+        let centre = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;
+        let squares: f64 = points
+            .iter()
+            .map(|p| (p.coords - centre).norm_squared())
+            .sum();
+        let extent = (squares / count).sqrt().max(f64::MIN_POSITIVE);
+        let row = |p: &Point3<f64>, n: &Vector3<f64>| {
+            let arm = (p.coords - centre).cross(n) / extent;
+            Vector6::new(n.x, n.y, n.z, arm.x, arm.y, arm.z)
+        };
+        let mut information = Matrix6::zeros();
+        for (pair, weight) in matches.iter().flatten() {
+            let j = row(&pair.point, &pair.normal);
+            information += j * j.transpose() * *weight;
+        }
+        // A held point counts as much as a tenth of the cloud would, in all directions.
+        for p in fixed {
+            for n in [Vector3::x(), Vector3::y(), Vector3::z()] {
+                let j = row(&p, &n);
+                information += j * j.transpose() * (0.1 * count);
+            }
+        }
+        let eigenvalues = information.symmetric_eigenvalues();
+        let bound = FREE * eigenvalues.max();
+        eigenvalues.iter().filter(|&&value| value <= bound).count()
     }
 
     /// Mean trust of the points that lean on a node; exact landmarks are trusted.
     fn node_confidence(&self, trust: &[f64]) -> Vec<f64> {
-        let mut sums = vec![(0.0, 0.0); self.nodes.len()];
-        for (shape, t) in self.shapes.iter().zip(trust) {
+        let mut sums = vec![(0.0, 0.0); self.model.nodes.len()];
+        for (shape, t) in self.model.shapes.iter().zip(trust) {
             for &(k, phi) in shape {
                 sums[k].0 += phi.max(0.0) * t;
                 sums[k].1 += phi.max(0.0);
@@ -82,7 +151,7 @@ impl Frame<'_> {
             .iter()
             .map(|(sum, w)| if *w > 0.0 { sum / w } else { 0.0 })
             .collect();
-        for (landmark, &node) in self.landmarks.iter().zip(&self.nodes.of_landmark) {
+        for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
             if landmark.sigma <= self.options.point_sigma {
                 confidence[node] = 1.0;
             }
@@ -91,42 +160,24 @@ impl Frame<'_> {
     }
 }
 
-/// Weighted residuals.
-#[derive(Default)]
-struct Fit {
-    count: f64,
-    weight: f64,
-    squares: f64,
-}
-
-impl Fit {
-    fn add(&mut self, weight: f64, rho: f64) {
-        self.count += 1.0;
-        self.weight += weight;
-        self.squares += weight * rho * rho;
-    }
-
-    fn rms(&self) -> f64 {
-        if self.weight > 0.0 {
-            (self.squares / self.weight).sqrt()
-        } else {
-            0.0
+impl Residuals {
+    /// From residuals and their weights.
+    fn new(mut fits: Vec<(f64, f64)>) -> Self {
+        let weight: f64 = fits.iter().map(|f| f.1).sum();
+        let squares: f64 = fits.iter().map(|f| f.1 * f.0 * f.0).sum();
+        fits.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let rank = |share: usize| fits.get(fits.len() * share / 100).map_or(0.0, |f| f.0);
+        Self {
+            count: fits.len(),
+            rms: if weight > 0.0 {
+                (squares / weight).sqrt()
+            } else {
+                0.0
+            },
+            median: rank(50),
+            p95: rank(95),
+            largest: fits.last().map_or(0.0, |f| f.0),
         }
-    }
-}
-
-fn judge(ended: Status, overlap: f64, residual: f64, options: &Options) -> Status {
-    if overlap < options.min_overlap {
-        let threshold = options.min_overlap;
-        Status::LowOverlap { overlap, threshold }
-    } else if residual > options.max_residual {
-        let threshold = options.max_residual;
-        Status::HighResidual {
-            residual,
-            threshold,
-        }
-    } else {
-        ended
     }
 }
 

@@ -37,7 +37,7 @@ fn nothing_moves_when_nothing_moved() {
     // Matches are the points themselves: u = 0 solves every iteration, up to rounding.
     assert!(result.displacements.iter().all(|u| u.norm() < 1e-9));
     assert_eq!(result.status, Status::Converged);
-    assert!(result.residual_rms < 1e-9);
+    assert!(result.residuals.rms < 1e-9);
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn exact_landmarks_are_met() {
     .unwrap();
     for (k, landmark) in landmarks.iter().enumerate() {
         let moved = result.node_positions[k] + result.node_displacements[k];
-        // Weight 1e4 against some hundred points that pull by a few mm at most.
-        assert!((moved - landmark.target).norm() < 1e-4, "{k}");
+        // Weight 1e7 against some hundred points that pull by a few mm at most.
+        assert!((moved - landmark.target).norm() < 1e-6, "{k}");
         assert!(result.node_confidence[k] > 0.999);
     }
 }
@@ -236,8 +236,4 @@ fn a_prediction_is_taken_as_the_start() {
     let error = mean_error(&result.displacements, |_| far);
     // The prediction itself is 3 mm off.
     assert!(error < 0.001, "{error}");
-    let lost = registrar
-        .register(&source.cloud(), &target.cloud(), &[], &[], None)
-        .unwrap();
-    assert!(matches!(lost.status, Status::LowOverlap { .. }));
 }

@@ -1,7 +1,7 @@
 //! Merging a frame: which of its points extend the model, and where they lie at rest.
 //!
 //! ```text
-//! new:      ‖p − x_i‖ > ε_min  for every vertex i of the same sheet (live)
+//! new:      ‖p − x_i‖ > ε_min  for every vertex i of the same sheet (live), and no such vertex before or behind p
 //! anchored: some vertex measured in this frame lies within 2ε of p and faces the same way
 //! rest:     X = p + v(p),  v the inverse field (live → rest) on the measured vertices around p
 //! ```
@@ -11,7 +11,13 @@
 
 use super::{CanonicalModel, NewVertex, graph};
 use gpwrm::{Field, FieldOptions, Support};
+use kiddo::ImmutableKdTree;
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+
+/// Least cosine between normals of one sheet, where it lies apart.
+const SAME_SHEET: f64 = 0.5;
+/// Vertices within three spacings on two sheets, with some to spare.
+const MOST_AROUND: usize = 80;
 
 /// How points of a frame enter the model.
 #[derive(Debug, Clone, PartialEq)]
@@ -26,6 +32,9 @@ pub struct MergeOptions {
     pub min_facing: f64,
     /// Farthest anchor, in spacings.
     pub anchor: f64,
+    /// A point is not new either where the model has the same sheet this many spacings before or behind it: the sheet is known, only
+    /// misplaced. Without this rule what comes back into view a little off is laid over the model a second time.
+    pub misplaced: f64,
 }
 
 impl MergeOptions {
@@ -37,6 +46,7 @@ impl MergeOptions {
             within: 1.4,
             min_facing: 0.3,
             anchor: 1.9,
+            misplaced: 3.0,
         }
     }
 }
@@ -88,13 +98,14 @@ pub fn extension(
             options.apart
         };
         let taken = sheet.first().is_some_and(|&(_, d)| d < room * spacing);
+        let known = taken || is_known(point, normal, &tree, model, &live_normals, options);
         let anchored = around
             .iter()
             .any(|&(i, _)| frontier[i] && measured[i] && live_normals[i].dot(normal) > 0.4);
         let crowded = chosen
             .iter()
             .any(|&c| (frame.points[c] - point).norm() < options.apart * spacing);
-        if !taken && anchored && !crowded {
+        if !known && anchored && !crowded {
             chosen.push(k);
         }
     }
@@ -106,6 +117,25 @@ pub fn extension(
         .iter()
         .map(|&k| at_rest(&field, &frame.points[k], &frame.normals[k]))
         .collect())
+}
+
+/// Whether a vertex that faces the same way lies before or behind `point`, seen along its normal.
+fn is_known(
+    point: &Point3<f64>,
+    normal: &UnitVector3<f64>,
+    tree: &ImmutableKdTree<f64, 3>,
+    model: &CanonicalModel,
+    live_normals: &[UnitVector3<f64>],
+    options: &MergeOptions,
+) -> bool {
+    let (reach, aside) = (
+        options.misplaced * options.spacing,
+        options.apart * options.spacing,
+    );
+    graph::near(tree, point, reach, MOST_AROUND)
+        .iter()
+        .filter(|(i, _)| live_normals[*i].dot(normal) > SAME_SHEET)
+        .any(|(i, _)| super::surface::aside(normal, &(model.live[*i] - point)) < aside)
 }
 
 /// Whether neighbours lie all around `point` in its tangent plane.

@@ -125,6 +125,11 @@ pub fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (u, normal.cross(&u))
 }
 
+/// How far `offset` leads away from the line along `normal`, metres.
+pub fn aside(normal: &UnitVector3<f64>, offset: &Vector3<f64>) -> f64 {
+    (offset - normal.into_inner() * normal.dot(offset)).norm()
+}
+
 struct Mesh<'a> {
     points: &'a [Point3<f64>],
     normals: &'a [UnitVector3<f64>],

@@ -9,6 +9,7 @@ mod ply;
 
 use std::error::Error;
 use std::fmt::Write as _;
+use std::process::ExitCode;
 use std::time::Instant;
 
 use nalgebra::{Point3, UnitVector3};
@@ -19,7 +20,17 @@ use ply::{Ply, read_pairs};
 
 const USAGE: &str = "usage: register SOURCE.ply TARGET.ply [--landmarks L.csv] [--features F.csv] [--spacing M] --out MOVED.ply";
 
-fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> ExitCode {
+    match run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run() -> Result<(), Box<dyn Error>> {
     let (mut files, mut out) = (Vec::new(), None);
     let (mut landmarks, mut features) = (Vec::new(), Vec::new());
     let mut options = Options::default();
@@ -90,13 +101,14 @@ fn summary(result: &Registration, ms: f64) -> String {
     let status = match result.status {
         Status::Converged => "converged",
         Status::MaxIterations => "max_iterations",
+        Status::Undetermined { .. } => "undetermined",
         Status::LowOverlap { .. } => "low_overlap",
         Status::HighResidual { .. } => "high_residual",
         _ => "other",
     };
     format!(
         "{{\"status\":\"{status}\",\"iterations\":{},\"overlap\":{:.4},\"residual_m\":{:.6},\"ms\":{ms:.2}}}",
-        result.iterations, result.overlap, result.residual_rms
+        result.iterations, result.overlap, result.residuals.rms
     )
 }
 
