@@ -1,7 +1,7 @@
 //! Merging a frame: which of its points extend the model, and where they lie at rest.
 //!
 //! ```text
-//! new:      ‖p − x_i‖ > ε_min  for every vertex i of the same sheet (live), and no such vertex before or behind p
+//! new:      ‖p − x_i‖ > ε_min  for every vertex i of the same sheet (live), and none that is not measured before or behind p
 //! anchored: some vertex measured in this frame lies within 2ε of p and faces the same way
 //! rest:     X = p + v(p),  v the inverse field (live → rest) on the measured vertices around p
 //! ```
@@ -32,8 +32,8 @@ pub struct MergeOptions {
     pub min_facing: f64,
     /// Farthest anchor, in spacings.
     pub anchor: f64,
-    /// A point is not new either where the model has the same sheet this many spacings before or behind it: the sheet is known, only
-    /// misplaced. Without this rule what comes back into view a little off is laid over the model a second time.
+    /// A point is not new either where the model has the same sheet, not measured, this many spacings before or behind it: the sheet is
+    /// known, only misplaced. Without this rule what comes back into view a little off is laid over the model a second time.
     pub misplaced: f64,
 }
 
@@ -98,7 +98,14 @@ pub fn extension(
             options.apart
         };
         let taken = sheet.first().is_some_and(|&(_, d)| d < room * spacing);
-        let known = taken || is_known(point, normal, &tree, model, &live_normals, options);
+        let known = taken
+            || is_known(
+                (point, normal),
+                &tree,
+                model,
+                (measured, &live_normals),
+                options,
+            );
         let anchored = around
             .iter()
             .any(|&(i, _)| frontier[i] && measured[i] && live_normals[i].dot(normal) > 0.4);
@@ -119,13 +126,12 @@ pub fn extension(
         .collect())
 }
 
-/// Whether a vertex that faces the same way lies before or behind `point`, seen along its normal.
+/// Whether a vertex that was not measured and faces the same way lies before or behind `point`, seen along its normal.
 fn is_known(
-    point: &Point3<f64>,
-    normal: &UnitVector3<f64>,
+    (point, normal): (&Point3<f64>, &UnitVector3<f64>),
     tree: &ImmutableKdTree<f64, 3>,
     model: &CanonicalModel,
-    live_normals: &[UnitVector3<f64>],
+    (measured, live_normals): (&[bool], &[UnitVector3<f64>]),
     options: &MergeOptions,
 ) -> bool {
     let (reach, aside) = (
@@ -134,7 +140,7 @@ fn is_known(
     );
     graph::near(tree, point, reach, MOST_AROUND)
         .iter()
-        .filter(|(i, _)| live_normals[*i].dot(normal) > SAME_SHEET)
+        .filter(|(i, _)| !measured[*i] && live_normals[*i].dot(normal) > SAME_SHEET)
         .any(|(i, _)| super::surface::aside(normal, &(model.live[*i] - point)) < aside)
 }
 
