@@ -10,7 +10,7 @@
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
-use cech_complex::{Complex, Cylinder, Options};
+use cech_complex::{Complex, Cylinder, Error, Options};
 use proptest::prelude::*;
 
 /// Closed surfaces with proportions drawn between two shapes, the first three of positive curvature.
@@ -87,9 +87,14 @@ fn net(surface: Manifold, share: f64, tilt: f64, seed: u64) -> (OrientedCloud, f
     (cloud, covering, tilt)
 }
 
-fn build(cloud: &OrientedCloud, cylinder: Cylinder, max_scale: f64) -> Complex {
+/// Nothing where the complex would pass the default limit: thin webs sampled to a third of their reach ask for gigabytes, and say no more
+/// of the lemma than others.
+fn build(cloud: &OrientedCloud, cylinder: Cylinder, max_scale: f64) -> Option<Complex> {
     let options = Options::default().max_scale(max_scale);
-    Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap()
+    match Complex::build(&cloud.points, &cloud.normals, cylinder, &options) {
+        Err(Error::TooManySimplices { .. }) => None,
+        built => Some(built.unwrap()),
+    }
 }
 
 proptest! {
@@ -108,6 +113,8 @@ proptest! {
         prop_assume!(last.is_ok());
         let last = last.unwrap();
         let complex = build(&cloud, cylinder, last);
+        prop_assume!(complex.is_some());
+        let complex = complex.unwrap();
         prop_assert_eq!(complex.persistent_betti(1.0, last), surface.betti(), "to scale {}", last);
     }
 
@@ -126,6 +133,8 @@ proptest! {
 
         let last = largest_scale(promised);
         let complex = build(&cloud, cylinder, last);
+        prop_assume!(complex.is_some());
+        let complex = complex.unwrap();
         // The rank of H(K_s) → H(K_1.02s) changes at births and at 1/1.02 of deaths only.
         let bars = complex.barcode().bars();
         let changes = bars.iter().flat_map(|bar| [bar.birth, bar.death / 1.02]);
@@ -150,6 +159,8 @@ proptest! {
 
         let last = largest_scale(promised);
         let complex = build(&cloud, cylinder, last);
+        prop_assume!(complex.is_some());
+        let complex = complex.unwrap();
         let ends = complex.barcode().bars().iter().flat_map(|bar| [bar.birth, bar.death]);
         for s in ends.filter(|s| (1.0..=last).contains(s)).chain([1.0, last]) {
             prop_assert_eq!(complex.betti(s), surface.betti(), "scale {} of 1 to {}", s, last);
