@@ -1,4 +1,4 @@
-//! Drift over a track: `cargo run --release -p nonrigid-reg --example track [-- FRAMES]` (default 100)
+//! Drift over a track: `cargo run --release -p nonrigid-reg --example drift [-- FRAMES]` (default 100)
 //!
 //! An object goes out to 40 mm and back twice, seen afresh in every frame by a camera above (3,000 points, 0.5 mm of noise). What the
 //! first frame shows is carried from frame to frame by one `Registrar`; nothing ever corrects it. Prints, in mm, how far the points are from
