@@ -1,6 +1,6 @@
 //! Plans the turn of a half seen body and prints the way of the tips.
 //!
-//! `cargo run --release -p grip-planner --example turn_over`
+//! `cargo run --release -p grip-planner --example overturn`
 #![allow(clippy::print_stdout, reason = "an example shows what it found")]
 
 #[path = "../tests/fixture/mod.rs"]
