@@ -128,7 +128,7 @@ const PREDICTION: f64 = 0.05;
 
 /// What the loop registers is a model of 5 mm, not a cloud of 2 mm. Its vertices stand off the surface by what tracking has left, and averaging
 /// that away would keep them there ([`nonrigid_reg::Options::denoise`] 0); and what the grips hold is where the filter believes it,
-/// not exactly where it is. With the defaults of single pairs two of six seeds of the liver lost track of the turning body.
+/// not exactly where it is. With the defaults of single pairs two of five seeds of the liver lost track of the turning body.
 const ITERATIONS: usize = 8;
 const TOLERANCE: f64 = 2e-4;
 const BENDING: f64 = 1.2;
