@@ -323,7 +323,10 @@ mod growing {
             .collect();
         let normals = vec![-Vector3::z_axis(); known.len()];
         let mut model = at_rest(&known, &normals);
+        // A slit between the halves: only at a frontier is there growth at all.
+        let right = |i: u32| model.rest[i as usize].x > middle;
         model.edges = surface_edges(&model, SPACING);
+        model.edges.retain(|e| right(e[0]) == right(e[1]));
         for p in model.live.iter_mut().filter(|p| p.x > middle) {
             p.z += beyond.unwrap_or(0.0);
         }
