@@ -1,6 +1,5 @@
 //! What can go wrong in an exploration.
 
-use crate::canonical::closure::ClosureError;
 use crate::cell::CellError;
 use crate::measure::MeasureError;
 use std::path::PathBuf;
@@ -38,9 +37,6 @@ pub enum Error {
     /// The planner refused its input.
     #[error("planning: {0}")]
     Plan(#[from] grip_planner::Error),
-    /// A loop could not be closed.
-    #[error(transparent)]
-    Closure(#[from] ClosureError),
     /// The world failed.
     #[error(transparent)]
     Cell(#[from] CellError),

@@ -208,7 +208,7 @@ impl<'a> Explorer<'a> {
 
     /// The model so far.
     pub fn model(&self) -> &CanonicalModel {
-        &self.reconstructor.model
+        self.reconstructor.model()
     }
 
     /// Explores until the surface is closed or nothing more can be done.
@@ -264,7 +264,7 @@ impl<'a> Explorer<'a> {
             self.frame()?;
         }
         let points = self.latest.as_ref().map_or(0, |o| o.points.len());
-        if self.reconstructor.model.is_empty() {
+        if self.reconstructor.model().is_empty() {
             return Err(Error::NothingToSee { points, needed: 20 });
         }
         Ok(State::Decide)
@@ -272,7 +272,7 @@ impl<'a> Explorer<'a> {
 
     fn decide(&mut self) -> Result<State, Error> {
         self.enter(Phase::Decide)?;
-        let topology = topology::analyse(&self.reconstructor.model, self.options.spacing)?;
+        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
         self.tell(Event::Topology(&topology))?;
         if topology.is_closed() {
             return Ok(self.done(Stop::Closed, topology));
@@ -286,7 +286,7 @@ impl<'a> Explorer<'a> {
         match self.plan(&topology)? {
             Ok(mut plan) => {
                 for grip in &mut plan.grips {
-                    grip.at_rest = self.reconstructor.model.rest[grip.vertex as usize];
+                    grip.at_rest = self.reconstructor.model().rest[grip.vertex as usize];
                 }
                 self.tell(Event::Planned(&plan))?;
                 Ok(State::Reach(plan))
@@ -296,7 +296,7 @@ impl<'a> Explorer<'a> {
     }
 
     fn plan(&mut self, topology: &Topology) -> Result<Result<ManipulationPlan, String>, Error> {
-        let model = &self.reconstructor.model;
+        let model = self.reconstructor.model();
         let visible = match &self.latest {
             Some(observation) => self.reconstructor.visible_now(observation),
             None => vec![false; model.len()],
@@ -382,7 +382,7 @@ impl<'a> Explorer<'a> {
         let Some(latest) = &self.latest else {
             return Ok(());
         };
-        let rest = &self.reconstructor.model.rest;
+        let rest = &self.reconstructor.model().rest;
         let goals = set_down::goals(plan, latest, rest, &table, self.options.set_down);
         self.travel(&goals, 0.7 * self.options.speed)
     }
@@ -492,9 +492,9 @@ impl<'a> Explorer<'a> {
     fn settle(&mut self) -> Result<(), Error> {
         let mut still = 0;
         for _ in 0..SETTLE {
-            let before = self.reconstructor.model.live.clone();
+            let before = self.reconstructor.model().live.clone();
             let report = self.frame()?;
-            let model = &self.reconstructor.model;
+            let model = self.reconstructor.model();
             let moved: Vec<f64> = before
                 .iter()
                 .zip(&model.live)
@@ -521,7 +521,7 @@ impl<'a> Explorer<'a> {
         let report = self.reconstructor.process(&observation, &table)?;
         self.watcher.event(
             Event::Frame(&observation, &report),
-            &self.reconstructor.model,
+            self.reconstructor.model(),
         )?;
         self.latest = Some(observation);
         Ok(report)
@@ -532,7 +532,7 @@ impl<'a> Explorer<'a> {
     }
 
     fn tell(&mut self, event: Event<'_>) -> Result<(), Error> {
-        self.watcher.event(event, &self.reconstructor.model)
+        self.watcher.event(event, self.reconstructor.model())
     }
 
     fn done(&self, stop: Stop, topology: Topology) -> State {

@@ -6,9 +6,8 @@
 //! | step of the method | module |
 //! |---|---|
 //! | a world: camera, table, arms (simulated, recorded, real) | [`cell`] |
-//! | register, track, grow: the stages and their seams | [`stages`] |
-//! | one frame of reconstruction | [`reconstruct`] |
-//! | the model: merge, refine, close loops, cut, topology, mesh | [`canonical`] |
+//! | the elastic body from frame to frame, growth, re-fusion | [`reconstruct`] |
+//! | the model: cut, topology, mesh | [`canonical`] |
 //! | what the camera can see of it | [`visibility`] |
 //! | grips and motions | [`plan`] |
 //! | the loop as a state machine | [`explore`] |
@@ -36,7 +35,7 @@
 //!     reconstructor.process(&observation, &cell.info().table)?;
 //! }
 //! // The upper half is known, so the surface is one piece and still open.
-//! let topology = topology::analyse(&reconstructor.model, spacing)?;
+//! let topology = topology::analyse(reconstructor.model(), spacing)?;
 //! assert!(!topology.is_closed());
 //! assert_eq!(topology.persistent[0], 1);
 //! # Ok::<(), Box<dyn std::error::Error>>(())
@@ -49,14 +48,12 @@ pub use nalgebra;
 pub mod canonical;
 pub mod cell;
 mod error;
-mod evidence;
 pub mod explore;
 pub mod measure;
 pub mod plan;
 pub mod reconstruct;
 pub mod report;
 mod set_down;
-pub mod stages;
 pub mod visibility;
 
 pub use error::Error;

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod among;
+pub mod body;
 mod columns;
 mod compliance;
 mod consistency;

@@ -7,18 +7,14 @@
 //! | file | question |
 //! |---|---|
 //! | [`graph`] | who is a neighbour of whom on the surface? |
-//! | [`merge`] | which points of a new frame extend the model, and where do they lie at rest? |
-//! | [`closure`] | the strips met behind the object: how is the mismatch spread? |
 //! | [`cut`] | which edges glue places that only touched? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
 
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
-pub mod closure;
 pub mod cut;
 pub mod graph;
-pub mod merge;
 pub mod surface;
 pub mod topology;
 
@@ -121,6 +117,31 @@ impl CanonicalModel {
             .filter(|[a, b]| *a != u32::MAX && *b != u32::MAX)
             .collect();
         stays
+    }
+
+    /// A model of other vertices that takes over identities, history and cuts: each vertex with the index of the one whose material it
+    /// is, if any, those in ascending order and the new ones behind them.
+    pub(crate) fn inherited(
+        &self,
+        vertices: &[(NewVertex, Option<usize>)],
+        frame: u32,
+    ) -> Self {
+        let mut heir = Self {
+            cuts: self.cuts.clone(),
+            next_id: self.next_id,
+            ..Self::default()
+        };
+        for (vertex, from) in vertices {
+            heir.push(*vertex, frame);
+            if let (Some(from), Some(at)) = (*from, heir.len().checked_sub(1)) {
+                heir.next_id -= 1;
+                heir.ids[at] = self.ids[from];
+                heir.born[at] = self.born[from];
+                heir.last_seen[at] = self.last_seen[from];
+                heir.times_seen[at] = self.times_seen[from];
+            }
+        }
+        heir
     }
 
     /// Mean of the live positions, or the origin when empty.

@@ -5,7 +5,7 @@ use crate::reconstruct::FrameReport;
 use std::fmt::Write;
 
 /// Header of the file.
-pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,closed,residual_mm,overlap,seen_error_mm,hidden_error_mm,registration_ms,frame_ms,failure\n";
+pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,registration_ms,frame_ms,failure\n";
 
 /// Mean of the errors of the vertices that `seen` marks (or of the others), in mm; empty when there is none.
 fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
@@ -36,7 +36,7 @@ pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[
         model.len(),
         report.measured.iter().filter(|m| **m).count(),
         report.added,
-        report.closed,
+        report.fused,
         report.residual * 1e3,
         report.overlap,
         mean_mm(errors, &report.measured, true),

@@ -42,7 +42,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         log.lines.push_str(&frames::line(
             observation.stamp,
             &report,
-            &reconstructor.model,
+            reconstructor.model(),
             &errors,
         ));
         if args
@@ -51,23 +51,23 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         {
             out.picture(
                 &format!("rest_{:04}.png", report.frame),
-                &reconstructor.model,
+                reconstructor.model(),
                 spacing,
             )?;
             out.live_picture(
                 &format!("live_{:04}.png", report.frame),
-                &reconstructor.model,
+                reconstructor.model(),
                 spacing,
             )?;
         }
-        bar.set_message(format!("{} vertices", reconstructor.model.len()));
+        bar.set_message(format!("{} vertices", reconstructor.model().len()));
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let topology = topology::analyse(&reconstructor.model, spacing)?;
+    let topology = topology::analyse(reconstructor.model(), spacing)?;
     let shape = truth
         .as_ref()
-        .map(|t| t.measurer.shape(&reconstructor.model, spacing));
+        .map(|t| t.measurer.shape(reconstructor.model(), spacing));
     let prediction = truth.as_ref().and_then(Truth::prediction);
     let metrics = metrics(
         args,
@@ -81,7 +81,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     );
     out.frames(&log.lines)?;
     out.metrics(&metrics)?;
-    out.model(&reconstructor.model, spacing)?;
+    out.model(reconstructor.model(), spacing)?;
     print(&metrics, log.failures)?;
     Ok(true)
 }
@@ -135,13 +135,13 @@ impl Truth {
             vertices: now.points.clone(),
             triangles,
         };
-        self.measurer.anchor(&reconstructor.model, &surface)?;
+        self.measurer.anchor(reconstructor.model(), &surface)?;
         self.errors.extend(self.measurer.prediction_error(
-            &reconstructor.model,
+            reconstructor.model(),
             measured,
             &surface,
         ));
-        Ok(self.measurer.live_errors(&reconstructor.model, &surface))
+        Ok(self.measurer.live_errors(reconstructor.model(), &surface))
     }
 
     fn prediction(&self) -> Option<f64> {
@@ -185,7 +185,7 @@ fn metrics(
         frames: log.frames.len(),
         registration_ms: Timing::of(&log.registration),
         frame_ms: Timing::of(&log.frames),
-        vertices: reconstructor.model.len(),
+        vertices: reconstructor.model().len(),
         robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
         wall_s: started.elapsed().as_secs_f64(),
     }

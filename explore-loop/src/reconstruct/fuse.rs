@@ -1,0 +1,336 @@
+//! Re-fusion: the rest shape from all keyframes together.
+//!
+//! ```text
+//! samples   every point of every keyframe, carried to rest; weight facing² · (first view 10, at rest 3) · (rim 0.2)
+//! vertex    start at the heaviest free sample; along its normal, the window of ± 2.5 mm that holds most weight: mean place, mean
+//!           normal; three times. Refused where another vertex of the sheet is near, or before or behind
+//! evidence  a vertex through which keyframes look, or that sticks out of their outline, goes; so do small pieces
+//! ```
+//! The window, not the mean: one view that was tracked out of place makes a second peak, not a compromise. What is the same
+//! material as an old vertex keeps its identity and history.
+
+use super::keyframe::Keyframe;
+use super::matching::Posed;
+use super::track::{Track, cell_tree, to_rest};
+use crate::canonical::{NewVertex, graph, surface};
+use crate::cell::Plane;
+use crate::visibility::{behind_arm, facing};
+use kiddo::ImmutableKdTree;
+use nalgebra::{Point3, UnitVector3, Vector3};
+use std::collections::BTreeMap;
+
+/// Weights of a sample.
+const FIRST: f64 = 10.0;
+const AT_REST: f64 = 3.0;
+const RIM: f64 = 0.2;
+/// Least facing of a sample, and how far outside of the lattice it may lie, in cells.
+const FACING: f64 = 0.25;
+const OUTSIDE: f64 = 0.3;
+/// Half the height of the window, metres.
+const WINDOW: f64 = 0.0025;
+/// Most samples looked at for one vertex.
+const SAMPLES: usize = 160;
+/// Fewest keyframes that a vertex needs, unless its weight is as much as [`SURE`].
+const KEYFRAMES: u32 = 2;
+const SURE: f64 = 3.0;
+/// Deepest a vertex may lie under the table, metres.
+const SUNK: f64 = 0.004;
+/// Evidence below which a vertex goes.
+const REFUTED: f64 = -1.5;
+
+/// A point of a keyframe at rest.
+struct Sample {
+    place: Point3<f64>,
+    normal: UnitVector3<f64>,
+    weight: f64,
+    keyframe: usize,
+}
+
+/// A vertex of the fused shape.
+#[derive(Clone, Copy)]
+struct Fused {
+    place: Point3<f64>,
+    normal: UnitVector3<f64>,
+    /// Weight of the samples behind it.
+    weight: f64,
+}
+
+/// Fuses the rest shape of a track anew.
+pub(crate) fn refuse(track: &mut Track, table: &Plane, spacing: f64) {
+    track.keyframes.extend(track.body.lattice());
+    let samples = samples(track);
+    let fused = fuse(&samples, table, spacing);
+    if fused.len() < super::view::FEWEST {
+        return;
+    }
+    adopt(track, &fused, spacing);
+    let keep = supported(track, spacing);
+    track.retain(&keep);
+    track.settle_edges(spacing);
+    track.pose();
+}
+
+/// All points of all keyframes at rest.
+fn samples(track: &Track) -> Vec<Sample> {
+    let lattice = track.body.lattice();
+    let mut samples = Vec::new();
+    for (k, keyframe) in track.keyframes.all().iter().enumerate() {
+        let first = keyframe.frame == 0;
+        let trust = match (first, keyframe.at_rest) {
+            (true, _) => FIRST,
+            (_, true) => AT_REST,
+            _ => 1.0,
+        };
+        let cells = cell_tree(lattice, &keyframe.pose.live);
+        let view = &keyframe.view;
+        for (i, point) in view.points.iter().enumerate() {
+            let turned = facing(point, &view.normals[i]);
+            if turned < FACING {
+                continue;
+            }
+            let Some(at) = to_rest(lattice, &keyframe.pose, point, &cells)
+                .filter(|at| at.outside <= OUTSIDE)
+            else {
+                continue;
+            };
+            let normal = at.gradient.transpose() * view.normals[i].into_inner();
+            samples.push(Sample {
+                place: at.position,
+                normal: UnitVector3::new_normalize(normal),
+                weight: turned * turned * trust * if view.rim[i] { RIM } else { 1.0 },
+                keyframe: k,
+            });
+        }
+    }
+    samples
+}
+
+/// Vertices at a spacing from the samples, heaviest first.
+fn fuse(samples: &[Sample], table: &Plane, spacing: f64) -> Vec<Fused> {
+    let places: Vec<Point3<f64>> = samples.iter().map(|s| s.place).collect();
+    let Some(tree) = graph::tree(&places) else {
+        return Vec::new();
+    };
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    order.sort_by(|a, b| {
+        let heavier = samples[*b].weight.total_cmp(&samples[*a].weight);
+        heavier.then(a.cmp(b))
+    });
+    let mut shape = Shape::new(spacing);
+    for start in order {
+        let sample = &samples[start];
+        if shape.clashes(&sample.place, &sample.normal) {
+            continue;
+        }
+        let Some((vertex, keyframes)) = peak(sample, samples, &tree, spacing) else {
+            continue;
+        };
+        let unsure = keyframes < KEYFRAMES && vertex.weight < SURE;
+        let clashes = shape.clashes(&vertex.place, &vertex.normal);
+        if clashes || unsure || table.height(&vertex.place) < -SUNK {
+            continue;
+        }
+        shape.add(vertex);
+    }
+    shape.vertices
+}
+
+/// The heaviest window along the normal, found three times; and from how many keyframes it comes.
+fn peak(
+    start: &Sample,
+    samples: &[Sample],
+    tree: &ImmutableKdTree<f64, 3>,
+    spacing: f64,
+) -> Option<(Fused, u32)> {
+    let mut vertex = Fused {
+        place: start.place,
+        normal: start.normal,
+        weight: 0.0,
+    };
+    let mut keyframes = 0_u64;
+    for _ in 0..3 {
+        let near: Vec<(f64, &Sample)> = graph::near(tree, &vertex.place, 2.2 * spacing, SAMPLES)
+            .into_iter()
+            .map(|(j, _)| &samples[j])
+            .filter(|s| s.normal.dot(&vertex.normal) > 0.5)
+            .filter_map(|s| {
+                let offset = s.place - vertex.place;
+                let beside = surface::aside(&vertex.normal, &offset) < 0.9 * spacing;
+                beside.then(|| (vertex.normal.dot(&offset), s))
+            })
+            .collect();
+        let mut best = (0.0, 0.0);
+        for (height, _) in &near {
+            let within = near.iter().filter(|n| (n.0 - height).abs() < WINDOW);
+            let weight: f64 = within.map(|n| n.1.weight).sum();
+            if weight > best.0 {
+                best = (weight, *height);
+            }
+        }
+        let (mut height, mut normal) = (0.0, Vector3::zeros());
+        (vertex.weight, keyframes) = (0.0, 0);
+        for (h, s) in near.iter().filter(|n| (n.0 - best.1).abs() < WINDOW) {
+            height += h * s.weight;
+            normal += s.normal.into_inner() * s.weight;
+            vertex.weight += s.weight;
+            keyframes |= 1 << (s.keyframe % 64);
+        }
+        if vertex.weight <= 0.0 {
+            return None;
+        }
+        vertex.place += vertex.normal.into_inner() * (height / vertex.weight);
+        vertex.normal = UnitVector3::try_new(normal, 1e-9)?;
+    }
+    Some((vertex, keyframes.count_ones()))
+}
+
+/// Vertices so far, in bins of three spacings.
+struct Shape {
+    spacing: f64,
+    vertices: Vec<Fused>,
+    bins: BTreeMap<[i32; 3], Vec<usize>>,
+}
+
+impl Shape {
+    fn new(spacing: f64) -> Self {
+        Self {
+            spacing,
+            vertices: Vec::new(),
+            bins: BTreeMap::new(),
+        }
+    }
+
+    fn bin(&self, p: &Point3<f64>) -> [i32; 3] {
+        [p.x, p.y, p.z].map(|x| (x / (3.0 * self.spacing)).floor() as i32)
+    }
+
+    fn add(&mut self, vertex: Fused) {
+        let bin = self.bin(&vertex.place);
+        self.bins.entry(bin).or_default().push(self.vertices.len());
+        self.vertices.push(vertex);
+    }
+
+    /// Whether a vertex of the same sheet is near, or right before or behind.
+    fn clashes(&self, place: &Point3<f64>, normal: &UnitVector3<f64>) -> bool {
+        let eps = self.spacing;
+        let [x, y, z] = self.bin(place);
+        let offsets = (0..27).map(|k| [x + k % 3 - 1, y + k / 3 % 3 - 1, z + k / 9 - 1]);
+        offsets
+            .filter_map(|bin| self.bins.get(&bin))
+            .flatten()
+            .any(|&j| {
+                let other = &self.vertices[j];
+                let agree = other.normal.dot(normal);
+                let offset = other.place - place;
+                agree > 0.2
+                    && (offset.norm() < 0.85 * eps
+                        || (agree > 0.5
+                            && surface::aside(normal, &offset) < 0.75 * eps
+                            && normal.dot(&offset).abs() < 3.0 * eps))
+            })
+    }
+}
+
+/// Puts the fused vertices into the model; the nearest old vertex of the same sheet hands on its identity and history.
+fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
+    let old = std::mem::take(&mut track.model);
+    let tree = graph::tree(&old.rest);
+    let heir = |vertex: &Fused| -> Option<usize> {
+        let near = graph::near(tree.as_ref()?, &vertex.place, 0.6 * spacing, 8);
+        let same = |i: usize| old.rest_normals[i].dot(&vertex.normal) > 0.3;
+        near.into_iter().map(|(i, _)| i).find(|i| same(*i))
+    };
+    let mut taken = vec![false; old.len()];
+    let mut heirs: Vec<(usize, Option<usize>)> = Vec::with_capacity(fused.len());
+    for (k, vertex) in fused.iter().enumerate() {
+        let from = heir(vertex).filter(|&i| !std::mem::replace(&mut taken[i], true));
+        heirs.push((k, from));
+    }
+    // Identities ascend along the model: heirs in their order, then the new ones.
+    heirs.sort_by_key(|(k, from)| (from.map_or(usize::MAX, |i| i), *k));
+    let order: Vec<(NewVertex, Option<usize>)> = heirs
+        .into_iter()
+        .map(|(k, from)| {
+            let vertex = NewVertex {
+                rest: fused[k].place,
+                rest_normal: fused[k].normal,
+                live: fused[k].place,
+                rotation: nalgebra::Matrix3::identity(),
+            };
+            (vertex, from)
+        })
+        .collect();
+    track.model = old.inherited(&order, track.frame());
+    track.embeddings = (0..track.model.len())
+        .map(|i| {
+            let rest = track.model.rest[i];
+            track.embed(&rest)
+        })
+        .collect();
+    track.seen = vec![false; track.model.len()];
+}
+
+/// Which vertices the keyframes do not refute, without small pieces.
+fn supported(track: &Track, spacing: f64) -> Vec<bool> {
+    let mut evidence = vec![0.0_f64; track.model.len()];
+    for keyframe in track.keyframes.all() {
+        weigh_evidence(track, keyframe, spacing, &mut evidence);
+    }
+    let pieces = pieces(track, spacing);
+    let most = pieces.sizes.iter().copied().max().unwrap_or(0);
+    (0..track.model.len())
+        .map(|i| evidence[i] > REFUTED && pieces.sizes[pieces.of[i]] * 8 > most)
+        .collect()
+}
+
+/// What a keyframe says of every vertex: seen where it lies, looked through, or outside of the outline.
+fn weigh_evidence(track: &Track, keyframe: &Keyframe, spacing: f64, evidence: &mut [f64]) {
+    let lattice = track.body.lattice();
+    let mut pose = keyframe.pose.clone();
+    pose.extend(lattice);
+    let posed = Posed::new(&track.model, &track.embeddings, lattice, &pose);
+    let depth = &keyframe.view.depth;
+    for (i, at) in posed.points.iter().enumerate() {
+        let hidden_by_arm = || {
+            let holds = |a: &crate::cell::ArmState| behind_arm(at, &a.camera_from_tip, 3.0 * spacing);
+            keyframe.arms.iter().any(holds)
+        };
+        evidence[i] += match depth.depth(at) {
+            Some(d) if d - at.z > 1.5 * spacing => -1.0,
+            Some(d) if (d - at.z).abs() < 0.6 * spacing && facing(at, &posed.normals[i]) > 0.3 => 1.0,
+            None if !hidden_by_arm() && depth.nearest_seen(at, 0.012).is_none() => -1.0,
+            _ => 0.0,
+        };
+    }
+}
+
+/// Connected pieces of the surface.
+struct Pieces {
+    of: Vec<usize>,
+    sizes: Vec<usize>,
+}
+
+fn pieces(track: &Track, spacing: f64) -> Pieces {
+    let edges = graph::surface_edges(&track.model, spacing);
+    let neighbours = graph::adjacency(track.model.len(), &edges);
+    let mut of = vec![usize::MAX; track.model.len()];
+    let mut sizes = Vec::new();
+    for start in 0..of.len() {
+        if of[start] != usize::MAX {
+            continue;
+        }
+        let (mut stack, mut size) = (vec![start], 0);
+        of[start] = sizes.len();
+        while let Some(i) = stack.pop() {
+            size += 1;
+            for &j in &neighbours[i] {
+                if of[j as usize] == usize::MAX {
+                    of[j as usize] = sizes.len();
+                    stack.push(j as usize);
+                }
+            }
+        }
+        sizes.push(size);
+    }
+    Pieces { of, sizes }
+}

@@ -1,0 +1,156 @@
+//! Which point of the cloud each visible vertex meets, and how much that counts.
+//!
+//! ```text
+//! meets    the nearest point whose normal agrees, within the gate
+//! costs    (n · (x − q))² / σ²,        n halfway between the two normals
+//! counts   Tukey (1 − r²/c²)²₊, less where the cloud ends or the vertex is young
+//! ```
+//! Gate and Tukey's constant shrink from the first step of a frame to its last.
+
+use super::view::FrameView;
+use crate::canonical::{CanonicalModel, graph};
+use crate::visibility::{Sight, facing};
+use nalgebra::{Point3, UnitVector3};
+use topo_ekf::body::{Embedding, Lattice, Pose, Progress, Row};
+
+/// Standard deviation of a matched point, metres.
+const SIGMA: f64 = 0.001;
+/// Least cosine between the normals of a match.
+const AGREE: f64 = 0.5;
+/// Weight of a match where the seen surface ends.
+const RIM: f64 = 0.1;
+/// Weight of a vertex seen in fewer than [`YOUNG`] frames.
+const YOUNG_WEIGHT: f64 = 0.3;
+const YOUNG: u32 = 3;
+/// Points of the cloud that are tried for a match.
+const TRIED: usize = 6;
+
+/// How far matches reach in a step, metres.
+#[derive(Clone, Copy)]
+pub(crate) struct Gates {
+    pub gate: f64,
+    pub tukey: f64,
+}
+
+impl Gates {
+    /// From the first step of a frame to its last; wider where the body may have fallen.
+    pub fn at(progress: Progress) -> Self {
+        let t = progress.share;
+        let (gate, tukey) = if progress.released {
+            (0.035, 0.025)
+        } else {
+            (0.020, 0.012)
+        };
+        Self {
+            gate: gate * (1.0 - t) + 0.008 * t,
+            tukey: tukey * (1.0 - t) + 0.005 * t,
+        }
+    }
+
+    /// For judging a finished frame.
+    pub const JUDGE: Self = Self {
+        gate: 0.008,
+        tukey: 0.006,
+    };
+    /// For judging a prediction that has seen no data.
+    pub const PREDICTION: Self = Self {
+        gate: 0.020,
+        tukey: 0.050,
+    };
+}
+
+/// A vertex and the point it meets.
+#[derive(Clone, Copy)]
+pub(crate) struct Match {
+    pub vertex: usize,
+    pub point: usize,
+    pub normal: UnitVector3<f64>,
+    /// Signed distance along the normal, metres.
+    pub residual: f64,
+    /// Distance across it, metres.
+    pub aside: f64,
+    pub weight: f64,
+}
+
+/// The live surface as it is posed at one step.
+pub(crate) struct Posed {
+    pub points: Vec<Point3<f64>>,
+    pub normals: Vec<UnitVector3<f64>>,
+}
+
+impl Posed {
+    pub fn new(
+        model: &CanonicalModel,
+        embeddings: &[Embedding],
+        lattice: &Lattice,
+        pose: &Pose,
+    ) -> Self {
+        Self {
+            points: embeddings
+                .iter()
+                .map(|at| pose.position(lattice, at))
+                .collect(),
+            normals: embeddings
+                .iter()
+                .zip(&model.rest_normals)
+                .map(|(at, n)| pose.normal(lattice, at, n))
+                .collect(),
+        }
+    }
+}
+
+/// Matches of all visible vertices.
+pub(crate) fn matches(
+    posed: &Posed,
+    times_seen: &[u32],
+    view: &FrameView,
+    gates: Gates,
+    min_facing: f64,
+    spacing: f64,
+) -> Vec<Match> {
+    let weight = SIGMA.powi(-2);
+    let mut found = Vec::with_capacity(posed.points.len());
+    for (i, (at, normal)) in posed.points.iter().zip(&posed.normals).enumerate() {
+        if facing(at, normal) < min_facing {
+            continue;
+        }
+        let sight = view.depth.sight(at, f64::INFINITY, 3.0 * spacing);
+        if matches!(sight, Sight::Occluded | Sight::NoData) {
+            continue;
+        }
+        let near = graph::near(&view.tree, at, gates.gate, TRIED);
+        let Some((k, _)) = near
+            .into_iter()
+            .find(|(k, _)| view.normals[*k].dot(normal) > AGREE)
+        else {
+            continue;
+        };
+        let across = UnitVector3::new_normalize(view.normals[k].into_inner() + normal.into_inner());
+        let offset = at - view.points[k];
+        let residual = across.dot(&offset);
+        let relative = residual / gates.tukey;
+        let share = (1.0 - relative * relative).max(0.0);
+        let rim = if view.rim[k] { RIM } else { 1.0 };
+        let young = if times_seen[i] < YOUNG { YOUNG_WEIGHT } else { 1.0 };
+        let counts = weight * share * share * rim * young;
+        if counts > 0.0 {
+            found.push(Match {
+                vertex: i,
+                point: k,
+                normal: across,
+                residual,
+                aside: (offset - across.into_inner() * residual).norm(),
+                weight: counts,
+            });
+        }
+    }
+    found
+}
+
+/// Matches as rows on the body.
+pub(crate) fn rows(found: &[Match], embeddings: &[Embedding], view: &FrameView) -> Vec<Row> {
+    found
+        .iter()
+        .map(|m| Row::along(embeddings[m.vertex], view.points[m.point], m.normal, m.weight))
+        .collect()
+}

@@ -1,0 +1,275 @@
+//! The canonical model from a stream of frames (METHOD §5, §7).
+//!
+//! ```text
+//! cloud ─► view ─► body from rest to frame ─► judge ─► grow at rest ─► keyframes ─► at rest: fuse all of them anew
+//! ```
+//! The object is an elastic body on a table. Every frame bends it, always from its rest shape, until it meets the cloud; what the
+//! cloud shows beyond the known surface is carried back to rest and extends it; whenever the object has come to rest, and before it is
+//! gripped again, the rest shape is fused anew from all keyframes.
+//!
+//! | file | question |
+//! |---|---|
+//! | `view` | what does the frame show? |
+//! | `matching` | which point does each vertex meet? |
+//! | `track` | where is the body now? |
+//! | `grow` | which points extend it, and where do they lie at rest? |
+//! | `keyframe` | which frames are kept? |
+//! | `fuse` | what do all of them say of the rest shape? |
+
+use crate::Error;
+use crate::canonical::CanonicalModel;
+use crate::cell::{Observation, Plane};
+use crate::visibility::{DepthGrid, Sight, facing};
+use std::sync::Arc;
+use std::time::Instant;
+use topo_ekf::body::BodyOptions;
+use track::{Fill, Track};
+use view::FrameView;
+
+mod fuse;
+mod grow;
+mod keyframe;
+mod matching;
+mod track;
+mod view;
+
+/// Settings of the reconstruction; the defaults follow from the spacing.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ReconstructOptions {
+    /// Spacing ε of the model, metres.
+    pub spacing: f64,
+    /// Edge of the cells that carry the body, metres.
+    pub cell: f64,
+    /// Vertices within this distance of a tip when its jaw closes move with it, metres.
+    pub grip_radius: f64,
+    /// Least cosine between normal and camera for a vertex to be matched.
+    pub min_facing: f64,
+    /// Mean motion a frame below which the object rests, metres.
+    pub rest_motion: f64,
+    /// Mean motion between keyframes, metres.
+    pub keyframe_motion: f64,
+    /// The elastic body.
+    pub body: BodyOptions,
+}
+
+impl ReconstructOptions {
+    /// Defaults at a spacing.
+    pub fn new(spacing: f64) -> Self {
+        Self {
+            spacing,
+            cell: 0.016,
+            grip_radius: 0.010,
+            min_facing: 0.12,
+            rest_motion: 0.0006,
+            keyframe_motion: 0.012,
+            body: BodyOptions::default(),
+        }
+    }
+}
+
+/// What happened in a frame.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FrameReport {
+    /// Number of the frame, from 0.
+    pub frame: u32,
+    /// Vertices measured in it.
+    pub measured: Vec<bool>,
+    /// Vertices added.
+    pub added: usize,
+    /// Whether the rest shape was fused anew.
+    pub fused: bool,
+    /// Edges cut because they glued places that only touched.
+    pub cut: usize,
+    /// Mean distance of the measured vertices from the cloud along the normals, metres.
+    pub residual: f64,
+    /// Share of the vertices facing the camera that were measured.
+    pub overlap: f64,
+    /// Why the frame was not used, if so.
+    pub failure: Option<String>,
+    /// Time to bring the body to the frame, ms.
+    pub registration_ms: f64,
+    /// Time of the whole frame, re-fusion left out, ms.
+    pub frame_ms: f64,
+    /// Time of the re-fusion, ms.
+    pub fusion_ms: f64,
+}
+
+/// Frames of rest after which the shape is fused.
+const STILL: usize = 3;
+/// Residual above which the body counts as lost in this frame, metres, and the least share of it that must be seen.
+const LOST: f64 = 0.004;
+const LOST_SHARE: f64 = 0.3;
+
+/// Builds the canonical model frame by frame.
+pub struct Reconstructor {
+    options: ReconstructOptions,
+    empty: CanonicalModel,
+    track: Option<Track>,
+    first: Option<DepthGrid>,
+    frame: u32,
+    /// Whether the body was held since the shape was last fused.
+    handled: bool,
+    free: bool,
+}
+
+impl Reconstructor {
+    /// With our stages.
+    ///
+    /// # Errors
+    /// A spacing that is not positive and finite.
+    pub fn new(options: ReconstructOptions) -> Result<Self, Error> {
+        let spacing = options.spacing;
+        if !(spacing.is_finite() && spacing > 0.0) {
+            return Err(Error::BadSpacing { spacing });
+        }
+        Ok(Self {
+            options,
+            empty: CanonicalModel::default(),
+            track: None,
+            first: None,
+            frame: 0,
+            handled: false,
+            free: true,
+        })
+    }
+
+    /// The model so far.
+    pub fn model(&self) -> &CanonicalModel {
+        self.track.as_ref().map_or(&self.empty, |t| &t.model)
+    }
+
+    /// Weight over stiffness `ρ g / E` of the object, 1/m, and its standard deviation, once something was tracked.
+    pub fn weight_over_stiffness(&self) -> Option<(f64, f64)> {
+        let body = &self.track.as_ref()?.body;
+        Some((
+            body.weight_over_stiffness(),
+            body.weight_over_stiffness_sigma(),
+        ))
+    }
+
+    /// Takes one frame.
+    ///
+    /// # Errors
+    /// A stage refuses its input.
+    pub fn process(
+        &mut self,
+        observation: &Observation,
+        table: &Plane,
+    ) -> Result<FrameReport, Error> {
+        let start = Instant::now();
+        let view = FrameView::new(observation, self.options.spacing)?;
+        let mut report = FrameReport {
+            frame: self.frame,
+            ..FrameReport::default()
+        };
+        match (view, self.track.take()) {
+            (Some(view), None) => {
+                let track = self.begin(view, observation, table)?;
+                report.added = track.model.len();
+                report.measured = track.seen.clone();
+                self.track = Some(track);
+            }
+            (Some(view), Some(mut track)) => {
+                let outcome = self.follow(&mut track, view, observation, table, &mut report);
+                self.track = Some(track);
+                outcome?;
+            }
+            (None, track) => {
+                let points = observation.points.len();
+                report.failure = Some(format!("only {points} points of the object in view"));
+                report.measured = vec![false; track.as_ref().map_or(0, |t| t.model.len())];
+                self.track = track;
+            }
+        }
+        self.frame += 1;
+        report.frame_ms = start.elapsed().as_secs_f64() * 1e3 - report.fusion_ms;
+        Ok(report)
+    }
+
+    /// Vertices that the camera can see now, judged by the model alone (for planning).
+    pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
+        let spacing = self.options.spacing;
+        let grid = DepthGrid::new(&observation.points, 0.6 * spacing);
+        let model = self.model();
+        (0..model.len())
+            .map(|i| {
+                let seen = grid
+                    .as_ref()
+                    .map(|g| g.sight(&model.live[i], 2.0 * spacing, 2.0 * spacing));
+                facing(&model.live[i], &model.live_normal(i)) > 0.1
+                    && matches!(seen, Some(Sight::Supported { .. }))
+            })
+            .collect()
+    }
+
+    /// The first frame.
+    fn begin(
+        &mut self,
+        view: FrameView,
+        observation: &Observation,
+        table: &Plane,
+    ) -> Result<Track, Error> {
+        let mut track = Track::begin(&view, table, &self.options, Fill { inner: 1.0 })?;
+        self.first = Some(view.depth.clone());
+        track.keep_keyframe(Arc::new(view), &observation.arms, true);
+        track.take_grips(&observation.arms, self.options.grip_radius);
+        Ok(track)
+    }
+
+    /// Every later frame.
+    fn follow(
+        &mut self,
+        track: &mut Track,
+        view: FrameView,
+        observation: &Observation,
+        table: &Plane,
+        report: &mut FrameReport,
+    ) -> Result<(), Error> {
+        let options = &self.options;
+        let started = Instant::now();
+        track.follow(&view, &observation.arms, options)?;
+        report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
+        report.residual = track.residual;
+        report.overlap = track.share;
+        if track.residual > LOST || track.share < LOST_SHARE {
+            report.failure = Some(format!(
+                "lost: {:.1} mm off, {:.0} % of what should be seen is",
+                1e3 * track.residual,
+                100.0 * track.share
+            ));
+        }
+        if let Some(first) = &self.first
+            && track.fits()
+            && !track.body.is_falling()
+        {
+            for vertex in grow::grown(track, &view, &track.seen, first, table, options.spacing) {
+                track.push(vertex);
+                report.added += 1;
+            }
+            if report.added > 0 {
+                track.settle_edges(options.spacing);
+            }
+        }
+        let takes_hold = track.takes_hold(&observation.arms);
+        let rests = track.still == STILL;
+        let view = Arc::new(view);
+        let travelled = track.keyframes.travel(track.moved);
+        let moved_on = track.fits() && !track.body.is_falling() && travelled > options.keyframe_motion;
+        if rests || (track.still < STILL && moved_on) {
+            track.keep_keyframe(Arc::clone(&view), &observation.arms, track.still >= STILL);
+        }
+        if self.handled && (rests || (takes_hold && self.free)) && track.keyframes.all().len() > 3 {
+            let started = Instant::now();
+            fuse::refuse(track, table, options.spacing);
+            report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
+            report.fused = true;
+            self.handled = false;
+        }
+        track.take_grips(&observation.arms, options.grip_radius);
+        self.free = !track.is_held();
+        self.handled |= track.is_held();
+        report.measured.clone_from(&track.seen);
+        Ok(())
+    }
+}

@@ -1,0 +1,367 @@
+//! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
+
+use super::ReconstructOptions;
+use super::keyframe::{Keyframe, Keyframes};
+use super::matching::{Gates, Match, Posed, matches, rows};
+use super::view::FrameView;
+use crate::Error;
+use crate::canonical::{CanonicalModel, NewVertex, graph};
+use crate::cell::{ArmState, Plane};
+use crate::visibility::{Sight, facing};
+use kiddo::ImmutableKdTree;
+use std::sync::Arc;
+use nalgebra::{Point3, Rotation3, UnitVector3};
+use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Lattice};
+
+/// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
+const SEEN: f64 = 0.0025;
+const SEEN_ASIDE: f64 = 1.2;
+/// Frames between two looks at the weight while something is held.
+const WEIGH_EVERY: u32 = 4;
+/// Cells whose inverse map is tried for a point.
+const CELLS_TRIED: usize = 24;
+/// Fewest vertices a jaw is taken to hold.
+const LEAST_HELD: usize = 4;
+
+/// How the column under each point of the first view is filled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Fill {
+    /// Stiffness and mass below the surface cells, relative to full ones.
+    pub inner: f64,
+}
+
+/// A jaw that holds the body: places in the material and where they are in the frame of the tip.
+type Grip = Vec<(Embedding, Point3<f64>)>;
+
+/// One hypothesis.
+pub(crate) struct Track {
+    pub model: CanonicalModel,
+    pub body: BodyFilter,
+    /// Where each vertex lies in the lattice.
+    pub embeddings: Vec<Embedding>,
+    pub keyframes: Keyframes,
+    /// Vertices measured in the last frame.
+    pub seen: Vec<bool>,
+    /// Mean distance along the normals of the matches, metres.
+    pub residual: f64,
+    /// Share of the vertices that face the camera and are seen.
+    pub share: f64,
+    /// Mean distance of the data from what grips, table and weight predicted, metres; `None` when nothing is held.
+    pub innovation: Option<f64>,
+    /// Mean move of the nodes in the last frame, metres.
+    pub moved: f64,
+    /// Frames in a row without motion and without grips.
+    pub still: usize,
+    /// Steps of the filter in the last frame.
+    pub solves: usize,
+    grips: Vec<Option<Grip>>,
+    frame: u32,
+}
+
+impl Track {
+    /// The first frame: rest is where things are now.
+    pub fn begin(
+        view: &FrameView,
+        table: &Plane,
+        options: &ReconstructOptions,
+        fill: Fill,
+    ) -> Result<Self, Error> {
+        let lattice = filled(view, table, options.cell, fill);
+        let plane = topo_ekf::Plane {
+            normal: table.normal,
+            offset: table.offset,
+        };
+        let body = BodyFilter::new(lattice, plane, &options.body)?;
+        let mut track = Self {
+            model: CanonicalModel::default(),
+            body,
+            embeddings: Vec::new(),
+            keyframes: Keyframes::default(),
+            seen: Vec::new(),
+            residual: 0.0,
+            share: 1.0,
+            innovation: None,
+            moved: 0.0,
+            still: 0,
+            solves: 0,
+            grips: Vec::new(),
+            frame: 0,
+        };
+        // Poisson-disc thinning keeps the spacing even where the voxel grid does not.
+        let apart = 0.85 * options.spacing;
+        let mut taken: Vec<Point3<f64>> = Vec::new();
+        for (point, normal) in view.points.iter().zip(&view.normals) {
+            if facing(point, normal) < 0.2 || taken.iter().any(|t| (t - point).norm() < apart) {
+                continue;
+            }
+            taken.push(*point);
+            track.push(NewVertex {
+                rest: *point,
+                rest_normal: *normal,
+                live: *point,
+                rotation: nalgebra::Matrix3::identity(),
+            });
+        }
+        track.model.edges = graph::surface_edges(&track.model, options.spacing);
+        track.seen = vec![true; track.model.len()];
+        Ok(track)
+    }
+
+    /// Adds a vertex and the cell it lies in.
+    pub fn push(&mut self, vertex: NewVertex) {
+        let at = self.embed(&vertex.rest);
+        self.model.push(vertex, self.frame);
+        self.embeddings.push(at);
+        self.seen.push(true);
+    }
+
+    /// Where a place at rest lies; a full cell is made there if there is none.
+    pub fn embed(&mut self, rest: &Point3<f64>) -> Embedding {
+        let (place, xi) = self.body.lattice().locate(rest);
+        Embedding::new(self.body.ensure_full(place), xi)
+    }
+
+    /// Moves the body to a frame and judges the fit.
+    pub fn follow(
+        &mut self,
+        view: &FrameView,
+        arms: &[ArmState],
+        options: &ReconstructOptions,
+    ) -> Result<(), Error> {
+        let grips = self.grips_now(arms);
+        let (model, embeddings) = (&self.model, &self.embeddings);
+        let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
+            let posed = Posed::new(model, embeddings, lattice, pose);
+            let facing = options.min_facing;
+            matches(&posed, &model.times_seen, view, gates, facing, options.spacing)
+        };
+        let mut innovation = None;
+        let frame = BodyFrame {
+            grips: &grips,
+            surface: embeddings,
+        };
+        let report = self.body.step(
+            &frame,
+            &mut |lattice, pose, progress| {
+                rows(&look(lattice, pose, Gates::at(progress)), embeddings, view)
+            },
+            &mut |lattice, pose| {
+                innovation = Some(mean_residual(&look(lattice, pose, Gates::PREDICTION)));
+            },
+        )?;
+        let found = look(self.body.lattice(), self.body.pose(), Gates::JUDGE);
+        self.innovation = innovation;
+        self.solves = report.solves;
+        self.moved = report.moved;
+        self.pose();
+        self.judge(&found, view, options.spacing);
+        let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
+        self.still = if rests { self.still + 1 } else { 0 };
+        if self.frame.is_multiple_of(WEIGH_EVERY) && self.share > 0.6 && self.residual < 0.002 {
+            let seen: Vec<(Embedding, UnitVector3<f64>)> = (0..self.model.len())
+                .filter(|&i| self.seen[i])
+                .map(|i| (self.embeddings[i], self.model.live_normal(i)))
+                .collect();
+            let frame = BodyFrame {
+                grips: &grips,
+                surface: &self.embeddings,
+            };
+            self.body.weigh(&frame, &seen)?;
+        }
+        self.frame += 1;
+        Ok(())
+    }
+
+    /// Live positions and rotations of the vertices from the body's pose.
+    pub fn pose(&mut self) {
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        for (i, at) in self.embeddings.iter().enumerate() {
+            self.model.live[i] = pose.position(lattice, at);
+            let normal = pose.normal(lattice, at, &self.model.rest_normals[i]);
+            let turn = pose.turns[at.cell as usize];
+            // The rotation that carries the rest normal to the live one and is otherwise the cell's.
+            let correction = Rotation3::rotation_between(&(turn * self.model.rest_normals[i]), &normal)
+                .unwrap_or_else(Rotation3::identity);
+            self.model.rotations[i] = *(correction * turn).matrix();
+        }
+    }
+
+    /// Which vertices this frame measured, and how well the whole fits.
+    fn judge(&mut self, found: &[Match], view: &FrameView, spacing: f64) {
+        self.seen = vec![false; self.model.len()];
+        for m in found {
+            self.seen[m.vertex] = m.residual.abs() < SEEN && m.aside < SEEN_ASIDE * spacing;
+        }
+        self.residual = mean_residual(found);
+        let visible = (0..self.model.len()).filter(|&i| {
+            let at = &self.model.live[i];
+            facing(at, &self.model.live_normal(i)) > 0.3
+                && !matches!(
+                    view.depth.sight(at, f64::INFINITY, 3.0 * spacing),
+                    Sight::Occluded
+                )
+        });
+        let count = self.seen.iter().filter(|s| **s).count();
+        self.share = count as f64 / visible.count().max(1) as f64;
+        for (i, seen) in self.seen.iter().enumerate() {
+            if *seen {
+                self.model.last_seen[i] = self.frame;
+                self.model.times_seen[i] += 1;
+            }
+        }
+    }
+
+    /// Whether the frame fits well enough to learn from.
+    pub fn fits(&self) -> bool {
+        self.residual < 0.0012 && self.share > 0.75
+    }
+
+    /// Held places and where the tips have carried them.
+    pub fn grips_now(&self, arms: &[ArmState]) -> Vec<(Embedding, Point3<f64>)> {
+        let mut held = Vec::new();
+        for (arm, grip) in arms.iter().zip(&self.grips) {
+            if let Some(grip) = grip.as_ref().filter(|_| arm.holding) {
+                held.extend(grip.iter().map(|(at, place)| (*at, arm.camera_from_tip * place)));
+            }
+        }
+        held
+    }
+
+    /// Notes which arms hold what, for the next frame.
+    pub fn take_grips(&mut self, arms: &[ArmState], radius: f64) {
+        self.grips.resize_with(arms.len(), || None);
+        for (k, arm) in arms.iter().enumerate() {
+            if !arm.holding {
+                self.grips[k] = None;
+            } else if self.grips[k].is_none() {
+                let tip = Point3::from(arm.camera_from_tip.translation.vector);
+                let mut near: Vec<(f64, usize)> = self
+                    .model
+                    .live
+                    .iter()
+                    .enumerate()
+                    .map(|(i, p)| ((p - tip).norm(), i))
+                    .collect();
+                near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+                let within = near.iter().filter(|n| n.0 < radius).count();
+                let tip_from_camera = arm.camera_from_tip.inverse();
+                let grip = near[..within.max(LEAST_HELD).min(near.len())]
+                    .iter()
+                    .map(|&(_, i)| (self.embeddings[i], tip_from_camera * self.model.live[i]))
+                    .collect();
+                self.grips[k] = Some(grip);
+            }
+        }
+    }
+
+    /// Whether an arm has just taken hold: its grip is not known yet.
+    pub fn takes_hold(&self, arms: &[ArmState]) -> bool {
+        let unknown = |k: usize| self.grips.get(k).is_none_or(Option::is_none);
+        arms.iter().enumerate().any(|(k, a)| a.holding && unknown(k))
+    }
+
+    /// Whether some arm holds the body, as far as is known.
+    pub fn is_held(&self) -> bool {
+        self.grips.iter().any(Option::is_some)
+    }
+
+    /// Number of the next frame.
+    pub fn frame(&self) -> u32 {
+        self.frame
+    }
+
+    /// Search tree over the centres of the cells now.
+    pub fn cell_tree(&self) -> Option<ImmutableKdTree<f64, 3>> {
+        cell_tree(self.body.lattice(), &self.body.pose().live)
+    }
+
+    /// Carries a live point to rest.
+    pub fn to_rest(
+        &self,
+        point: &Point3<f64>,
+        cells: &Option<ImmutableKdTree<f64, 3>>,
+    ) -> Option<AtRest> {
+        to_rest(self.body.lattice(), self.body.pose(), point, cells)
+    }
+}
+
+/// Search tree over the centres of all cells in a pose.
+pub(crate) fn cell_tree(
+    lattice: &Lattice,
+    live: &[Point3<f64>],
+) -> Option<ImmutableKdTree<f64, 3>> {
+    let centres: Vec<Point3<f64>> = (0..lattice.cells().len() as u32)
+        .map(|c| lattice.centre(live, c))
+        .collect();
+    graph::tree(&centres)
+}
+
+/// Carries a live point to rest through the nearest cells that are stiff enough to be trusted.
+pub(crate) fn to_rest(
+    lattice: &Lattice,
+    pose: &topo_ekf::body::Pose,
+    point: &Point3<f64>,
+    cells: &Option<ImmutableKdTree<f64, 3>>,
+) -> Option<AtRest> {
+    let near = graph::near(cells.as_ref()?, point, 3.0 * lattice.size(), CELLS_TRIED);
+    let firm = near
+        .into_iter()
+        .map(|(c, _)| c as u32)
+        .filter(|&c| lattice.cells()[c as usize].stiffness >= 0.5);
+    pose.inverse(lattice, point, firm)
+}
+
+fn mean_residual(found: &[Match]) -> f64 {
+    let sum: f64 = found.iter().map(|m| m.residual.abs()).sum();
+    sum / found.len().max(1) as f64
+}
+
+/// Cells from every point of the first view down to the table.
+fn filled(view: &FrameView, table: &Plane, size: f64, fill: Fill) -> Lattice {
+    let normal = table.normal;
+    let (u, v) = crate::canonical::surface::tangents(&normal);
+    let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
+    let axes = Rotation3::from_matrix_unchecked(matrix);
+    let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
+    let centre = Point3::from(sum / view.points.len().max(1) as f64);
+    let origin = centre - normal.into_inner() * table.height(&centre);
+    let mut lattice = Lattice::new(size, origin, axes);
+    for point in &view.points {
+        let (place, _) = lattice.locate(point);
+        for k in 0..=place[2].max(0) {
+            let fresh = lattice.cell_at([place[0], place[1], k]).is_none();
+            let cell = lattice.ensure([place[0], place[1], k]);
+            if k >= place[2] {
+                lattice.set_fill(cell, 1.0, 1.0);
+            } else if fresh {
+                lattice.set_fill(cell, fill.inner, fill.inner);
+            }
+        }
+    }
+    lattice
+}
+
+impl Track {
+    /// Keeps a frame for re-fusion.
+    pub fn keep_keyframe(&mut self, view: Arc<FrameView>, arms: &[ArmState], at_rest: bool) {
+        self.keyframes.keep(Keyframe {
+            view,
+            pose: self.body.pose().clone(),
+            arms: arms.to_vec(),
+            at_rest,
+            frame: self.frame,
+        });
+    }
+
+    /// Keeps the vertices marked.
+    pub fn retain(&mut self, keep: &[bool]) {
+        let stays = self.model.retain(keep);
+        self.embeddings = stays.iter().map(|&i| self.embeddings[i as usize]).collect();
+        self.seen = stays.iter().map(|&i| self.seen[i as usize]).collect();
+    }
+
+    /// The surface graph of the vertices as they are.
+    pub fn settle_edges(&mut self, spacing: f64) {
+        self.model.edges = graph::surface_edges(&self.model, spacing);
+    }
+}

@@ -1,0 +1,59 @@
+//! What a frame shows, made ready once: points, normals, search tree, depth image.
+
+use crate::Error;
+use crate::canonical::graph;
+use crate::cell::Observation;
+use crate::visibility::DepthGrid;
+use kiddo::ImmutableKdTree;
+use nalgebra::{Point3, UnitVector3};
+
+/// Fewest points that make a frame.
+pub(crate) const FEWEST: usize = 20;
+/// Neighbours that a normal is fitted to.
+const NORMAL_NEIGHBOURS: usize = 16;
+/// Neighbours that decide whether the seen surface ends at a point, and the angle they leave open there, radians.
+const RIM_NEIGHBOURS: usize = 16;
+const RIM_ANGLE: f64 = 1.9;
+
+/// The cloud of a frame: thinned to half a spacing, with normals.
+pub(crate) struct FrameView {
+    pub points: Vec<Point3<f64>>,
+    pub normals: Vec<UnitVector3<f64>>,
+    /// Where the seen surface ends.
+    pub rim: Vec<bool>,
+    /// Depth image of the whole cloud.
+    pub depth: DepthGrid,
+    pub tree: ImmutableKdTree<f64, 3>,
+}
+
+impl FrameView {
+    /// Of an observation; `None` when it shows too little of the object.
+    pub fn new(observation: &Observation, spacing: f64) -> Result<Option<Self>, Error> {
+        let finite = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite());
+        let points: Vec<Point3<f64>> = observation.points.iter().filter(finite).copied().collect();
+        if points.len() < FEWEST {
+            return Ok(None);
+        }
+        let Some(depth) = DepthGrid::new(&points, 0.6 * spacing) else {
+            return Ok(None);
+        };
+        let normals =
+            nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &Point3::origin())?;
+        let thin = nonrigid_reg::voxel_downsample(&points, &normals, 0.5 * spacing)?;
+        let cloud = nonrigid_reg::Cloud {
+            points: &thin.points,
+            normals: &thin.normals,
+        };
+        let rim = nonrigid_reg::boundary_points(&cloud, RIM_NEIGHBOURS, RIM_ANGLE)?;
+        let Some(tree) = graph::tree(&thin.points).filter(|_| thin.points.len() >= FEWEST) else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            points: thin.points,
+            normals: thin.normals,
+            rim,
+            depth,
+            tree,
+        }))
+    }
+}

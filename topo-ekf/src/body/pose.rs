@@ -1,0 +1,180 @@
+//! Where the body is now: live nodes and the rotation of every cell, forward and inverse map.
+
+use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
+
+use super::lattice::{Embedding, Lattice};
+use crate::rotation::nearest_rotation;
+
+/// Newton steps of the inverse map.
+const INVERSE_STEPS: usize = 5;
+/// Farthest a point may lie outside of a cell for the inverse map, in cells.
+const OUTSIDE: f64 = 0.8;
+/// Cells whose neighbourhood carries a new node along.
+const CARRIERS: usize = 4;
+
+/// The nodes of a [`Lattice`] at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Pose {
+    /// Live positions of the nodes.
+    pub live: Vec<Point3<f64>>,
+    /// Rotation from rest to live of every cell.
+    pub turns: Vec<Rotation3<f64>>,
+}
+
+/// A live point carried back to rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AtRest {
+    /// Rest position.
+    pub position: Point3<f64>,
+    /// Gradient of the deformation there, rest to live.
+    pub gradient: Matrix3<f64>,
+    /// The cell whose map was used.
+    pub cell: u32,
+    /// How far outside of that cell the point lies, in cells.
+    pub outside: f64,
+}
+
+impl Pose {
+    /// The body at rest.
+    pub fn at_rest(lattice: &Lattice) -> Self {
+        Self {
+            live: lattice.rest().to_vec(),
+            turns: vec![Rotation3::identity(); lattice.cells().len()],
+        }
+    }
+
+    /// Fits the rotation of every cell to its corners: the polar factor of the gradient at its centre.
+    pub fn fit_turns(&mut self, lattice: &Lattice) {
+        self.turns.resize(lattice.cells().len(), Rotation3::identity());
+        for (cell, turn) in self.turns.iter_mut().enumerate() {
+            let gradient = lattice.gradient(&self.live, cell as u32, &[0.5; 3]);
+            *turn = nearest_rotation(&gradient, turn);
+        }
+    }
+
+    /// Adds the nodes and cells that the lattice has gained: carried along rigidly by the nearest cells.
+    pub fn extend(&mut self, lattice: &Lattice) {
+        if self.live.len() == lattice.rest().len() && self.turns.len() == lattice.cells().len() {
+            return;
+        }
+        let known = self.live.len();
+        let carriers: Vec<u32> = (0..lattice.cells().len() as u32)
+            .filter(|&c| {
+                let nodes = &lattice.cells()[c as usize].nodes;
+                nodes.iter().all(|&n| (n as usize) < known)
+            })
+            .collect();
+        let frames: Vec<(Point3<f64>, Point3<f64>, Rotation3<f64>)> = carriers
+            .iter()
+            .map(|&c| {
+                let gradient = lattice.gradient(&self.live, c, &[0.5; 3]);
+                (
+                    lattice.rest_centre(c),
+                    lattice.centre(&self.live, c),
+                    nearest_rotation(&gradient, &Rotation3::identity()),
+                )
+            })
+            .collect();
+        for node in known..lattice.rest().len() {
+            self.live.push(carried(&lattice.rest()[node], &frames));
+        }
+        self.fit_turns(lattice);
+    }
+
+    /// Live position of an embedded point.
+    pub fn position(&self, lattice: &Lattice, at: &Embedding) -> Point3<f64> {
+        lattice.warp(&self.live, at)
+    }
+
+    /// Live normal of an embedded point: `F⁻ᵀ n`, normalised; where the map is folded, the cell's rotation of `n`.
+    pub fn normal(
+        &self,
+        lattice: &Lattice,
+        at: &Embedding,
+        rest_normal: &UnitVector3<f64>,
+    ) -> UnitVector3<f64> {
+        let gradient = lattice.gradient(&self.live, at.cell, &at.xi);
+        let cofactor = gradient
+            .try_inverse()
+            .filter(|_| gradient.determinant() > 0.05)
+            .map_or(*self.turns[at.cell as usize].matrix(), |i| i.transpose());
+        UnitVector3::new_normalize(cofactor * rest_normal.into_inner())
+    }
+
+    /// Carries a live point back to rest through the best of the candidate cells; nothing if it lies farther outside of all
+    /// than 0.8 cells.
+    pub fn inverse(
+        &self,
+        lattice: &Lattice,
+        point: &Point3<f64>,
+        candidates: impl Iterator<Item = u32>,
+    ) -> Option<AtRest> {
+        let mut best: Option<(f64, u32, [f64; 3])> = None;
+        for cell in candidates {
+            let xi = self.invert_in(lattice, cell, point);
+            let outside = xi
+                .iter()
+                .map(|v| (-v).max(v - 1.0).max(0.0))
+                .fold(0.0, f64::max);
+            if best.is_none_or(|b| outside < b.0) {
+                best = Some((outside, cell, xi));
+            }
+            if outside < 1e-6 {
+                break;
+            }
+        }
+        let (outside, cell, xi) = best.filter(|b| b.0 <= OUTSIDE)?;
+        Some(AtRest {
+            position: lattice.rest_at(lattice.cells()[cell as usize].place, xi),
+            gradient: lattice.gradient(&self.live, cell, &xi.map(|v| v.clamp(0.0, 1.0))),
+            cell,
+            outside,
+        })
+    }
+
+    /// Local coordinates of a live point in a cell, by damped Newton steps.
+    fn invert_in(&self, lattice: &Lattice, cell: u32, point: &Point3<f64>) -> [f64; 3] {
+        let axes = self.turns[cell as usize] * lattice.axes();
+        let offset = point - lattice.centre(&self.live, cell);
+        let start = axes.inverse() * offset / lattice.size();
+        let mut xi = [0.5 + start.x, 0.5 + start.y, 0.5 + start.z];
+        for _ in 0..INVERSE_STEPS {
+            let held = xi.map(|v| v.clamp(-OUTSIDE, 1.0 + OUTSIDE));
+            let miss = point - lattice.warp(&self.live, &Embedding::new(cell, held));
+            let jacobian =
+                lattice.gradient(&self.live, cell, &held) * lattice.axes().matrix() * lattice.size();
+            let Some(inverse) = jacobian.try_inverse() else {
+                break;
+            };
+            let step = inverse * miss;
+            xi = [0, 1, 2].map(|a| held[a] + step[a].clamp(-0.6, 0.6));
+        }
+        xi
+    }
+}
+
+/// A rest point moved along with the nearest of some rigid frames (rest centre, live centre, rotation).
+fn carried(
+    rest: &Point3<f64>,
+    frames: &[(Point3<f64>, Point3<f64>, Rotation3<f64>)],
+) -> Point3<f64> {
+    let mut near: Vec<(f64, usize)> = frames
+        .iter()
+        .enumerate()
+        .map(|(k, frame)| ((frame.0 - rest).norm_squared(), k))
+        .collect();
+    if near.is_empty() {
+        return *rest;
+    }
+    let most = CARRIERS.min(near.len());
+    near.select_nth_unstable_by(most - 1, |a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let (mut sum, mut total) = (Vector3::zeros(), 0.0);
+    for &(squared, k) in &near[..most] {
+        let weight = 1.0 / (squared + 1e-8);
+        let (rest_centre, centre, turn) = &frames[k];
+        sum += (centre + turn * (rest - rest_centre)).coords * weight;
+        total += weight;
+    }
+    Point3::from(sum / total)
+}
+
