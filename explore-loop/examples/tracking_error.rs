@@ -68,6 +68,7 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
         .with_stick_sigma(option("STICK", b.stick_sigma))
         .with_friction(option("MU", b.friction))
         .with_contact_sigma(option("CONTACT", b.contact_sigma))
+        .with_touch(option("TOUCH", b.touch))
         .with_steps(option("STEPS", b.steps as f64) as usize)
         .with_presteps(option("PRE", b.presteps as f64) as usize)
         .with_release_steps(option("RSTEPS", b.release_steps as f64) as usize)
@@ -100,6 +101,25 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
         format!("m2t {:.2}/{:.1} far {:.1}%", mean(&a), p95(&a), 100.0 * b.iter().filter(|d| **d > 0.005).count() as f64 / b.len() as f64)
     };
     writeln!(out, "== {session}")?;
+    if std::env::var("INFO").is_ok() {
+        let table = cell.info().table;
+        let mut heights = vec![];
+        let mut volume = 0.0;
+        for t in &truth.triangles {
+            let [a, b, c] = t.map(|i| truth.vertices[i as usize]);
+            let n = (b - a).cross(&(c - a));
+            volume += a.coords.dot(&b.coords.cross(&c.coords)) / 6.0;
+            if n.normalize().dot(&table.normal) < -0.1 {
+                heights.push(table.height(&a));
+            }
+        }
+        heights.sort_by(f64::total_cmp);
+        let q = |k: f64| 1e3 * heights[((heights.len() - 1) as f64 * k) as usize];
+        let top: Vec<f64> = truth.vertices.iter().map(|p| 1e3 * table.height(p)).collect();
+        let size = truth.size();
+        writeln!(out, "  size {:.0} mm volume {:.0} cm3 area {:.0} cm2 top {:.0} mm; bottom heights 10% {:.1} 50% {:.1} 75% {:.1} 90% {:.1} 98% {:.1}; triangles {}", 1e3 * size, 1e6 * volume, 1e4 * truth.area(), top.iter().copied().fold(0.0, f64::max), q(0.1), q(0.5), q(0.75), q(0.9), q(0.98), truth.triangles.len())?;
+        return Ok(());
+    }
     loop {
         let observation = match cell.observe() {
             Ok(o) => o,

@@ -26,6 +26,7 @@ use topo_ekf::body::BodyOptions;
 use track::{Fill, Track};
 use view::FrameView;
 
+mod fill;
 mod fuse;
 mod grow;
 mod keyframe;

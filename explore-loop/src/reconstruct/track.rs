@@ -1,6 +1,7 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
 use super::ReconstructOptions;
+use super::fill::{self, Columns};
 use super::keyframe::{Keyframe, Keyframes};
 use super::matching::{Gates, Match, Posed, matches, rows};
 use super::view::FrameView;
@@ -9,9 +10,10 @@ use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
 use kiddo::ImmutableKdTree;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use nalgebra::{Point3, Rotation3, UnitVector3};
-use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Lattice};
+use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Foot, Lattice};
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
 const SEEN: f64 = 0.0025;
@@ -66,12 +68,13 @@ impl Track {
         options: &ReconstructOptions,
         fill: Fill,
     ) -> Result<Self, Error> {
-        let lattice = filled(view, table, options.cell, fill);
+        let (lattice, feet) = filled(view, table, options, fill);
         let plane = topo_ekf::Plane {
             normal: table.normal,
             offset: table.offset,
         };
-        let body = BodyFilter::new(lattice, plane, &options.body)?;
+        let mut body = BodyFilter::new(lattice, plane, &options.body)?;
+        body.set_feet(feet);
         let mut track = Self {
             model: CanonicalModel::default(),
             body,
@@ -118,7 +121,7 @@ impl Track {
     /// Where a place at rest lies; a full cell is made there if there is none.
     pub fn embed(&mut self, rest: &Point3<f64>) -> Embedding {
         let (place, xi) = self.body.lattice().locate(rest);
-        Embedding::new(self.body.ensure_full(place), xi)
+        Embedding::new(self.body.ensure(place, fill::LEAST), xi)
     }
 
     /// Moves the body to a frame and judges the fit.
@@ -307,7 +310,7 @@ pub(crate) fn to_rest(
     let firm = near
         .into_iter()
         .map(|(c, _)| c as u32)
-        .filter(|&c| lattice.cells()[c as usize].stiffness >= 0.5);
+        .filter(|&c| lattice.cells()[c as usize].stiffness >= 0.05);
     pose.inverse(lattice, point, firm)
 }
 
@@ -316,8 +319,13 @@ fn mean_residual(found: &[Match]) -> f64 {
     sum / found.len().max(1) as f64
 }
 
-/// Cells from every point of the first view down to the table.
-fn filled(view: &FrameView, table: &Plane, size: f64, fill: Fill) -> Lattice {
+/// Cells under the first view, filled as far as material is taken to be in them, and where they stand.
+fn filled(
+    view: &FrameView,
+    table: &Plane,
+    options: &ReconstructOptions,
+    fill: Fill,
+) -> (Lattice, Vec<Foot>) {
     let normal = table.normal;
     let (u, v) = crate::canonical::surface::tangents(&normal);
     let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
@@ -325,20 +333,21 @@ fn filled(view: &FrameView, table: &Plane, size: f64, fill: Fill) -> Lattice {
     let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
     let centre = Point3::from(sum / view.points.len().max(1) as f64);
     let origin = centre - normal.into_inner() * table.height(&centre);
-    let mut lattice = Lattice::new(size, origin, axes);
-    for point in &view.points {
-        let (place, _) = lattice.locate(point);
-        for k in 0..=place[2].max(0) {
-            let fresh = lattice.cell_at([place[0], place[1], k]).is_none();
-            let cell = lattice.ensure([place[0], place[1], k]);
-            if k >= place[2] {
-                lattice.set_fill(cell, 1.0, 1.0);
-            } else if fresh {
-                lattice.set_fill(cell, fill.inner, fill.inner);
-            }
+    let mut lattice = Lattice::new(options.cell, origin, axes);
+    let columns = Columns::under(view, &lattice, options.spacing);
+    let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
+    for place in columns.places().union(&surface) {
+        let share = columns.fill(*place);
+        let on_surface = surface.contains(place);
+        if share < 0.02 && !on_surface {
+            continue;
         }
+        let cell = lattice.ensure(*place);
+        let share = share.max(fill::LEAST) * if on_surface { 1.0 } else { fill.inner };
+        lattice.set_fill(cell, share, share);
     }
-    lattice
+    let feet = columns.feet(&lattice);
+    (lattice, feet)
 }
 
 impl Track {

@@ -15,7 +15,7 @@ use super::elastic::{Acting, Elastic, Row};
 use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
-use super::weight::{Feet, WeightEstimate, loads};
+use super::weight::{Foot, WeightEstimate, loads};
 use crate::Error;
 use crate::observation::Plane;
 
@@ -55,8 +55,7 @@ pub struct BodyFilter {
     pose: Pose,
     velocity: Vec<Vector3<f64>>,
     table: Plane,
-    feet: Feet,
-    standing: Option<std::collections::BTreeSet<u32>>,
+    feet: Vec<Foot>,
     elastic: Option<Elastic>,
     weight: WeightEstimate,
     /// Frames since the last release, down to 0.
@@ -75,7 +74,7 @@ impl BodyFilter {
         if lattice.cells().is_empty() {
             return Err(Error::NoVertices);
         }
-        let feet = Feet::new(&lattice, |_| true);
+        let feet = Foot::under_columns(&lattice);
         Ok(Self {
             pose: Pose::at_rest(&lattice),
             velocity: vec![Vector3::zeros(); lattice.rest().len()],
@@ -84,7 +83,6 @@ impl BodyFilter {
             lattice,
             table,
             feet,
-            standing: None,
             elastic: None,
             falling: 0,
             held: false,
@@ -122,35 +120,38 @@ impl BodyFilter {
         self.falling > 0
     }
 
-    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along; the columns that
-    /// stand on the table are found anew.
+    /// The cell at a place, made if there is none; its fill is at least `fill`, since surface was seen in it.
+    pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
+        let known = self.lattice.cell_at(place);
+        let mut cell = known.unwrap_or_default();
+        if known.is_none() {
+            self.edit(|lattice| {
+                cell = lattice.ensure(place);
+                lattice.set_fill(cell, fill, fill);
+            });
+        }
+        let own = &self.lattice.cells()[cell as usize];
+        let (stiffness, mass) = (own.stiffness.max(fill), own.mass.max(fill));
+        self.lattice.set_fill(cell, stiffness, mass);
+        cell
+    }
+
+    /// Says where the body stands on the table at rest; until then the middle of every cell at the table does.
+    pub fn set_feet(&mut self, feet: Vec<Foot>) {
+        self.feet = feet;
+    }
+
+    /// Where the body stands on the table at rest.
+    pub fn feet(&self) -> &[Foot] {
+        &self.feet
+    }
+
+    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along.
     pub fn edit(&mut self, change: impl FnOnce(&mut Lattice)) {
         change(&mut self.lattice);
         self.pose.extend(&self.lattice);
         self.velocity
             .resize(self.lattice.rest().len(), Vector3::zeros());
-        let standing = &self.standing;
-        self.feet = Feet::new(&self.lattice, |c| {
-            standing.as_ref().is_none_or(|s| s.contains(&c))
-        });
-    }
-
-    /// The cell at a place, made if there is none, as full material: surface has been seen in it.
-    pub fn ensure_full(&mut self, place: [i32; 3]) -> u32 {
-        let known = self.lattice.cell_at(place);
-        let cell = self.lattice.ensure(place);
-        let full = |c: &super::lattice::Cell| c.stiffness >= 1.0 && c.mass >= 1.0;
-        if known.is_some() && full(&self.lattice.cells()[cell as usize]) {
-            return cell;
-        }
-        self.edit(|lattice| lattice.set_fill(cell, 1.0, 1.0));
-        cell
-    }
-
-    /// Says which columns stand on the table, where it is known: the others only bear what the surface in them touches.
-    pub fn set_standing(&mut self, stands: Option<std::collections::BTreeSet<u32>>) {
-        self.standing = stands;
-        self.edit(|_| {});
     }
 
     /// One frame. `observe` is asked before every step for the rows that the data make of the present pose; `innovation` is called once on
@@ -308,9 +309,8 @@ impl BodyFilter {
         for at in setting.frame.surface {
             self.touch_one(at, setting.before, 0.25 * stick, rows);
         }
-        for &(_, cell, corner) in &self.feet.nodes {
-            let xi = super::cube::CORNERS[corner].map(f64::from);
-            self.touch_one(&Embedding::new(cell, xi), setting.before, stick, rows);
+        for foot in &self.feet {
+            self.touch_one(&foot.at, setting.before, stick, rows);
         }
     }
 

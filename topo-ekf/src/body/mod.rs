@@ -22,3 +22,4 @@ pub use filter::{BodyFilter, BodyFrame, BodyReport, Progress};
 pub use lattice::{Cell, Embedding, Lattice};
 pub use options::BodyOptions;
 pub use pose::{AtRest, Pose};
+pub use weight::Foot;

@@ -20,7 +20,7 @@ pub struct BodyOptions {
     pub poisson_ratio: f64,
     /// Standard deviation of where a node is expected, metres a frame.
     pub motion_sigma: f64,
-    /// Share of the last frame's motion that is expected to go on. Default 0.5.
+    /// Share of the last frame's motion that is expected to go on. Default 0.8.
     pub momentum: f64,
     /// Standard deviation of a gripped point, metres.
     pub grip_sigma: f64,
@@ -56,18 +56,18 @@ impl Default for BodyOptions {
         Self {
             stiffness: 4.9e7,
             poisson_ratio: 0.4,
-            motion_sigma: 0.01,
-            momentum: 0.5,
+            motion_sigma: 0.02,
+            momentum: 0.8,
             grip_sigma: 0.001,
             contact_sigma: 0.5e-3,
-            stick_sigma: 0.001,
-            friction: f64::INFINITY,
-            touch: 0.004,
+            stick_sigma: 0.5e-3,
+            friction: 3.0,
+            touch: 0.002,
             steps: 4,
             presteps: 2,
             release_steps: 10,
             release_frames: 12,
-            release_stiffness: 30.0,
+            release_stiffness: 10.0,
             tolerance: 3e-4,
             initial_weight: 0.7,
             initial_weight_sigma: 0.5,

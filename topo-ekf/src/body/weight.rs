@@ -3,37 +3,32 @@
 //! ```text
 //! at rest      internal + m g + r₀ = 0                     the rest shape carries its weight and the table's reaction r₀
 //! turned       internal turns with the material: R(−m g − r₀)
-//! load         f = m g − R m g − R r₀                      on cells:  m (g − R_c g),   on the feet:  R_c M g   (r₀ = −M g)
+//! load         f = m g − R m g − R r₀                      on cells:  m (g − R_c g),   at the feet:  R_c M g   (r₀ = −M g)
 //! ```
-//! `M` is the mass of the column above a foot, so that over the whole body `Σ f = Σ m g`: a lifted body bears its full weight, one that lies as
+//! `M` is the mass that a foot bears, so that over the whole body `Σ f = Σ m g`: a lifted body bears its full weight, one that lies as
 //! it lay bears none. The table's reaction now is what the contact rows push. Forces are in units of the energy:
 //! `stiffness · h³ · γ` is the weight of a full cell, `γ = ρ g / E` in 1/m.
 
 use nalgebra::Vector3;
 
-use super::lattice::Lattice;
+use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 
-/// Cells that stand on the table, each with the mass of what it carries in full cells.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Feet {
-    pub columns: Vec<(u32, f64)>,
-    /// Nodes at the table at rest: the lower corners of the feet, each with the cell and corner that embeds it.
-    pub nodes: Vec<(u32, u32, usize)>,
+/// A place of the body that stands on the table at rest.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Foot {
+    /// Where it is in the material.
+    pub at: Embedding,
+    /// What it bears at rest, in full cells.
+    pub load: f64,
 }
 
-/// Lower corners of a cell.
-const LOWER: [usize; 4] = [0, 1, 2, 3];
-
-impl Feet {
-    /// Columns whose lowest cell with mass stands on the table and that `stands` admits; every column's mass is spread over them in
-    /// proportion to what they carry.
-    pub fn new(lattice: &Lattice, stands: impl Fn(u32) -> bool) -> Self {
+impl Foot {
+    /// Feet of a lattice of which nothing better is known: the middle of the lower face of every cell that stands on the table, bearing the
+    /// column above it. What other columns weigh is spread over them in proportion.
+    pub fn under_columns(lattice: &Lattice) -> Vec<Self> {
         let mut columns = std::collections::BTreeMap::<[i32; 2], (i32, u32, f64)>::new();
         for (c, cell) in lattice.cells().iter().enumerate() {
-            if cell.mass <= 0.0 || cell.place[2] < 0 {
-                continue;
-            }
             let key = [cell.place[0], cell.place[1]];
             let column = columns.entry(key).or_insert((cell.place[2], c as u32, 0.0));
             if cell.place[2] < column.0 {
@@ -41,25 +36,21 @@ impl Feet {
             }
             column.2 += cell.mass;
         }
-        let total: f64 = columns.values().map(|c| c.2).sum();
-        let stand = |c: &&(i32, u32, f64)| c.0 == 0 && stands(c.1);
-        let under: f64 = columns.values().filter(stand).map(|c| c.2).sum();
-        let feet: Vec<(u32, f64)> = columns
-            .values()
-            .filter(stand)
-            .map(|c| (c.1, c.2 * total / under.max(f64::MIN_POSITIVE)))
-            .collect();
-        let mut nodes = std::collections::BTreeMap::new();
-        for &(c, _) in &feet {
-            for k in LOWER {
-                let node = lattice.cells()[c as usize].nodes[k];
-                nodes.entry(node).or_insert((node, c, k));
-            }
+        let feet = columns.values().filter(|c| c.0 == 0).map(|c| Self {
+            at: Embedding::new(c.1, [0.5, 0.5, 0.0]),
+            load: c.2,
+        });
+        Self::bearing_all(feet.collect(), lattice)
+    }
+
+    /// Scales the loads so that together they are the mass of the lattice.
+    pub fn bearing_all(mut feet: Vec<Self>, lattice: &Lattice) -> Vec<Self> {
+        let total: f64 = lattice.cells().iter().map(|c| c.mass).sum();
+        let under: f64 = feet.iter().map(|f| f.load).sum();
+        for foot in &mut feet {
+            foot.load *= total / under.max(f64::MIN_POSITIVE);
         }
-        Self {
-            columns: feet,
-            nodes: nodes.into_values().collect(),
-        }
+        feet
     }
 }
 
@@ -67,7 +58,7 @@ impl Feet {
 pub(crate) fn loads(
     lattice: &Lattice,
     pose: &Pose,
-    feet: &Feet,
+    feet: &[Foot],
     cell_weight: f64,
     down: &Vector3<f64>,
 ) -> Vec<Vector3<f64>> {
@@ -78,10 +69,11 @@ pub(crate) fn loads(
             forces[node as usize] += share;
         }
     }
-    for &(c, mass) in &feet.columns {
-        let share = pose.turns[c as usize] * down * (mass * cell_weight / 4.0);
-        for k in LOWER {
-            forces[lattice.cells()[c as usize].nodes[k] as usize] += share;
+    for foot in feet {
+        let cell = foot.at.cell as usize;
+        let push = pose.turns[cell] * down * (foot.load * cell_weight);
+        for (&node, weight) in lattice.cells()[cell].nodes.iter().zip(foot.at.weights) {
+            forces[node as usize] += push * weight;
         }
     }
     forces
