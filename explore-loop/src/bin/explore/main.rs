@@ -71,6 +71,9 @@ struct RunArgs {
     /// Also write a picture of the model after every manipulation
     #[arg(long)]
     pictures: bool,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
 }
 
 #[derive(Debug, clap::Args)]
@@ -86,6 +89,12 @@ struct ReplayArgs {
     /// Also write a picture of the model every N frames
     #[arg(long, value_name = "N")]
     pictures: Option<u32>,
+    /// Stop this long after the first frame, seconds
+    #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
+    until: Option<f64>,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
 }
 
 fn positive(text: &str) -> Result<f64, String> {
