@@ -6,14 +6,24 @@ use nalgebra::Point3;
 
 impl TrueSurface {
     /// A surface through the points of a true surface whose triangles were not recorded: normals by principal components,
-    /// oriented alike over the nearest neighbours from the point nearest to the camera on, then local triangulation.
+    /// oriented alike over the nearest neighbours from the point nearest to the camera on, local triangulation, and whatever that
+    /// leaves open filled with triangles of least area.
+    ///
+    /// **Guarantees**: no edge has more than two triangles, and they turn the same way.
+    ///
+    /// **Limits**: the points must lie denser than the surface bends, and denser than its parts are apart. Whether the result is
+    /// closed, [`MeshReport`](super::MeshReport) says.
     ///
     /// # Errors
     /// Fewer than four points, or points no surface can be laid through.
     pub fn from_points(points: &[Point3<f64>]) -> Result<Self, MeasureError> {
         let normals = consistent_normals(points)?;
-        let triangles =
+        let mut triangles =
             crate::canonical::surface::triangulate(points, &normals, 1.6 * median_spacing(points));
+        super::gaps::close(points, &mut triangles);
+        if triangles.is_empty() {
+            return Err(no_surface(points.len(), "no triangle fits"));
+        }
         Ok(Self {
             vertices: points.to_vec(),
             triangles,

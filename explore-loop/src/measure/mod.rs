@@ -40,9 +40,11 @@
 //! | `tracking` | do the vertices follow the material? |
 //! | `truth` | the true surface |
 //! | `from_points` | a closed surface through the points of a truth that was recorded without triangles |
+//! | `gaps` | triangles for what is left open |
 
 mod doubled;
 mod from_points;
+mod gaps;
 mod mesh_report;
 mod sampling;
 mod shape;
