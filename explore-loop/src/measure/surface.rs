@@ -4,7 +4,7 @@ use super::{MeasureError, Sampling};
 use nalgebra::{Point3, UnitVector3, Vector3};
 use parry3d_f64::bounding_volume::Aabb;
 use parry3d_f64::math::Vector as ParryVector;
-use parry3d_f64::query::PointQueryWithLocation;
+use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
 use parry3d_f64::shape::TriMesh;
 
 /// Triangles with less than this area, m², are not measured: they have no normal (edges under a thousandth of a millimetre).
@@ -42,6 +42,8 @@ pub struct Crossing {
     pub along: f64,
     /// Cosine between the line's direction and the surface's normal there.
     pub facing: f64,
+    /// Normal of the surface there.
+    pub normal: UnitVector3<f64>,
 }
 
 /// The nearest place on a surface.
@@ -151,6 +153,34 @@ impl Surface {
         }
     }
 
+    /// The point nearest to `point` among the triangles whose normals make a cosine of more than `facing` with `normal`, if there is one
+    /// within `reach`.
+    pub(super) fn nearest_facing(
+        &self,
+        point: &Point3<f64>,
+        normal: &UnitVector3<f64>,
+        facing: f64,
+        reach: f64,
+    ) -> Option<Point3<f64>> {
+        let around = Vector3::repeat(reach);
+        let bounds = Aabb::new(parry(&(point - around)), parry(&(point + around)));
+        let query = parry(point);
+        self.tree
+            .bvh()
+            .intersect_aabb(&bounds)
+            .filter(|k| self.normals[*k as usize].dot(normal) > facing)
+            .map(|k| {
+                self.tree
+                    .triangle(k)
+                    .project_local_point(query, false)
+                    .point
+            })
+            .map(|x| (Point3::new(x.x, x.y, x.z), (x - query).length()))
+            .filter(|(_, distance)| *distance <= reach)
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(x, _)| x)
+    }
+
     /// Where the line through `point` along `direction` crosses the surface within `reach` on either side, in order. A crossing
     /// on a common edge of two triangles that face the same side of the line counts once.
     pub fn crossings(
@@ -173,9 +203,13 @@ impl Surface {
             .bvh()
             .intersect_aabb(&bounds)
             .filter_map(|k| {
-                let facing = self.normals[k as usize].dot(direction);
+                let normal = self.normals[k as usize];
                 let along = along(&self.corners[k as usize], point, direction)?;
-                (along.abs() <= reach).then_some(Crossing { along, facing })
+                (along.abs() <= reach).then_some(Crossing {
+                    along,
+                    facing: normal.dot(direction),
+                    normal,
+                })
             })
             .collect();
         found.sort_by(|a, b| {
@@ -188,7 +222,7 @@ impl Surface {
             let same =
                 (next.facing < 0.0) == (kept.facing < 0.0) && next.along - kept.along <= SAME;
             if same && next.facing.abs() > kept.facing.abs() {
-                kept.facing = next.facing;
+                (kept.facing, kept.normal) = (next.facing, next.normal);
             }
             same
         });
