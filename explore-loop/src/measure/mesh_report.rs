@@ -54,20 +54,23 @@ impl MeshReport {
                     .push((index, a < b));
             }
         }
-        let count = |wanted: &dyn Fn(&[(usize, bool)]) -> bool| {
-            edges.values().filter(|sides| wanted(sides)).count()
-        };
-        let open_edges = count(&|sides| sides.len() == 1);
-        let non_manifold_edges = count(&|sides| sides.len() > 2);
+        let open_edges = edges.values().filter(|sides| sides.len() == 1).count();
+        let non_manifold_edges = edges.values().filter(|sides| sides.len() > 2).count();
+        let misoriented = |sides: &Vec<(usize, bool)>| sides.len() == 2 && sides[0].1 == sides[1].1;
         Self {
             watertight: !triangles.is_empty() && open_edges == 0 && non_manifold_edges == 0,
-            euler: used.len() as i64 - edges.len() as i64 + triangles.len() as i64,
+            euler: signed(used.len()) - signed(edges.len()) + signed(triangles.len()),
             open_edges,
             non_manifold_edges,
-            misoriented_edges: count(&|sides| sides.len() == 2 && sides[0].1 == sides[1].1),
+            misoriented_edges: edges.values().filter(|sides| misoriented(sides)).count(),
             components: components(triangles.len(), edges.values()),
         }
     }
+}
+
+/// A count as a number that can be subtracted; indices are 32 bits, so that it always fits.
+fn signed(count: usize) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
 }
 
 /// The triangles over vertices of which those that coincide are one.

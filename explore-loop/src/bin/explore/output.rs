@@ -37,7 +37,7 @@ impl OutputFolder {
     }
 
     /// Writes a file whole or not at all: a reader never sees half of it.
-    fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
+    pub fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.file(name);
         let partial = self.file(&format!("{name}.part"));
         let refused = |source| Error::Write {

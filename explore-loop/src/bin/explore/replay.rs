@@ -5,7 +5,7 @@ use crate::{Failure, ReplayArgs};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
-use explore_loop::measure::{Measurer, TrueSurface};
+use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{Cut, Metrics, Timing};
@@ -19,7 +19,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
     let mut cell = ReplayCell::new(session)?;
-    let mut truth = Truth::read(&args.session)?;
+    let mut truth = Truth::read(&args.session, args.quiet)?;
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
     let bar = if args.quiet {
         indicatif::ProgressBar::hidden()
@@ -107,12 +107,20 @@ struct Truth {
 }
 
 impl Truth {
-    fn read(path: &std::path::Path) -> Result<Option<Self>, Failure> {
+    fn read(path: &std::path::Path, quiet: bool) -> Result<Option<Self>, Failure> {
         let frames = dvrk_io::session::read_truth(path)?;
         let Some(first) = frames.first() else {
             return Ok(None);
         };
-        let measurer = Measurer::new(TrueSurface::from_points(&first.points)?)?;
+        let surface = TrueSurface::from_points(&first.points)?;
+        let report = MeshReport::of(&surface.vertices, &surface.triangles);
+        if !report.watertight && !quiet {
+            eprintln!(
+                "the points of the ground truth are too sparse for a closed surface: {} open edges",
+                report.open_edges
+            );
+        }
+        let measurer = Measurer::new(surface)?;
         Ok(Some(Self { frames, measurer }))
     }
 
