@@ -386,6 +386,24 @@ fn thin_and_folded_bodies_are_not_doubled() {
     }
 }
 
+/// Two leaves 10 mm apart that the mesh has 6 and 2 mm too high: nearer to the wrong leaf, but no more leaves than there are.
+#[test]
+fn a_badly_placed_fold_has_no_sheet_too_many() {
+    let fold = Mesh::blocks([20, 10, 3], 0.005, |[x, _, z]| x < 2 || z != 1);
+    let high = fold.moved(|p| p + Vector3::z() * if p.z < 0.006 { 0.006 } else { 0.002 });
+    assert!(high.doubled(&fold) == 0.0);
+}
+
+/// Four triangles meet in each pole of an octahedron; a line through them crosses its surface twice.
+#[test]
+fn a_line_through_a_vertex_crosses_once() {
+    let surface = Mesh::sphere(0).surface();
+    let found = surface.crossings(&Point3::origin(), &Vector3::z_axis(), 2.0);
+    let along: Vec<f64> = found.iter().map(|c| c.along).collect();
+    assert_eq!(along, [-1.0, 1.0]);
+    assert!(found[0].facing < 0.0 && found[1].facing > 0.0);
+}
+
 /// On them, too, a second sheet is seen: all bodies once more, 6 mm beside themselves.
 #[test]
 fn thin_and_folded_bodies_can_be_doubled() {
