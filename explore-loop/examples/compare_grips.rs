@@ -247,7 +247,7 @@ impl Watcher for Explored {
                 let share = self
                     .measurer
                     .as_ref()
-                    .map(|m| m.shape(model, SPACING).explored);
+                    .map(|m| m.shape(model, SPACING).explored_2eps);
                 self.shares.push(share.unwrap_or(0.0));
             }
             _ => {}

@@ -131,7 +131,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("without arm {arm}: {}", outcome.stop.word());
     println!("manipulations:     {}", outcome.manipulations);
     println!("Betti numbers:     {:?}", outcome.topology.persistent);
-    println!("explored:          {:.1} %", 100.0 * shape.explored);
+    println!("explored:          {:.1} %", 100.0 * shape.explored_2eps);
     println!("shape difference:  {:.2} mm", 1e3 * shape.difference);
     println!(
         "residual:          {:.2} mm median of {} registrations",

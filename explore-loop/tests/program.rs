@@ -1,6 +1,7 @@
 //! The `explore` program as a user meets it: what it refuses and how, and one whole run with what it leaves behind.
 #![allow(missing_docs, clippy::unwrap_used)]
 
+use explore_loop::measure::{MeshReport, Sampling, Surface, TrueSurface, compare};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -62,6 +63,7 @@ fn help_and_version_are_no_errors() {
         &["--help"][..],
         &["run", "--help"],
         &["replay", "--help"],
+        &["tables", "--help"],
         &["--version"],
     ] {
         let output = explore(arguments);
@@ -82,6 +84,11 @@ fn a_wrong_command_line_is_refused() {
     refuses(&["run", "--noise", "nan"], 2, &["--noise"]);
     refuses(&["run", "--grips", "lucky"], 2, &["--grips", "lucky"]);
     refuses(&["run", "--seed"], 2, &["--seed"]);
+    refuses(&["replay", "a.mcap", "--until=-1"], 2, &["--until"]);
+    refuses(&["tables", "--only", "horses"], 2, &["--only", "horses"]);
+    for seeds in ["", "3-1", "1,x", "0-99999999"] {
+        refuses(&["tables", "--seeds", seeds], 2, &["--seeds"]);
+    }
     refuses(
         &["run", "--scene", "liver", "--mesh", "a.obj"],
         2,
@@ -216,6 +223,88 @@ fn the_ellipsoid_closes() {
     assert!(stdout.contains("closed"));
 }
 
+/// What the mesh is worth, in the file and in the closing table.
+#[test]
+fn the_mesh_is_measured() {
+    let run = &twice()[0];
+    let metrics = run.metrics();
+    for measure in ["accuracy_m", "completeness_m"] {
+        let at = |key: &str| metrics[measure][key].as_f64().unwrap();
+        assert!(at("mean") > 0.0 && at("mean") < at("p95") && at("p95") < at("max"));
+        assert!(at("mean") < 0.003, "{measure} {}", at("mean"));
+    }
+    let share = |value: &Value| {
+        let share = value.as_f64().unwrap();
+        assert!((0.0..=1.0).contains(&share), "{share}");
+        share
+    };
+    let [near, far] = ["2mm", "5mm"].map(|d| share(&metrics["f_score"][d]));
+    assert!(near < far && far > 0.9, "{near} {far}");
+    assert!(share(&metrics["doubled"]) < 0.1);
+    assert!(share(&metrics["unsupported"]) < 0.1);
+    let shares = |key: &str| -> Vec<f64> { serde_json::from_value(metrics[key].clone()).unwrap() };
+    let (one, two) = (shares("explored"), shares("explored_2eps"));
+    assert_eq!(one.len(), two.len());
+    assert!(one.iter().zip(&two).all(|(one, two)| one <= two));
+    for key in ["slide_m", "prediction_error_m", "prediction_error_held_m"] {
+        assert!(metrics[key].as_f64().unwrap() > 0.0);
+    }
+    assert!(metrics["stiffness_over_weight"].is_null());
+    let mesh = &metrics["mesh"];
+    assert!(mesh["watertight"].is_boolean() && mesh["euler"].is_i64());
+    for key in ["open_edges", "non_manifold_edges", "components"] {
+        assert!(mesh[key].is_u64(), "{key}");
+    }
+    let stdout = String::from_utf8(run.output.stdout.clone()).unwrap();
+    for name in [
+        "accuracy",
+        "completeness",
+        "F-score",
+        "doubled",
+        "unsupported",
+        "mesh",
+        "slide",
+    ] {
+        assert!(stdout.contains(name), "'{name}' is not in: {stdout}");
+    }
+}
+
+/// The files say the same to whoever compares them: the truth is a closed surface, and the mesh lies on it.
+#[test]
+fn the_truth_is_written_beside_the_mesh() {
+    let run = &twice()[0];
+    let surface = |name: &str| {
+        let ply = Ply::parse(&run.files[name]);
+        let vertices: Vec<_> = ply
+            .vertices
+            .iter()
+            .map(|v| nalgebra::Point3::new(v[0], v[1], v[2]))
+            .collect();
+        let triangles: Vec<_> = ply
+            .faces
+            .iter()
+            .map(|f| [f[1], f[2], f[3]].map(|i| i as u32))
+            .collect();
+        (vertices, triangles)
+    };
+    let (vertices, triangles) = surface("truth.ply");
+    let report = MeshReport::of(&vertices, &triangles);
+    assert!(report.watertight && report.euler == 2 && report.misoriented_edges == 0);
+    let truth = Surface::new(&vertices, &triangles).unwrap();
+    let (vertices, triangles) = surface("canonical.ply");
+    let mesh = Surface::new(&vertices, &triangles).unwrap();
+    let comparison = compare(&mesh, &truth, Sampling::default());
+    let metrics = run.metrics();
+    for (spread, key) in [
+        (comparison.accuracy(), "accuracy_m"),
+        (comparison.completeness(), "completeness_m"),
+    ] {
+        let mean = metrics[key]["mean"].as_f64().unwrap();
+        // The files are rounded to 0.1 µm.
+        assert!((spread.mean - mean).abs() < 1e-6, "{spread:?} {mean}");
+    }
+}
+
 /// Timing apart, a seed fixes every figure and every byte of the model.
 #[test]
 fn a_seed_fixes_the_run() {
@@ -314,6 +403,17 @@ fn the_session_replays() {
     let truth = dvrk_io::session::read_truth(&path).unwrap();
     assert_eq!(truth.len() as u64, frames);
 
+    let truth = TrueSurface::from_points(&truth[0].points).unwrap();
+    let report = MeshReport::of(&truth.vertices, &truth.triangles);
+    assert!(report.watertight && report.euler == 2, "{report:?}");
+
+    let short = ran(&["replay", text(&path), "--until", "1", "--quiet"]);
+    assert_eq!(short.output.status.code(), Some(0));
+    assert!(short.output.stdout.is_empty() && short.output.stderr.is_empty());
+    let short = short.metrics();
+    assert!(short["frames"].as_u64().unwrap() < frames);
+    assert!(short["robot_time_s"].as_f64().unwrap() <= 1.0);
+
     let replay = ran(&["replay", text(&path)]);
     let stderr = String::from_utf8_lossy(&replay.output.stderr);
     assert_eq!(replay.output.status.code(), Some(0), "{stderr}");
@@ -330,4 +430,56 @@ fn the_session_replays() {
         ply.vertices.len() as u64,
         metrics["vertices"].as_u64().unwrap()
     );
+}
+
+/// A study takes over what is finished, and says the same then.
+#[test]
+fn a_study_of_seeds_is_a_table_and_can_be_taken_up_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("study");
+    let study = |seeds: &str| {
+        let output = explore(&[
+            "tables",
+            "--only",
+            "seeds",
+            "--scene",
+            "ellipsoid",
+            "--seeds",
+            seeds,
+            "--keep",
+            "--out",
+            text(&out),
+        ]);
+        assert_eq!(output.status.code(), Some(0));
+        String::from_utf8(output.stdout).unwrap()
+    };
+    // What a run of the program leaves is what a study of it would.
+    let seed = out.join("seed_0");
+    std::fs::create_dir_all(&seed).unwrap();
+    std::fs::write(seed.join("metrics.json"), &twice()[0].files["metrics.json"]).unwrap();
+    let table = study("0");
+    // A heading, a line below it, the seed, the medians: all of as many cells.
+    let lines: Vec<&str> = table.lines().collect();
+    assert_eq!(lines.len(), 4, "{table}");
+    let cells = |line: &str| line.matches('|').count();
+    assert!(lines.iter().all(|l| cells(l) == cells(lines[0])), "{table}");
+    assert!(lines[2].starts_with("| 0 | closed |"), "{table}");
+    assert!(
+        lines[3].starts_with("| median | 1 of 1 closed |"),
+        "{table}"
+    );
+    assert_eq!(
+        std::fs::read_to_string(out.join("seeds.md")).unwrap(),
+        table
+    );
+    let json: Value =
+        serde_json::from_slice(&std::fs::read(out.join("seeds.json")).unwrap()).unwrap();
+    assert_eq!(json["closed"], 1);
+    assert_eq!(json["runs"][0], twice()[0].metrics());
+    assert_eq!(
+        json["median"]["accuracy_mean_m"],
+        json["runs"][0]["accuracy_m"]["mean"]
+    );
+    // Nothing was run: a run would have left its mesh.
+    assert!(!seed.join("canonical.ply").exists());
 }

@@ -1,9 +1,12 @@
 //! `metrics.json`: what a run measured, under the names of METHOD §10.
 
-use serde::Serialize;
+use crate::measure::{
+    FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackingMeasures, TruthMeasures,
+};
+use serde::{Deserialize, Serialize};
 
 /// Median and 95th percentile of a time, ms.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Timing {
     /// Median.
     pub median: f64,
@@ -29,7 +32,7 @@ impl Timing {
 }
 
 /// Simplices cut as non-manifold.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Cut {
     /// Vertices.
     pub vertices: usize,
@@ -51,7 +54,7 @@ impl Cut {
 }
 
 /// The file's content. Keys are stable; measures that need a ground truth are null where there is none.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Name of the scene, mesh file or session.
     pub scene: String,
@@ -71,14 +74,34 @@ pub struct Metrics {
     pub stop: String,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
-    /// Explored share before the first manipulation and after each.
+    /// Share of the true area within one spacing of the model's points, before the first manipulation and after each.
     pub explored: Option<Vec<f64>>,
+    /// The same within two spacings, as the paper counts it.
+    pub explored_2eps: Option<Vec<f64>>,
+    /// Distance from the written mesh to the true surface, metres.
+    pub accuracy_m: Option<Spread>,
+    /// Distance from the true surface to the written mesh, metres.
+    pub completeness_m: Option<Spread>,
+    /// Harmonic mean of the shares of both within 2 and 5 mm.
+    pub f_score: Option<FScore>,
+    /// Share of the true area over which the mesh has a sheet more than the truth.
+    pub doubled: Option<f64>,
+    /// Share of the mesh's area farther than one spacing from every fused point; null for an empty mesh.
+    pub unsupported: Option<f64>,
+    /// What a mesh tool says of the written mesh.
+    pub mesh: MeshReport,
     /// Mean distance canonical point to true surface, metres.
     pub shape_difference_m: Option<f64>,
     /// The same as a share of the object's size.
     pub shape_difference_rel: Option<f64>,
     /// Mean distance of unseen vertices to their material points over all frames, metres.
     pub prediction_error_m: Option<f64>,
+    /// The same over the frames in which an arm held, metres.
+    pub prediction_error_held_m: Option<f64>,
+    /// Mean tangential distance of seen vertices to their material points over all frames, metres.
+    pub slide_m: Option<f64>,
+    /// Stiffness of the elastic prior over the weight it carries; null while nobody estimates it.
+    pub stiffness_over_weight: Option<f64>,
     /// Cut as non-manifold.
     pub nm_cut: Cut,
     /// Non-manifold vertices left at the end.
@@ -95,4 +118,48 @@ pub struct Metrics {
     pub robot_time_s: f64,
     /// Time that passed here, seconds.
     pub wall_s: f64,
+}
+
+impl Metrics {
+    /// Takes over what the measures say of the written mesh.
+    #[must_use]
+    pub fn with_mesh(self, measures: &MeshMeasures) -> Self {
+        let truth = measures.truth.as_ref();
+        let get = |field: fn(&TruthMeasures) -> Spread| truth.map(field);
+        Self {
+            mesh: measures.report,
+            unsupported: measures.unsupported,
+            accuracy_m: get(|t| t.accuracy),
+            completeness_m: get(|t| t.completeness),
+            f_score: truth.map(|t| t.f_score),
+            doubled: truth.map(|t| t.doubled),
+            ..self
+        }
+    }
+
+    /// Takes over the shape of the model's points: each time it was measured, and at the end.
+    #[must_use]
+    pub fn with_shape(self, times: &[ShapeMeasures], end: Option<&ShapeMeasures>) -> Self {
+        let list = |field: fn(&ShapeMeasures) -> f64| {
+            (!times.is_empty()).then(|| times.iter().map(field).collect())
+        };
+        Self {
+            explored: list(|s| s.explored),
+            explored_2eps: list(|s| s.explored_2eps),
+            shape_difference_m: end.map(|s| s.difference),
+            shape_difference_rel: end.map(|s| s.relative),
+            ..self
+        }
+    }
+
+    /// Takes over the errors of tracking.
+    #[must_use]
+    pub fn with_tracking(self, tracking: &TrackingMeasures) -> Self {
+        Self {
+            prediction_error_m: tracking.prediction_error,
+            prediction_error_held_m: tracking.prediction_error_held,
+            slide_m: tracking.slide,
+            ..self
+        }
+    }
 }

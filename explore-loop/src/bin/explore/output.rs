@@ -3,7 +3,8 @@
 use crate::Failure;
 use explore_loop::Error;
 use explore_loop::canonical::{CanonicalModel, surface};
-use explore_loop::nalgebra::Point3;
+use explore_loop::measure::{MeasureError, MeshMeasures, Sampling, Spread, Surface, TrueSurface};
+use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture, ply};
 use std::io::Write;
@@ -36,7 +37,7 @@ impl OutputFolder {
     }
 
     /// Writes a file whole or not at all: a reader never sees half of it.
-    fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
+    pub fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
         let path = self.file(name);
         let partial = self.file(&format!("{name}.part"));
         let refused = |source| Error::Write {
@@ -59,12 +60,23 @@ impl OutputFolder {
         self.write("frames.csv", [frames::HEADER, lines].concat().as_bytes())
     }
 
-    /// Writes `canonical.ply`: the model at rest, with faces and normals.
-    pub fn model(&self, model: &CanonicalModel, spacing: f64) -> Result<(), Failure> {
-        let triangles = surface::triangulate(&model.rest, &model.rest_normals, spacing);
+    /// Writes `canonical.ply`: the mesh of the model at rest, with normals.
+    pub fn mesh(&self, mesh: &FinalMesh) -> Result<(), Failure> {
         let mut text = Vec::new();
-        ply::write_mesh(&mut text, &model.rest, &model.rest_normals, &triangles)?;
+        ply::write_mesh(&mut text, &mesh.vertices, &mesh.normals, &mesh.triangles)?;
         Ok(self.write("canonical.ply", &text)?)
+    }
+
+    /// Writes `truth.ply`: the true surface at rest, to compare `canonical.ply` with in any mesh tool.
+    pub fn truth(&self, truth: &TrueSurface) -> Result<(), Failure> {
+        let mut text = Vec::new();
+        ply::write_mesh(
+            &mut text,
+            &truth.vertices,
+            &truth.normals(),
+            &truth.triangles,
+        )?;
+        Ok(self.write("truth.ply", &text)?)
     }
 
     /// Writes a picture of the model at rest from six sides, coloured by when each part was first seen.
@@ -102,6 +114,41 @@ impl OutputFolder {
     }
 }
 
+/// The mesh that is written, measured and drawn: the only place that says how the model becomes a surface.
+pub struct FinalMesh {
+    vertices: Vec<Point3<f64>>,
+    normals: Vec<UnitVector3<f64>>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl FinalMesh {
+    /// Of a model at rest.
+    pub fn of(model: &CanonicalModel, spacing: f64) -> Self {
+        Self {
+            vertices: model.rest.clone(),
+            normals: model.rest_normals.clone(),
+            triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+        }
+    }
+
+    /// Measures it: `points` are the observations it was fused from.
+    pub fn measure(
+        &self,
+        points: &[Point3<f64>],
+        spacing: f64,
+        truth: Option<&Surface>,
+    ) -> Result<MeshMeasures, MeasureError> {
+        MeshMeasures::of(
+            &self.vertices,
+            &self.triangles,
+            points,
+            spacing,
+            truth,
+            Sampling::default(),
+        )
+    }
+}
+
 /// First seen early: blue; late: yellow.
 fn colours(model: &CanonicalModel) -> Vec<picture::Rgb> {
     let last = model.born.iter().copied().max().unwrap_or(0).max(1);
@@ -123,6 +170,84 @@ pub fn table(rows: &[(&str, String)]) -> Result<(), Failure> {
         writeln!(out, "  {name:<width$}  {value}")?;
     }
     Ok(())
+}
+
+/// The rows of the closing table that say what a user would see.
+pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
+    let unknown = || "no ground truth".to_owned();
+    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let list = |shares: &Option<Vec<f64>>| {
+        shares.as_ref().map_or_else(unknown, |shares| {
+            let texts: Vec<String> = shares.iter().map(|s| percent(*s)).collect();
+            texts.join(", ")
+        })
+    };
+    let spread = |spread: Option<Spread>| {
+        spread.map_or_else(unknown, |s| {
+            format!("{} mean, {} p95, {} max", mm(s.mean), mm(s.p95), mm(s.max))
+        })
+    };
+    let mesh = &metrics.mesh;
+    vec![
+        ("explored", list(&metrics.explored)),
+        ("explored, two spacings", list(&metrics.explored_2eps)),
+        ("accuracy", spread(metrics.accuracy_m)),
+        ("completeness", spread(metrics.completeness_m)),
+        (
+            "F-score",
+            metrics.f_score.map_or_else(unknown, |f| {
+                format!(
+                    "{} at 2 mm, {} at 5 mm",
+                    percent(f.at_2mm),
+                    percent(f.at_5mm)
+                )
+            }),
+        ),
+        ("doubled", metrics.doubled.map_or_else(unknown, percent)),
+        (
+            "unsupported",
+            metrics
+                .unsupported
+                .map_or_else(|| "no mesh".to_owned(), percent),
+        ),
+        (
+            "mesh",
+            format!(
+                "{}, Euler {}, {} open and {} non-manifold edges, {}",
+                if mesh.watertight {
+                    "watertight"
+                } else {
+                    "not watertight"
+                },
+                mesh.euler,
+                mesh.open_edges,
+                mesh.non_manifold_edges,
+                if mesh.components == 1 {
+                    "1 component".to_owned()
+                } else {
+                    format!("{} components", mesh.components)
+                },
+            ),
+        ),
+        (
+            "shape difference",
+            match (metrics.shape_difference_m, metrics.shape_difference_rel) {
+                (Some(metres), Some(share)) => {
+                    format!("{} ({} of the size)", mm(metres), percent(share))
+                }
+                _ => unknown(),
+            },
+        ),
+        (
+            "prediction error",
+            match (metrics.prediction_error_m, metrics.prediction_error_held_m) {
+                (Some(all), Some(held)) => format!("{}, {} while held", mm(all), mm(held)),
+                (Some(all), None) => mm(all),
+                (None, _) => unknown(),
+            },
+        ),
+        ("slide", metrics.slide_m.map_or_else(unknown, mm)),
+    ]
 }
 
 /// A length in mm for people.

@@ -1,11 +1,11 @@
 //! `explore replay`: the canonical model from a recording.
 
-use crate::output::{OutputFolder, mm, table};
+use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::{Failure, ReplayArgs};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
-use explore_loop::cell::{Cell, CellError};
-use explore_loop::measure::{Measurer, ShapeMeasures, TrueSurface};
+use explore_loop::cell::{Cell, CellError, Observation};
+use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{Cut, Metrics, Timing};
@@ -19,9 +19,13 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
     let mut cell = ReplayCell::new(session)?;
-    let mut truth = Truth::read(&args.session)?;
+    let mut truth = Truth::read(&args.session, args.quiet)?;
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
-    let bar = indicatif::ProgressBar::new(cell.remaining() as u64);
+    let bar = if args.quiet {
+        indicatif::ProgressBar::hidden()
+    } else {
+        indicatif::ProgressBar::new(cell.remaining() as u64)
+    };
     let mut log = Log::default();
     loop {
         let observation = match cell.observe() {
@@ -29,14 +33,20 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
             Err(CellError::Ended) => break,
             Err(error) => return Err(error.into()),
         };
+        let first = *log.first_stamp.get_or_insert(observation.stamp);
+        if args
+            .until
+            .is_some_and(|until| observation.stamp - first > until)
+        {
+            break;
+        }
         let report = reconstructor.process(&observation, &cell.info().table)?;
         log.registration.push(report.registration_ms);
         log.frames.push(report.frame_ms);
         log.last_stamp = observation.stamp;
-        log.first_stamp.get_or_insert(observation.stamp);
         log.failures += usize::from(report.failure.is_some());
         let errors = match &mut truth {
-            Some(truth) => truth.frame(observation.stamp, &reconstructor, &report.measured)?,
+            Some(truth) => truth.frame(&observation, &reconstructor, &report.measured)?,
             None => Vec::new(),
         };
         log.lines.push_str(&frames::line(
@@ -65,24 +75,18 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     }
     bar.finish_and_clear();
     let topology = topology::analyse(reconstructor.model(), spacing)?;
-    let shape = truth
-        .as_ref()
-        .map(|t| t.measurer.shape(reconstructor.model(), spacing));
-    let prediction = truth.as_ref().and_then(Truth::prediction);
-    let metrics = metrics(
-        args,
-        &cell,
-        &reconstructor,
-        &log,
-        shape,
-        prediction,
-        &topology,
-        started,
-    );
+    let mesh = FinalMesh::of(reconstructor.model(), spacing);
     out.frames(&log.lines)?;
+    out.mesh(&mesh)?;
+    if let Some(truth) = &truth {
+        out.truth(truth.measurer.rest())?;
+    }
+    let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
+    let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
     out.metrics(&metrics)?;
-    out.model(reconstructor.model(), spacing)?;
-    print(&metrics, log.failures)?;
+    if !args.quiet {
+        print(&metrics, log.failures)?;
+    }
     Ok(true)
 }
 
@@ -100,29 +104,33 @@ struct Log {
 struct Truth {
     frames: Vec<dvrk_io::session::TruthFrame>,
     measurer: Measurer,
-    errors: Vec<f64>,
 }
 
 impl Truth {
-    fn read(path: &std::path::Path) -> Result<Option<Self>, Failure> {
+    fn read(path: &std::path::Path, quiet: bool) -> Result<Option<Self>, Failure> {
         let frames = dvrk_io::session::read_truth(path)?;
         let Some(first) = frames.first() else {
             return Ok(None);
         };
-        let measurer = Measurer::new(TrueSurface::from_points(&first.points)?)?;
-        Ok(Some(Self {
-            frames,
-            measurer,
-            errors: Vec::new(),
-        }))
+        let surface = TrueSurface::from_points(&first.points)?;
+        let report = MeshReport::of(&surface.vertices, &surface.triangles);
+        if !report.watertight && !quiet {
+            eprintln!(
+                "the points of the ground truth are too sparse for a closed surface: {} open edges",
+                report.open_edges
+            );
+        }
+        let measurer = Measurer::new(surface)?;
+        Ok(Some(Self { frames, measurer }))
     }
 
     fn frame(
         &mut self,
-        stamp: f64,
+        observation: &Observation,
         reconstructor: &Reconstructor,
         measured: &[bool],
     ) -> Result<Vec<f64>, Failure> {
+        let stamp = observation.stamp;
         let nearest = self
             .frames
             .iter()
@@ -130,34 +138,40 @@ impl Truth {
         let Some(now) = nearest.filter(|f| (f.stamp - stamp).abs() < 0.02) else {
             return Ok(Vec::new());
         };
-        let triangles = self.measurer.rest().triangles.clone();
         let surface = TrueSurface {
             vertices: now.points.clone(),
-            triangles,
+            triangles: self.measurer.rest().triangles.clone(),
         };
-        self.measurer.anchor(reconstructor.model(), &surface)?;
-        self.errors.extend(self.measurer.prediction_error(
-            reconstructor.model(),
-            measured,
-            &surface,
-        ));
-        Ok(self.measurer.live_errors(reconstructor.model(), &surface))
-    }
-
-    fn prediction(&self) -> Option<f64> {
-        (!self.errors.is_empty())
-            .then(|| self.errors.iter().sum::<f64>() / self.errors.len() as f64)
+        let held = observation.arms.iter().any(|arm| arm.holding);
+        Ok(self
+            .measurer
+            .frame(reconstructor.model(), measured, held, &surface)?)
     }
 }
 
-#[allow(clippy::too_many_arguments)] // one call site; a struct would only rename the arguments
+/// Adds what the mesh and the truth say.
+fn measured(
+    metrics: Metrics,
+    mesh: &FinalMesh,
+    reconstructor: &Reconstructor,
+    truth: Option<&Truth>,
+) -> Result<Metrics, Failure> {
+    let model = reconstructor.model();
+    let spacing = metrics.spacing_m;
+    let measurer = truth.map(|t| &t.measurer);
+    let shape = measurer.map(|m| m.shape(model, spacing));
+    let measures = mesh.measure(&model.rest, spacing, measurer.map(Measurer::surface))?;
+    Ok(metrics
+        .with_shape(shape.as_slice(), shape.as_ref())
+        .with_mesh(&measures)
+        .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
+}
+
 fn metrics(
     args: &ReplayArgs,
     cell: &ReplayCell,
     reconstructor: &Reconstructor,
     log: &Log,
-    shape: Option<ShapeMeasures>,
-    prediction: Option<f64>,
     topology: &Topology,
     started: Instant,
 ) -> Metrics {
@@ -166,7 +180,6 @@ fn metrics(
         arms: cell.info().arms.len(),
         grips: "recorded".into(),
         seed: 0,
-        speed_m_s: None,
         spacing_m: args.spacing * 1e-3,
         manipulations: 0,
         stop: if topology.is_closed() {
@@ -176,10 +189,6 @@ fn metrics(
         }
         .into(),
         betti: topology.persistent,
-        explored: shape.map(|s| vec![s.explored]),
-        shape_difference_m: shape.map(|s| s.difference),
-        shape_difference_rel: shape.map(|s| s.relative),
-        prediction_error_m: prediction,
         nm_cut: Cut::of(topology.cut),
         nm_remaining: topology.non_manifold,
         frames: log.frames.len(),
@@ -188,40 +197,21 @@ fn metrics(
         vertices: reconstructor.model().len(),
         robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
         wall_s: started.elapsed().as_secs_f64(),
+        ..Metrics::default()
     }
 }
 
 fn print(metrics: &Metrics, failures: usize) -> Result<(), Failure> {
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
-    let unknown = || "no ground truth in the recording".to_owned();
-    table(&[
+    let mut rows = vec![
         (
             "frames",
             format!("{} ({failures} not registered)", metrics.frames),
         ),
         ("vertices", metrics.vertices.to_string()),
         ("Betti numbers", format!("{:?}", metrics.betti)),
-        (
-            "explored",
-            metrics
-                .explored
-                .as_ref()
-                .and_then(|e| e.last())
-                .map_or_else(unknown, |e| percent(*e)),
-        ),
-        (
-            "shape difference",
-            match (metrics.shape_difference_m, metrics.shape_difference_rel) {
-                (Some(metres), Some(share)) => {
-                    format!("{} ({} of the size)", mm(metres), percent(share))
-                }
-                _ => unknown(),
-            },
-        ),
-        (
-            "prediction error",
-            metrics.prediction_error_m.map_or_else(unknown, mm),
-        ),
+    ];
+    rows.extend(measure_rows(metrics));
+    rows.extend([
         (
             "frame time",
             format!(
@@ -230,5 +220,6 @@ fn print(metrics: &Metrics, failures: usize) -> Result<(), Failure> {
             ),
         ),
         ("wall time", format!("{:.1} s", metrics.wall_s)),
-    ])
+    ]);
+    table(&rows)
 }

@@ -1,14 +1,14 @@
 //! `explore run`: an exploration in the simulated cell.
 
-use crate::output::{OutputFolder, mm, table};
+use crate::output::{FinalMesh, OutputFolder, measure_rows, mm, table};
 use crate::{Failure, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::Topology;
-use explore_loop::cell::Cell;
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
+use explore_loop::cell::{Cell, Observation};
 use explore_loop::explore::{Event, ExploreOptions, Explorer, Outcome, Phase, Watcher};
-use explore_loop::measure::{Measurer, TrueSurface};
+use explore_loop::measure::{Measurer, ShapeMeasures, TrueSurface};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{Cut, Metrics, Timing};
@@ -16,6 +16,15 @@ use std::time::Instant;
 
 /// Explores; true when the surface closed.
 pub fn run(args: &RunArgs) -> Result<bool, Failure> {
+    let metrics = explore(args)?;
+    if !args.quiet {
+        print(&metrics)?;
+    }
+    Ok(metrics.stop == "closed")
+}
+
+/// Explores, writes the results, and returns what was measured.
+pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     let scene = match &args.mesh {
         Some(path) => {
             Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
@@ -39,12 +48,15 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     let outcome = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?.run();
     let recorder = recorder.finish()?;
     let outcome = outcome?;
-    let metrics = recorder.metrics(args, &options, &outcome, started);
+    let mesh = FinalMesh::of(&recorder.model, args.spacing * 1e-3);
     out.frames(&recorder.lines)?;
+    out.mesh(&mesh)?;
+    if let Some(measurer) = &recorder.measurer {
+        out.truth(measurer.rest())?;
+    }
+    let metrics = recorder.metrics(args, &options, &outcome, &mesh, started)?;
     out.metrics(&metrics)?;
-    out.model(&recorder.model, args.spacing * 1e-3)?;
-    print(&metrics)?;
-    Ok(metrics.stop == "closed")
+    Ok(metrics)
 }
 
 /// Watches a run: progress on the terminal, the session file, the measures.
@@ -59,8 +71,7 @@ struct Recorder<'a> {
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
-    explored: Vec<f64>,
-    prediction: Vec<f64>,
+    shapes: Vec<ShapeMeasures>,
     last_stamp: f64,
     lines: String,
     model: CanonicalModel,
@@ -76,7 +87,11 @@ impl<'a> Recorder<'a> {
         let info = cell.info();
         let mut session = dvrk_io::session::SessionWriter::create(out.file("session.mcap"))?;
         session.table(0.0, &info.table.normal, info.table.offset)?;
-        let bar = indicatif::ProgressBar::no_length();
+        let bar = if args.quiet {
+            indicatif::ProgressBar::hidden()
+        } else {
+            indicatif::ProgressBar::no_length()
+        };
         bar.set_style(indicatif::ProgressStyle::with_template(
             "{spinner} {elapsed} {msg}",
         )?);
@@ -91,8 +106,7 @@ impl<'a> Recorder<'a> {
             registration: Vec::new(),
             frames: Vec::new(),
             failures: 0,
-            explored: Vec::new(),
-            prediction: Vec::new(),
+            shapes: Vec::new(),
             last_stamp: 0.0,
             lines: String::new(),
             model: CanonicalModel::default(),
@@ -101,6 +115,9 @@ impl<'a> Recorder<'a> {
 
     /// A line of progress: above the bar on a terminal, plainly where there is none.
     fn say(&self, line: &str) {
+        if self.args.quiet {
+            return;
+        }
         if self.bar.is_hidden() {
             eprintln!("{line}");
         } else {
@@ -122,23 +139,26 @@ impl<'a> Recorder<'a> {
     }
 
     /// Compares with the truth, which only this recorder holds.
-    fn measure(&mut self, measured: &[bool], model: &CanonicalModel) -> Result<Vec<f64>, Error> {
+    fn measure(
+        &mut self,
+        observation: &Observation,
+        measured: &[bool],
+        model: &CanonicalModel,
+    ) -> Result<Vec<f64>, Error> {
         if self.measurer.is_none() {
             self.measurer = Some(Measurer::new(
                 self.true_surface(self.truth.rest().vertices),
             )?);
         }
         let now = self.true_surface(self.truth.live());
-        if let Some(measurer) = &mut self.measurer {
-            measurer.anchor(model, &now)?;
-            self.prediction
-                .extend(measurer.prediction_error(model, measured, &now));
-            return Ok(measurer.live_errors(model, &now));
+        let held = observation.arms.iter().any(|arm| arm.holding);
+        match &mut self.measurer {
+            Some(measurer) => Ok(measurer.frame(model, measured, held, &now)?),
+            None => Ok(Vec::new()),
         }
-        Ok(Vec::new())
     }
 
-    fn record(&mut self, observation: &explore_loop::cell::Observation) -> Result<(), Error> {
+    fn record(&mut self, observation: &Observation) -> Result<(), Error> {
         let Some(session) = &mut self.session else {
             return Ok(());
         };
@@ -154,13 +174,12 @@ impl<'a> Recorder<'a> {
     fn topology(&mut self, topology: &Topology, model: &CanonicalModel) -> Result<(), Error> {
         let spacing = self.args.spacing * 1e-3;
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
-        let explored = shape.map_or(0.0, |s| s.explored);
-        self.explored.push(explored);
+        self.shapes.push(shape.unwrap_or_default());
         self.say(&format!(
             "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.last_stamp,
-            self.explored.len() - 1,
-            100.0 * explored,
+            self.shapes.len() - 1,
+            100.0 * shape.unwrap_or_default().explored,
             topology.betti,
             topology.persistent,
             100.0 * topology.boundary_share(),
@@ -170,7 +189,7 @@ impl<'a> Recorder<'a> {
             self.failures,
         ));
         if self.args.pictures {
-            let k = self.explored.len() - 1;
+            let k = self.shapes.len() - 1;
             self.out.picture(&format!("rest_{k}.png"), model, spacing)?;
             self.out
                 .live_picture(&format!("live_{k}.png"), model, spacing)?;
@@ -192,14 +211,14 @@ impl<'a> Recorder<'a> {
         args: &RunArgs,
         options: &SimOptions,
         outcome: &Outcome,
+        mesh: &FinalMesh,
         started: Instant,
-    ) -> Metrics {
-        let shape = self
-            .measurer
-            .as_ref()
-            .map(|m| m.shape(&self.model, args.spacing * 1e-3));
-        let mean = |v: &[f64]| (!v.is_empty()).then(|| v.iter().sum::<f64>() / v.len() as f64);
-        Metrics {
+    ) -> Result<Metrics, Failure> {
+        let spacing = args.spacing * 1e-3;
+        let measurer = self.measurer.as_ref();
+        let shape = measurer.map(|m| m.shape(&self.model, spacing));
+        let measures = mesh.measure(&self.model.rest, spacing, measurer.map(Measurer::surface))?;
+        let metrics = Metrics {
             scene: options.scene.name().to_owned(),
             arms: options.arms,
             grips: match args.grips {
@@ -209,14 +228,10 @@ impl<'a> Recorder<'a> {
             .into(),
             seed: args.seed,
             speed_m_s: Some(args.speed * 1e-3),
-            spacing_m: args.spacing * 1e-3,
+            spacing_m: spacing,
             manipulations: outcome.manipulations,
             stop: outcome.stop.word().into(),
             betti: outcome.topology.persistent,
-            explored: Some(self.explored.clone()),
-            shape_difference_m: shape.map(|s| s.difference),
-            shape_difference_rel: shape.map(|s| s.relative),
-            prediction_error_m: mean(&self.prediction),
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
             frames: self.frames.len(),
@@ -225,7 +240,12 @@ impl<'a> Recorder<'a> {
             vertices: self.model.len(),
             robot_time_s: self.last_stamp,
             wall_s: started.elapsed().as_secs_f64(),
-        }
+            ..Metrics::default()
+        };
+        Ok(metrics
+            .with_shape(&self.shapes, shape.as_ref())
+            .with_mesh(&measures)
+            .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
     }
 }
 
@@ -239,7 +259,7 @@ impl Watcher for Recorder<'_> {
                 self.frames.push(report.frame_ms);
                 self.failures += usize::from(report.failure.is_some());
                 self.record(observation)?;
-                let errors = self.measure(&report.measured, model)?;
+                let errors = self.measure(observation, &report.measured, model)?;
                 self.lines
                     .push_str(&frames::line(observation.stamp, report, model, &errors));
                 self.bar.tick();
@@ -270,41 +290,19 @@ fn phase_words(phase: Phase) -> &'static str {
 }
 
 fn print(metrics: &Metrics) -> Result<(), Failure> {
-    let percent = |share: &f64| format!("{:.1} %", 100.0 * share);
-    let explored: Vec<String> = metrics.explored.iter().flatten().map(percent).collect();
-    table(&[
+    let timing = |t: &Timing| format!("{:.1} ms median, {:.1} ms p95", t.median, t.p95);
+    let mut rows = vec![
         ("stop", metrics.stop.clone()),
         ("Betti numbers", format!("{:?}", metrics.betti)),
         ("manipulations", metrics.manipulations.to_string()),
-        ("explored", explored.join(", ")),
-        (
-            "shape difference",
-            format!(
-                "{} ({} of the size)",
-                mm(metrics.shape_difference_m.unwrap_or(f64::NAN)),
-                percent(&metrics.shape_difference_rel.unwrap_or(f64::NAN))
-            ),
-        ),
-        (
-            "prediction error",
-            mm(metrics.prediction_error_m.unwrap_or(f64::NAN)),
-        ),
+    ];
+    rows.extend(measure_rows(metrics));
+    rows.extend([
         ("frames", metrics.frames.to_string()),
-        (
-            "registration",
-            format!(
-                "{:.1} ms median, {:.1} ms p95",
-                metrics.registration_ms.median, metrics.registration_ms.p95
-            ),
-        ),
-        (
-            "frame time",
-            format!(
-                "{:.1} ms median, {:.1} ms p95",
-                metrics.frame_ms.median, metrics.frame_ms.p95
-            ),
-        ),
+        ("registration", timing(&metrics.registration_ms)),
+        ("frame time", timing(&metrics.frame_ms)),
         ("robot time", format!("{:.1} s", metrics.robot_time_s)),
         ("wall time", format!("{:.1} s", metrics.wall_s)),
-    ])
+    ]);
+    table(&rows)
 }

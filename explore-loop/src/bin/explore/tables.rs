@@ -1,0 +1,278 @@
+//! `explore tables`: studies over many runs.
+//!
+//! `seeds` explores the same object once for each seed, with the defaults of `explore run`, and puts what a user would see side
+//! by side: one good run says little.
+
+use crate::output::OutputFolder;
+use crate::run;
+use crate::{Failure, RunArgs, Study, TablesArgs};
+use explore_loop::cell::sim::Scene;
+use explore_loop::report::metrics::Metrics;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Makes the tables; true when every run came to an end.
+pub fn tables(args: &TablesArgs) -> Result<bool, Failure> {
+    match args.only {
+        Study::Seeds => seeds(args),
+    }
+}
+
+/// What became of a seed.
+struct Row {
+    seed: u64,
+    outcome: Result<Metrics, String>,
+}
+
+/// The content of `seeds.json`.
+#[derive(Serialize)]
+struct Seeds<'a> {
+    scene: &'a str,
+    arms: u8,
+    runs: Vec<&'a Metrics>,
+    failed: Vec<Failed<'a>>,
+    closed: usize,
+    median: BTreeMap<&'static str, Option<f64>>,
+}
+
+#[derive(Serialize)]
+struct Failed<'a> {
+    seed: u64,
+    error: &'a str,
+}
+
+fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
+    // The object is looked up before the first run, and for the name under which kept runs were stored.
+    let scene = match &args.mesh {
+        Some(path) => {
+            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
+        }
+        None => Scene::named(&args.scene)?,
+    };
+    let out = OutputFolder::create(&args.out)?;
+    let mut rows = Vec::new();
+    for &seed in &args.seeds.0 {
+        let folder = out.file(&format!("seed_{seed}"));
+        let kept = args
+            .keep
+            .then(|| kept(&folder, args, scene.name(), seed))
+            .flatten();
+        let outcome = match kept {
+            Some(metrics) => Ok(metrics),
+            None => run::explore(&run_args(args, seed, folder)).map_err(|e| e.to_string()),
+        };
+        match &outcome {
+            Ok(metrics) => eprintln!("seed {seed}: {}, {:.0} s", metrics.stop, metrics.wall_s),
+            Err(error) => eprintln!("seed {seed}: {error}"),
+        }
+        rows.push(Row { seed, outcome });
+        // After each seed, so that an interrupted study leaves what it has.
+        write(&out, args, scene.name(), &rows)?;
+    }
+    write!(std::io::stdout().lock(), "{}", markdown(&rows))?;
+    Ok(rows.iter().all(|row| row.outcome.is_ok()))
+}
+
+fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
+    RunArgs {
+        scene: args.scene.clone(),
+        mesh: args.mesh.clone(),
+        arms: args.arms,
+        seed,
+        out,
+        quiet: true,
+        ..RunArgs::default()
+    }
+}
+
+/// The measures of a finished run of the same object, arms and seed.
+fn kept(folder: &Path, args: &TablesArgs, scene: &str, seed: u64) -> Option<Metrics> {
+    let text = std::fs::read(folder.join("metrics.json")).ok()?;
+    let metrics: Metrics = serde_json::from_slice(&text).ok()?;
+    let same =
+        metrics.scene == scene && metrics.arms == usize::from(args.arms) && metrics.seed == seed;
+    same.then_some(metrics)
+}
+
+fn write(out: &OutputFolder, args: &TablesArgs, scene: &str, rows: &[Row]) -> Result<(), Failure> {
+    let summary = Seeds {
+        scene,
+        arms: args.arms,
+        runs: finished(rows),
+        failed: rows
+            .iter()
+            .filter_map(|row| {
+                row.outcome.as_ref().err().map(|error| Failed {
+                    seed: row.seed,
+                    error,
+                })
+            })
+            .collect(),
+        closed: closed(rows),
+        median: COLUMNS
+            .iter()
+            .map(|column| (column.key, median(rows, column.value)))
+            .collect(),
+    };
+    let mut json = serde_json::to_vec_pretty(&summary)?;
+    json.push(b'\n');
+    out.write("seeds.json", &json)?;
+    Ok(out.write("seeds.md", markdown(rows).as_bytes())?)
+}
+
+fn finished(rows: &[Row]) -> Vec<&Metrics> {
+    rows.iter()
+        .filter_map(|row| row.outcome.as_ref().ok())
+        .collect()
+}
+
+fn closed(rows: &[Row]) -> usize {
+    finished(rows).iter().filter(|m| m.stop == "closed").count()
+}
+
+/// A column of figures: its heading, its name in the file, what it shows of a run, and how.
+struct Column {
+    heading: &'static str,
+    key: &'static str,
+    value: fn(&Metrics) -> Option<f64>,
+    show: fn(f64) -> String,
+}
+
+fn millimetres(value: f64) -> String {
+    format!("{:.2}", 1e3 * value)
+}
+
+fn percent(value: f64) -> String {
+    format!("{:.1}", 100.0 * value)
+}
+
+fn whole(value: f64) -> String {
+    format!("{value:.0}")
+}
+
+const COLUMNS: [Column; 10] = [
+    Column {
+        heading: "manipulations",
+        key: "manipulations",
+        value: |m| Some(m.manipulations as f64),
+        show: whole,
+    },
+    Column {
+        heading: "accuracy mean, mm",
+        key: "accuracy_mean_m",
+        value: |m| m.accuracy_m.map(|s| s.mean),
+        show: millimetres,
+    },
+    Column {
+        heading: "accuracy p95, mm",
+        key: "accuracy_p95_m",
+        value: |m| m.accuracy_m.map(|s| s.p95),
+        show: millimetres,
+    },
+    Column {
+        heading: "completeness mean, mm",
+        key: "completeness_mean_m",
+        value: |m| m.completeness_m.map(|s| s.mean),
+        show: millimetres,
+    },
+    Column {
+        heading: "completeness p95, mm",
+        key: "completeness_p95_m",
+        value: |m| m.completeness_m.map(|s| s.p95),
+        show: millimetres,
+    },
+    Column {
+        heading: "F at 5 mm, %",
+        key: "f_score_5mm",
+        value: |m| m.f_score.map(|f| f.at_5mm),
+        show: percent,
+    },
+    Column {
+        heading: "doubled, %",
+        key: "doubled",
+        value: |m| m.doubled,
+        show: percent,
+    },
+    Column {
+        heading: "Euler",
+        key: "euler",
+        value: |m| Some(m.mesh.euler as f64),
+        show: whole,
+    },
+    Column {
+        heading: "hidden while held, mm",
+        key: "prediction_error_held_m",
+        value: |m| m.prediction_error_held_m,
+        show: millimetres,
+    },
+    Column {
+        heading: "wall time, s",
+        key: "wall_s",
+        value: |m| Some(m.wall_s),
+        show: whole,
+    },
+];
+
+fn median(rows: &[Row], value: fn(&Metrics) -> Option<f64>) -> Option<f64> {
+    let mut values: Vec<f64> = finished(rows).into_iter().filter_map(value).collect();
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get((values.len() - 1) / 2)?;
+    Some(0.5 * (lower + upper))
+}
+
+fn markdown(rows: &[Row]) -> String {
+    let mut text = String::from("| seed | stop | watertight |");
+    for column in &COLUMNS {
+        text.extend([" ", column.heading, " |"]);
+    }
+    text += "\n|---|---|---|";
+    text += &"---:|".repeat(COLUMNS.len());
+    text.push('\n');
+    for row in rows {
+        // Writing to a String cannot fail.
+        let _ = match &row.outcome {
+            Ok(metrics) => writeln!(
+                text,
+                "| {} | {} | {} |{}",
+                row.seed,
+                metrics.stop,
+                yes_no(metrics.mesh.watertight),
+                cells(|column| (column.value)(metrics))
+            ),
+            Err(error) => writeln!(
+                text,
+                "| {} | {} | – |{}",
+                row.seed,
+                error.replace(['|', '\n'], " "),
+                cells(|_| None)
+            ),
+        };
+    }
+    let watertight = finished(rows).iter().filter(|m| m.mesh.watertight).count();
+    let _ = writeln!(
+        text,
+        "| median | {} of {} closed | {watertight} of {} |{}",
+        closed(rows),
+        rows.len(),
+        rows.len(),
+        cells(|column| median(rows, column.value))
+    );
+    text
+}
+
+fn yes_no(value: bool) -> &'static str {
+    if value { "yes" } else { "no" }
+}
+
+fn cells(value: impl Fn(&Column) -> Option<f64>) -> String {
+    let mut text = String::new();
+    for column in &COLUMNS {
+        let shown = value(column).map_or("–".into(), column.show);
+        text.extend([" ", &shown, " |"]);
+    }
+    text
+}

@@ -1,0 +1,116 @@
+//! What any mesh tool says of a mesh.
+//!
+//! ```text
+//! open edge           one triangle          non-manifold edge    more than two
+//! watertight          every edge has exactly two triangles
+//! Euler number        V − E + F over the vertices that triangles use:  2 for a sphere, 0 for a torus
+//! components          triangles joined over edges
+//! ```
+//! Vertices that coincide in the file (0.1 µm) are one, as mesh tools read them; triangles that are then no triangles are left
+//! out.
+
+use nalgebra::Point3;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Vertices nearer than this, metres, coincide: the precision of the files.
+const SAME: f64 = 1e-7;
+
+/// Counts of what makes a mesh closed, manifold and one piece.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeshReport {
+    /// Whether every edge has exactly two triangles; an empty mesh is not watertight.
+    pub watertight: bool,
+    /// Vertices less edges plus triangles.
+    pub euler: i64,
+    /// Edges with one triangle.
+    pub open_edges: usize,
+    /// Edges with more than two triangles.
+    pub non_manifold_edges: usize,
+    /// Edges with two triangles that turn against each other.
+    pub misoriented_edges: usize,
+    /// Pieces that triangles joined over edges make.
+    pub components: usize,
+}
+
+impl MeshReport {
+    /// Counts; triangles with an index out of range are left out.
+    ///
+    /// # Complexity
+    /// `O(n log n)`.
+    pub fn of(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Self {
+        let triangles = welded(vertices, triangles);
+        let mut used: Vec<u32> = triangles.as_flattened().to_vec();
+        used.sort_unstable();
+        used.dedup();
+        // The triangles at each edge, and whether each runs along it upward.
+        let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
+        for (index, t) in triangles.iter().enumerate() {
+            for k in 0..3 {
+                let (a, b) = (t[k], t[(k + 1) % 3]);
+                edges
+                    .entry([a.min(b), a.max(b)])
+                    .or_default()
+                    .push((index, a < b));
+            }
+        }
+        let open_edges = edges.values().filter(|sides| sides.len() == 1).count();
+        let non_manifold_edges = edges.values().filter(|sides| sides.len() > 2).count();
+        let misoriented = |sides: &Vec<(usize, bool)>| sides.len() == 2 && sides[0].1 == sides[1].1;
+        Self {
+            watertight: !triangles.is_empty() && open_edges == 0 && non_manifold_edges == 0,
+            euler: signed(used.len()) - signed(edges.len()) + signed(triangles.len()),
+            open_edges,
+            non_manifold_edges,
+            misoriented_edges: edges.values().filter(|sides| misoriented(sides)).count(),
+            components: components(triangles.len(), edges.values()),
+        }
+    }
+}
+
+/// A count as a number that can be subtracted; indices are 32 bits, so that it always fits.
+fn signed(count: usize) -> i64 {
+    i64::try_from(count).unwrap_or(i64::MAX)
+}
+
+/// The triangles over vertices of which those that coincide are one.
+fn welded(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
+    let mut first: BTreeMap<[i64; 3], u32> = BTreeMap::new();
+    let same: Vec<u32> = vertices
+        .iter()
+        .enumerate()
+        .map(|(i, p)| {
+            let key = [p.x, p.y, p.z].map(|c| (c / SAME).round() as i64);
+            *first.entry(key).or_insert(i as u32)
+        })
+        .collect();
+    triangles
+        .iter()
+        .filter(|t| t.iter().all(|i| (*i as usize) < same.len()))
+        .map(|t| t.map(|i| same[i as usize]))
+        .filter(|[a, b, c]| a != b && b != c && c != a)
+        .collect()
+}
+
+fn components<'a>(triangles: usize, edges: impl Iterator<Item = &'a Vec<(usize, bool)>>) -> usize {
+    let mut parent: Vec<usize> = (0..triangles).collect();
+    let mut pieces = triangles;
+    for sides in edges {
+        for pair in sides.windows(2) {
+            let (a, b) = (root(&mut parent, pair[0].0), root(&mut parent, pair[1].0));
+            if a != b {
+                parent[a] = b;
+                pieces -= 1;
+            }
+        }
+    }
+    pieces
+}
+
+fn root(parent: &mut [usize], mut i: usize) -> usize {
+    while parent[i] != i {
+        parent[i] = parent[parent[i]];
+        i = parent[i];
+    }
+    i
+}

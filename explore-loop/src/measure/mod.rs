@@ -1,0 +1,111 @@
+//! What a user would see: measures of a finished mesh and of the tracking that led to it, against a ground truth that only
+//! this module sees.
+//!
+//! ```text
+//! accuracy           distance mesh → true surface: mean, 95 %, maximum
+//! completeness       distance true surface → mesh: mean, 95 %, maximum
+//! F-score at d       harmonic mean of the shares of both that lie within d
+//! explored           share of the true area within one spacing of the model's points (within two: explored_2eps)
+//! shape difference   mean distance, point of the model → true surface
+//! doubled            share of the true area over which the mesh has a sheet more than the truth, facing the same way
+//! unsupported        share of the mesh's area farther than one spacing from every observed point
+//! mesh report        watertight, Euler number, open and non-manifold edges, components
+//! prediction error   mean distance, live position of an unseen vertex → where its material point is
+//! slide              mean tangential part of the same distance for seen vertices
+//! ```
+//!
+//! All shape measures are taken at rest, on points sampled evenly by area. They take plain slices of vertices and triangles, so
+//! that any mesh can be compared with any other:
+//!
+//! ```
+//! use explore_loop::measure::{Sampling, Surface, compare};
+//! use explore_loop::nalgebra::Point3;
+//!
+//! let corners = |size: f64| [[0.0; 3], [size, 0.0, 0.0], [0.0, size, 0.0], [0.0, 0.0, size]].map(Point3::from);
+//! let triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+//! let truth = Surface::new(&corners(0.1), &triangles)?;
+//! let same = compare(&truth, &truth, Sampling::default());
+//! assert!(same.accuracy().max < 1e-12 && same.f_score(0.002) == 1.0);
+//! # Ok::<(), explore_loop::measure::MeasureError>(())
+//! ```
+//!
+//! | file | question |
+//! |---|---|
+//! | `surface` | a checked mesh: area, distance, crossings with a line |
+//! | `sampling` | points evenly by area |
+//! | `shape` | how far is the mesh from the truth, and the truth from the mesh? |
+//! | `doubled` | where has the mesh a sheet that the truth has not? |
+//! | `support` | which of its area did nobody see? |
+//! | `mesh_report` | is it closed, manifold, one piece? |
+//! | `tracking` | do the vertices follow the material? |
+//! | `truth` | the true surface |
+//! | `from_points` | a closed surface through the points of a truth that was recorded without triangles |
+//! | `gaps` | triangles for what is left open |
+
+mod doubled;
+mod from_points;
+mod gaps;
+mod mesh_report;
+mod sampling;
+mod shape;
+mod summary;
+mod support;
+mod surface;
+mod tracking;
+mod truth;
+
+pub use doubled::{DoubledOptions, doubled};
+pub use mesh_report::MeshReport;
+pub use sampling::Sampling;
+pub use shape::{Comparison, FScore, ShapeMeasures, Spread, compare, explored, shape_difference};
+pub use summary::{MeshMeasures, TruthMeasures};
+pub use support::unsupported;
+pub use surface::{Crossing, Sample, Surface};
+pub use tracking::{Measurer, TrackingMeasures};
+pub use truth::TrueSurface;
+
+/// Why a mesh cannot be measured.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum MeasureError {
+    /// There is no triangle with an area.
+    #[error("a surface cannot be measured: it has no triangle with an area")]
+    NoArea,
+    /// A triangle names a vertex that does not exist.
+    #[error(
+        "a surface cannot be measured: triangle {triangle} names vertex {vertex}, there are {count}"
+    )]
+    NoSuchVertex {
+        /// Index of the triangle.
+        triangle: usize,
+        /// The vertex it names.
+        vertex: u32,
+        /// Number of vertices.
+        count: usize,
+    },
+    /// A vertex is infinite or not a number.
+    #[error("a surface cannot be measured: vertex {vertex} is not finite")]
+    NotFinite {
+        /// Index of the vertex.
+        vertex: usize,
+    },
+    /// The true surface changed its number of vertices.
+    #[error("the true surface has {found} vertices now and had {expected} at first")]
+    TruthChanged {
+        /// Vertices at first.
+        expected: usize,
+        /// Vertices now.
+        found: usize,
+    },
+    /// No surface can be laid through the points.
+    #[error("no closed surface can be laid through {count} points: {reason}")]
+    NoSurface {
+        /// Number of points.
+        count: usize,
+        /// Why not.
+        reason: String,
+    },
+    /// The search tree over the triangles could not be built.
+    #[error("a surface cannot be measured: {0}")]
+    Tree(String),
+}
