@@ -1,5 +1,6 @@
 //! What can go wrong in an exploration.
 
+use crate::canonical::closed_surface::ClosedSurfaceError;
 use crate::canonical::closure::ClosureError;
 use crate::cell::CellError;
 use crate::measure::MeasureError;
@@ -41,6 +42,9 @@ pub enum Error {
     /// A loop could not be closed.
     #[error(transparent)]
     Closure(#[from] ClosureError),
+    /// No closed surface could be drawn.
+    #[error("surface: {0}")]
+    Surface(#[from] ClosedSurfaceError),
     /// The world failed.
     #[error(transparent)]
     Cell(#[from] CellError),
