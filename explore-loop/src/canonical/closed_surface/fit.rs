@@ -16,8 +16,11 @@ use nalgebra::{Point3, Vector3};
 const WIDTH: f64 = 0.7;
 /// Samples that face less alike than this are another sheet or the other side of an edge.
 const ALIKE: f64 = 0.3;
+/// From this cosine up the surface between a vertex and a sample counts as round, from this down as an edge.
+const SMOOTH: f64 = 0.85;
+const EDGE: f64 = 0.55;
 /// With this much weight around a vertex it moves half the way.
-const FAINT: f64 = 0.08;
+const FAINT: f64 = 0.05;
 /// A vertex moves at most this far in one step, in spacings.
 const FURTHEST: f64 = 0.4;
 
@@ -36,7 +39,9 @@ pub(super) fn onto_samples(
         let far = offset.norm_squared() / (sigma * sigma);
         if alike > ALIKE && far < 4.84 {
             let weight = samples.weights[i] * (-0.5 * far).exp() * (alike - ALIKE);
-            sum += weight * 0.5 * (normal + samples.normals[i]).dot(&offset);
+            let (plane, along) = (samples.normals[i].dot(&offset), normal.dot(&offset));
+            let smooth = ((alike - EDGE) / (SMOOTH - EDGE)).clamp(0.0, 1.0);
+            sum += weight * (smooth * 0.5 * (plane + along) + (1.0 - smooth) * plane / alike.max(EDGE));
             total += weight;
         }
     });

@@ -30,7 +30,7 @@ pub struct ClosedSurfaceOptions {
     /// A vertex within this distance of a point that faces as it does was seen, m. Default 1.4 spacings: with more, a patch
     /// of 2 % of the body can hide; with less, chance gaps count.
     pub reach: f64,
-    /// Length of the edges of the mesh, m. Default 0.75 spacings.
+    /// Length of the edges of the mesh, m. Default 0.7 spacings.
     pub edge: f64,
     /// Handles with a loop around them shorter than this are noise and are cut, m. Default 6 spacings: fewer
     /// points around it cannot show that there is one.
@@ -44,7 +44,7 @@ impl ClosedSurfaceOptions {
             spacing,
             grid: 0.4 * spacing,
             reach: 1.4 * spacing,
-            edge: 0.75 * spacing,
+            edge: 0.7 * spacing,
             handle: 6.0 * spacing,
         }
     }
