@@ -21,6 +21,8 @@ const SMOOTH: f64 = 0.85;
 const EDGE: f64 = 0.55;
 /// With this much weight around a vertex it moves half the way.
 const FAINT: f64 = 0.05;
+/// How far beyond the outermost sample around it a vertex may lie, in spacings: the tip of an edge may, a spike does.
+const BEYOND: f64 = 0.3;
 /// A vertex moves at most this far in one step, in spacings.
 const FURTHEST: f64 = 0.4;
 
@@ -32,21 +34,29 @@ pub(super) fn onto_samples(
     spacing: f64,
 ) -> Vector3<f64> {
     let sigma = WIDTH * spacing;
-    let (mut sum, mut total) = (0.0, 0.0);
+    let (mut sum, mut total, mut outermost) = (0.0, 0.0, f64::NEG_INFINITY);
     samples.cells.visit(place, 2.2 * sigma, |i| {
         let alike = normal.dot(&samples.normals[i]);
         let offset = place - samples.points[i];
         let far = offset.norm_squared() / (sigma * sigma);
+        if far < 4.84 {
+            outermost = f64::max(outermost, -normal.dot(&offset));
+        }
         if alike > ALIKE && far < 4.84 {
             let weight = samples.weights[i] * (-0.5 * far).exp() * (alike - ALIKE);
             let (plane, along) = (samples.normals[i].dot(&offset), normal.dot(&offset));
             let smooth = ((alike - EDGE) / (SMOOTH - EDGE)).clamp(0.0, 1.0);
-            sum += weight * (smooth * 0.5 * (plane + along) + (1.0 - smooth) * plane / alike.max(EDGE));
+            sum += weight
+                * (smooth * 0.5 * (plane + along) + (1.0 - smooth) * plane / alike.max(EDGE));
             total += weight;
         }
     });
-    let step = sum / (total + FAINT);
-    normal * -step.clamp(-FURTHEST * spacing, FURTHEST * spacing)
+    let step = (-sum / (total + FAINT)).clamp(-FURTHEST * spacing, FURTHEST * spacing);
+    if outermost.is_finite() {
+        normal * step.min(outermost + BEYOND * spacing)
+    } else {
+        normal * step
+    }
 }
 
 /// Moves every vertex onto the samples.

@@ -148,6 +148,8 @@ pub fn closed_surface(
     remesh::coarsen(&mut mesh, 0.6 * options.edge);
     let mut mesh = handles::cut_small(mesh, options.handle);
     remesh::remesh(&mut mesh, options.edge, &samples, spacing);
+    let samples = without_strays(samples, &mesh, spacing);
+    remesh::finish(&mut mesh, options.edge, &samples, spacing);
     let surface = ClosedSurface::of(&mesh, points, normals, options);
     if surface.vertices.len() < 4 {
         return Err(ClosedSurfaceError::NothingEnclosed);
@@ -245,15 +247,32 @@ fn strays(
     spacing: f64,
 ) -> Vec<u32> {
     let found = support::nearest_facing(points, normals, vertices, facing, spacing);
+    let off = |i: u32, v: usize| (points[i as usize] - vertices[v]).dot(&facing[v]).abs();
     (0u32..)
         .zip(found)
         .filter(|&(i, (v, distance))| {
-            distance > AWAY * spacing
-                || (points[i as usize] - vertices[v as usize])
-                    .dot(&facing[v as usize])
-                    .abs()
-                    > OFF * spacing
+            distance > AWAY * spacing || off(i, v as usize) > OFF * spacing
         })
         .map(|(i, _)| i)
         .collect()
+}
+
+/// The samples without those that the mesh passes by: what is left of them bends it no more.
+fn without_strays(samples: Samples, mesh: &Corners, spacing: f64) -> Samples {
+    let (vertices, triangles) = mesh.soup();
+    let facing = vertex_normals(&vertices, &triangles);
+    let normals: Vec<_> = samples
+        .normals
+        .iter()
+        .map(|n| UnitVector3::new_unchecked(*n))
+        .collect();
+    let strays = strays(&vertices, &facing, &samples.points, &normals, spacing);
+    if strays.is_empty() {
+        return samples;
+    }
+    let mut keep = vec![true; samples.len()];
+    for i in strays {
+        keep[i as usize] = false;
+    }
+    samples.retain(&keep, spacing)
 }

@@ -15,7 +15,7 @@ const SHORT: f64 = 4.0 / 5.0;
 /// A triangle may turn by this much when an edge is collapsed or turned: 60 degrees.
 const TURN: f64 = 0.5;
 /// Rounds of all steps: the share of edges outside the bounds has settled by then.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 4;
 /// Triangles of lower quality (`4√3 area / Σ edges²`, 1 for an equilateral one) are mended at the end.
 const POOR: f64 = 0.15;
 
@@ -30,15 +30,24 @@ pub(super) fn coarsen(mesh: &mut Corners, length: f64) {
 
 /// Makes the edges of `mesh` about `length` long and its vertices lie on the samples.
 pub(super) fn remesh(mesh: &mut Corners, length: f64, samples: &Samples, spacing: f64) {
-    for _ in 0..ROUNDS {
+    rounds(mesh, length, samples, spacing, ROUNDS);
+}
+
+/// The last rounds, and no needle is left.
+pub(super) fn finish(mesh: &mut Corners, length: f64, samples: &Samples, spacing: f64) {
+    rounds(mesh, length, samples, spacing, 2);
+    fit::all_onto_samples(mesh, samples, spacing);
+    mend(mesh, length);
+}
+
+fn rounds(mesh: &mut Corners, length: f64, samples: &Samples, spacing: f64, count: usize) {
+    for _ in 0..count {
         split_long(mesh, length * LONG);
         collapse_short(mesh, length * SHORT, length * LONG);
         turn_edges(mesh);
         relax(mesh);
         fit::all_onto_samples(mesh, samples, spacing);
     }
-    fit::all_onto_samples(mesh, samples, spacing);
-    mend(mesh, length);
 }
 
 fn split_long(mesh: &mut Corners, longest: f64) {
