@@ -13,6 +13,8 @@ const FEWEST: usize = 12;
 const APART: f64 = 8.0;
 /// Clusters below this share of the points are clutter.
 const CLUTTER: f64 = 0.08;
+/// Normals whose mean is longer than this all face one way, as those of a flat patch do; half a ball has 0.5.
+const ONE_WAY: f64 = 0.97;
 /// Normals within 60 degrees are averaged: more than noise makes, less than the edge of a box.
 const ALIKE: f64 = 0.5;
 
@@ -48,6 +50,10 @@ impl Samples {
                 points: used.len(),
                 needed: FEWEST,
             });
+        }
+        let facing: Vector3<f64> = used.iter().map(|&i| normals[i as usize].into_inner()).sum();
+        if facing.norm() > ONE_WAY * used.len() as f64 {
+            return Err(ClosedSurfaceError::NothingEnclosed);
         }
         // Only ratios of weights matter; the largest is 1 so that sums neither overflow nor vanish.
         let heaviest = used
