@@ -1,4 +1,31 @@
-//! A closed surface through points with normals.
+//! A closed surface through points with normals, and what of it the points support.
+//!
+//! | file | step |
+//! |---|---|
+//! | `samples` | check the input; average normals over neighbours that face alike |
+//! | `poisson`, `grid` | inside and outside: an indicator function on a grid, without the points off its surface |
+//! | `isosurface`, `corners` | its surface: always a closed 2-manifold; the piece that encloses most is kept |
+//! | `handles` | handles shorter around than six spacings are cut |
+//! | `remesh`, `fit` | even triangles, with vertices on the points |
+//! | `support` | what was seen; the trimmed mesh; an even sample |
+//!
+//! # Figures
+//! Points 4.25 mm apart or more with 0.4 mm noise along the normal and 10 degrees of the normal, one seed. Distance of the mesh from the truth,
+//! mean / 95 % in mm; volume; Euler number; edges that are not manifold. *Round* spreads each normal over the eight nodes around it
+//! and draws surface nets, at a step of 6 and of 3 mm.
+//!
+//! | body | this module | round, 6 mm | round, 3 mm |
+//! |---|---|---|---|
+//! | ellipsoid | 0.16/0.38, −0.2 %, 2, 0 | 0.21/0.48, −1.3 %, 2, 0 | 0.19/0.47, −0.3 %, 2, 2 |
+//! | lens, margin of 52° | 0.18/0.48, −0.6 %, 2, 0 | 0.29/1.20, −2.4 %, 2, 0 | 0.23/0.62, −0.3 %, 2, 1 |
+//! | liver-like | 0.16/0.41, −0.4 %, 2, 0 | 0.30/1.15, −1.6 %, 2, 18 | 0.22/0.60, −0.3 %, 2, 2 |
+//! | three-lobed star | 0.17/0.45, −0.3 %, 2, 0 | 0.40/1.48, −4.4 %, 2, 0 | 0.21/0.56, −0.7 %, 2, 1 |
+//! | slab of 7 mm | 0.18/0.48, −0.2 %, 2, 0 | 0.69/2.12, −5.0 %, 2, 5 | 0.23/0.64, −2.1 %, 2, 0 |
+//! | sheet of 4 mm | 0.18/0.47, −1.2 %, 2, 0 | 1.08/1.83, −21 %, −56, 29 | 0.43/0.95, +2.3 %, −4, 91 |
+//!
+//! # Limits
+//! Where a patch at a margin or at the rim of a thin body is missing on both sides, the surface closes early within reach of the points
+//! around, and [`ClosedSurface::bare`] does not show it. A second sheet less than half a spacing away is not told from noise.
 
 use corners::Corners;
 use nalgebra::{Point3, UnitVector3};
