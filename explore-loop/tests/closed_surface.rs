@@ -2,7 +2,7 @@
 //!
 //! The bodies are given by functions that are negative inside; samples are maximal nets of 4.25 mm within a sheet, about what fusion at a spacing of
 //! 5 mm leaves, with 0.4 mm noise along the normal and 10 degrees of noise of the normal. Edges and fans are counted by brute force here.
-#![allow(missing_docs, clippy::unwrap_used)]
+#![allow(missing_docs, clippy::unwrap_used, clippy::cast_possible_wrap)]
 
 use explore_loop::canonical::closed_surface::{
     ClosedSurface, ClosedSurfaceError, ClosedSurfaceOptions, closed_surface,
