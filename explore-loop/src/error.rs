@@ -1,5 +1,6 @@
 //! What can go wrong in an exploration.
 
+use crate::canonical::closed_surface::ClosedSurfaceError;
 use crate::cell::CellError;
 use crate::measure::MeasureError;
 use std::path::PathBuf;
@@ -37,6 +38,9 @@ pub enum Error {
     /// The planner refused its input.
     #[error("planning: {0}")]
     Plan(#[from] grip_planner::Error),
+    /// No closed surface could be drawn.
+    #[error("surface: {0}")]
+    Surface(#[from] ClosedSurfaceError),
     /// The world failed.
     #[error(transparent)]
     Cell(#[from] CellError),

@@ -10,9 +10,11 @@
 //! | [`cut`] | which edges glue places that only touched? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
+//! | [`closed_surface`] | which closed surface do the points describe, and what of it was seen? |
 
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
+pub mod closed_surface;
 pub mod cut;
 pub mod graph;
 pub mod surface;

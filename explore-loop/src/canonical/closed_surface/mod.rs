@@ -1,0 +1,305 @@
+//! A closed surface through points with normals, and what of it the points support.
+//!
+//! | file | step |
+//! |---|---|
+//! | `samples` | check the input; average normals over neighbours that face alike |
+//! | `poisson`, `grid` | inside and outside: an indicator function on a grid, without the points off its surface |
+//! | `isosurface`, `corners` | its surface: always a closed 2-manifold; the piece that encloses most is kept |
+//! | `handles` | handles shorter around than six spacings are cut |
+//! | `remesh`, `fit` | even triangles, with vertices on the points |
+//! | `support` | what was seen; the trimmed mesh; an even sample |
+//!
+//! # Figures
+//! Points 4.25 mm apart or more with 0.4 mm noise along the normal and 10 degrees of the normal, one seed. Distance of the mesh from the truth,
+//! mean / 95 % in mm; volume; Euler number; edges that are not manifold. *Round* spreads each normal over the eight nodes around it
+//! and draws surface nets, at a step of 6 and of 3 mm.
+//!
+//! | body | this module | round, 6 mm | round, 3 mm |
+//! |---|---|---|---|
+//! | ellipsoid | 0.16/0.38, −0.2 %, 2, 0 | 0.21/0.48, −1.3 %, 2, 0 | 0.19/0.47, −0.3 %, 2, 2 |
+//! | lens, margin of 52° | 0.18/0.48, −0.6 %, 2, 0 | 0.29/1.20, −2.4 %, 2, 0 | 0.23/0.62, −0.3 %, 2, 1 |
+//! | liver-like | 0.16/0.41, −0.4 %, 2, 0 | 0.30/1.15, −1.6 %, 2, 18 | 0.22/0.60, −0.3 %, 2, 2 |
+//! | three-lobed star | 0.17/0.45, −0.3 %, 2, 0 | 0.40/1.48, −4.4 %, 2, 0 | 0.21/0.56, −0.7 %, 2, 1 |
+//! | slab of 7 mm | 0.18/0.48, −0.2 %, 2, 0 | 0.69/2.12, −5.0 %, 2, 5 | 0.23/0.64, −2.1 %, 2, 0 |
+//! | sheet of 4 mm | 0.18/0.47, −1.2 %, 2, 0 | 1.08/1.83, −21 %, −56, 29 | 0.43/0.95, +2.3 %, −4, 91 |
+//!
+//! # Limits
+//! Where a patch at a margin or at the rim of a thin body is missing on both sides, the surface closes early within reach of the points
+//! around, and [`ClosedSurface::bare`] does not show it. A second sheet less than half a spacing away is not told from noise.
+
+use corners::Corners;
+use nalgebra::{Point3, UnitVector3};
+use samples::Samples;
+
+mod cells;
+mod corners;
+mod error;
+mod fit;
+mod grid;
+mod handles;
+mod isosurface;
+mod poisson;
+mod remesh;
+mod samples;
+mod support;
+
+pub use error::ClosedSurfaceError;
+
+/// Settings of [`closed_surface`].
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ClosedSurfaceOptions {
+    /// Distance of neighbouring points, m.
+    pub spacing: f64,
+    /// Step of the grid on which inside and outside are told apart, m. Parts thinner than about one and a half steps are lost. Default 0.4
+    /// spacings.
+    pub grid: f64,
+    /// A vertex within this distance of a point that faces as it does was seen, m. Default 1.4 spacings: with more, a patch
+    /// of 2 % of the body can hide; with less, chance gaps count.
+    pub reach: f64,
+    /// Length of the edges of the mesh, m. Default 0.7 spacings.
+    pub edge: f64,
+    /// Handles with a loop around them shorter than this are noise and are cut, m. Default 6 spacings: fewer
+    /// points around it cannot show that there is one.
+    pub handle: f64,
+}
+
+impl ClosedSurfaceOptions {
+    /// Defaults for points at this distance from each other, m.
+    pub fn new(spacing: f64) -> Self {
+        Self {
+            spacing,
+            grid: 0.4 * spacing,
+            reach: 1.4 * spacing,
+            edge: 0.7 * spacing,
+            handle: 6.0 * spacing,
+        }
+    }
+
+    /// Sets the step of the grid, m.
+    #[must_use]
+    pub fn with_grid(mut self, grid: f64) -> Self {
+        self.grid = grid;
+        self
+    }
+
+    /// Sets how far from a point the surface counts as seen, m.
+    #[must_use]
+    pub fn with_reach(mut self, reach: f64) -> Self {
+        self.reach = reach;
+        self
+    }
+
+    /// Sets the length of edges, m.
+    #[must_use]
+    pub fn with_edge(mut self, edge: f64) -> Self {
+        self.edge = edge;
+        self
+    }
+
+    /// Sets the length of loops below which a handle is noise, m.
+    #[must_use]
+    pub fn with_handle(mut self, handle: f64) -> Self {
+        self.handle = handle;
+        self
+    }
+
+    fn check(&self) -> Result<(), ClosedSurfaceError> {
+        let options = [
+            ("spacing", self.spacing),
+            ("grid", self.grid),
+            ("reach", self.reach),
+            ("edge", self.edge),
+            ("handle", self.handle),
+        ];
+        match options
+            .into_iter()
+            .find(|(_, v)| !(v.is_finite() && *v > 0.0))
+        {
+            Some((name, value)) => Err(ClosedSurfaceError::BadOption { name, value }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// For points 5 mm apart.
+impl Default for ClosedSurfaceOptions {
+    fn default() -> Self {
+        Self::new(0.005)
+    }
+}
+
+/// A surface, and what of it the points support.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ClosedSurface {
+    /// Vertices, m.
+    pub vertices: Vec<Point3<f64>>,
+    /// Outward normal of each vertex.
+    pub normals: Vec<UnitVector3<f64>>,
+    /// Triangles, counter-clockwise seen from outside.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index of the nearest input point of each vertex that does not face away from it; `u32::MAX` if there is none.
+    pub nearest: Vec<u32>,
+    /// Distance to it, m; infinite if there is none.
+    pub distance: Vec<f64>,
+    /// Share of the area farther than the reach from any point that faces as it does.
+    pub bare: f64,
+    /// Input points left out: off the surface, or facing away from it.
+    pub strays: Vec<u32>,
+    spacing: f64,
+    reach: f64,
+}
+
+/// Draws a closed surface through `points` with outward `normals`.
+///
+/// # Errors
+/// Arrays of unequal length, options or points that are not usable, too few points, points that enclose nothing, or an object too
+/// large for the grid.
+pub fn closed_surface(
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    weights: &[f64],
+    options: &ClosedSurfaceOptions,
+) -> Result<ClosedSurface, ClosedSurfaceError> {
+    options.check()?;
+    let spacing = options.spacing;
+    let samples = Samples::new(points, normals, weights, options)?;
+    let grid = poisson::grid_around(&samples.points, options.grid)
+        .ok_or_else(|| too_large(&samples, options))?;
+    let (field, samples) = poisson::indicator(samples, &grid, spacing);
+    let soup = isosurface::extract(&field, poisson::level(&field, &samples));
+    let mut mesh = corners::largest_piece(soup)
+        .and_then(|piece| Corners::new(&piece))
+        .ok_or(ClosedSurfaceError::NothingEnclosed)?;
+    remesh::coarsen(&mut mesh, 0.6 * options.edge);
+    let mut mesh = handles::cut_small(mesh, options.handle);
+    remesh::remesh(&mut mesh, options.edge, &samples, spacing);
+    let samples = without_strays(samples, &mesh, spacing);
+    remesh::finish(&mut mesh, options.edge, &samples, spacing);
+    let surface = ClosedSurface::of(&mesh, points, normals, options);
+    if surface.vertices.len() < 4 {
+        return Err(ClosedSurfaceError::NothingEnclosed);
+    }
+    Ok(surface)
+}
+
+fn too_large(samples: &Samples, options: &ClosedSurfaceOptions) -> ClosedSurfaceError {
+    let first = samples.points[0];
+    let low = samples.points.iter().fold(first, |a, p| a.inf(p));
+    let high = samples.points.iter().fold(first, |a, p| a.sup(p));
+    ClosedSurfaceError::TooLarge {
+        extent: (high - low).amax(),
+        grid: options.grid,
+    }
+}
+
+impl ClosedSurface {
+    fn of(
+        mesh: &Corners,
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        options: &ClosedSurfaceOptions,
+    ) -> Self {
+        let (vertices, triangles) = mesh.soup();
+        let facing = vertex_normals(&vertices, &triangles);
+        let found = support::nearest_facing(&vertices, &facing, points, normals, options.spacing);
+        let strays = strays(&vertices, &facing, points, normals, options.spacing);
+        let mut surface = Self {
+            nearest: found.iter().map(|f| f.0).collect(),
+            distance: found.iter().map(|f| f.1).collect(),
+            normals: facing,
+            bare: 0.0,
+            strays,
+            spacing: options.spacing,
+            reach: options.reach,
+            vertices,
+            triangles,
+        };
+        surface.bare = surface.bare_share();
+        surface
+    }
+
+    fn bare_share(&self) -> f64 {
+        let areas = support::areas(&self.vertices, &self.triangles);
+        let bare: f64 = (0..areas.len())
+            .filter(|&v| !self.is_supported(v))
+            .map(|v| areas[v])
+            .sum();
+        bare / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
+    }
+
+    /// The surface with vertices `source` of this one and new triangles.
+    fn with_mesh(&self, source: &[u32], triangles: Vec<[u32; 3]>) -> Self {
+        let mut surface = Self {
+            vertices: source.iter().map(|&v| self.vertices[v as usize]).collect(),
+            normals: source.iter().map(|&v| self.normals[v as usize]).collect(),
+            nearest: source.iter().map(|&v| self.nearest[v as usize]).collect(),
+            distance: source.iter().map(|&v| self.distance[v as usize]).collect(),
+            strays: self.strays.clone(),
+            triangles,
+            ..*self
+        };
+        surface.bare = surface.bare_share();
+        surface
+    }
+}
+
+/// Normals of vertices, from the triangles around them by area.
+fn vertex_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<UnitVector3<f64>> {
+    let mut sums = vec![nalgebra::Vector3::zeros(); vertices.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|v| vertices[v as usize]);
+        let face = (b - a).cross(&(c - a));
+        for v in t {
+            sums[*v as usize] += face;
+        }
+    }
+    sums.into_iter()
+        .map(|n| UnitVector3::try_new(n, 0.0).unwrap_or_else(nalgebra::Vector3::z_axis))
+        .collect()
+}
+
+/// How far off the surface a point may lie, in spacings.
+const OFF: f64 = 0.5;
+/// How far the nearest vertex that faces as a point does may be, in spacings.
+const AWAY: f64 = 1.0;
+
+/// Points that no vertex facing as they do lies near.
+fn strays(
+    vertices: &[Point3<f64>],
+    facing: &[UnitVector3<f64>],
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    spacing: f64,
+) -> Vec<u32> {
+    let found = support::nearest_facing(points, normals, vertices, facing, spacing);
+    let off = |i: u32, v: usize| (points[i as usize] - vertices[v]).dot(&facing[v]).abs();
+    (0u32..)
+        .zip(found)
+        .filter(|&(i, (v, distance))| {
+            distance > AWAY * spacing || off(i, v as usize) > OFF * spacing
+        })
+        .map(|(i, _)| i)
+        .collect()
+}
+
+/// The samples without those that the mesh passes by: what is left of them bends it no more.
+fn without_strays(samples: Samples, mesh: &Corners, spacing: f64) -> Samples {
+    let (vertices, triangles) = mesh.soup();
+    let facing = vertex_normals(&vertices, &triangles);
+    let normals: Vec<_> = samples
+        .normals
+        .iter()
+        .map(|n| UnitVector3::new_unchecked(*n))
+        .collect();
+    let strays = strays(&vertices, &facing, &samples.points, &normals, spacing);
+    if strays.is_empty() {
+        return samples;
+    }
+    let mut keep = vec![true; samples.len()];
+    for i in strays {
+        keep[i as usize] = false;
+    }
+    samples.retain(&keep, spacing)
+}

@@ -1,0 +1,249 @@
+//! What of the surface was seen, and the mesh and points of that part alone.
+
+use super::ClosedSurface;
+use super::cells::Cells;
+use nalgebra::{Point3, UnitVector3, Vector3};
+use std::collections::BTreeMap;
+
+/// A patch without support up to this area, in squared spacings, is a chance gap between samples.
+const CHANCE: f64 = 1.0;
+/// Pieces of a trimmed mesh below this share of its area go.
+const SMALL_PIECE: f64 = 0.05;
+
+/// The nearest point that does not face away from each vertex, and its distance.
+pub(super) fn nearest_facing(
+    places: &[Point3<f64>],
+    facing: &[UnitVector3<f64>],
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    spacing: f64,
+) -> Vec<(u32, f64)> {
+    let cells = Cells::new(points, spacing);
+    let squared = |v: usize, i: usize| (points[i] - places[v]).norm_squared();
+    let matches = |v: usize, i: usize| facing[v].dot(&normals[i]) > 0.0;
+    (0..places.len())
+        .map(|v| {
+            let mut best = (f64::INFINITY, u32::MAX);
+            let mut radius = 1.5 * spacing;
+            // Wider and wider, then all: what is far off is rare.
+            while best.0 > radius * radius && radius < 7.0 * spacing {
+                cells.visit(&places[v], radius, |i| {
+                    if matches(v, i) {
+                        best = least(best, (squared(v, i), i as u32));
+                    }
+                });
+                radius *= 2.0;
+            }
+            if best.1 == u32::MAX {
+                best = (0..points.len())
+                    .filter(|&i| matches(v, i))
+                    .map(|i| (squared(v, i), i as u32))
+                    .fold(best, least);
+            }
+            (best.1, best.0.sqrt())
+        })
+        .collect()
+}
+
+fn least(a: (f64, u32), b: (f64, u32)) -> (f64, u32) {
+    if b.0.total_cmp(&a.0).then(b.1.cmp(&a.1)).is_lt() {
+        b
+    } else {
+        a
+    }
+}
+
+/// A third of the triangles around each vertex, m².
+pub(super) fn areas(places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
+    crate::canonical::surface::vertex_areas(places, triangles)
+}
+
+impl ClosedSurface {
+    /// Whether a vertex has a point that faces as it does within reach.
+    pub fn is_supported(&self, vertex: usize) -> bool {
+        self.distance[vertex] <= self.reach
+    }
+
+    /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
+    ///
+    /// A triangle has support if two of its corners have. Patches without it of less than a squared spacing are chance gaps between
+    /// points and stay, so that a body seen from all sides stays watertight. Pieces of less than a twentieth of the area go.
+    /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
+    #[must_use]
+    pub fn trimmed(&self) -> ClosedSurface {
+        let bare: Vec<bool> = self
+            .triangles
+            .iter()
+            .map(|t| {
+                t.iter()
+                    .filter(|v| !self.is_supported(**v as usize))
+                    .count()
+                    >= 2
+            })
+            .collect();
+        let mut keep: Vec<bool> = bare.iter().map(|b| !b).collect();
+        for patch in self.pieces(&bare) {
+            if self.area(&patch) <= CHANCE * self.spacing * self.spacing {
+                for t in patch {
+                    keep[t] = true;
+                }
+            }
+        }
+        let pieces = self.pieces(&keep);
+        let total: f64 = pieces.iter().map(|p| self.area(p)).sum();
+        for piece in pieces {
+            if self.area(&piece) < SMALL_PIECE * total {
+                for t in piece {
+                    keep[t] = false;
+                }
+            }
+        }
+        self.only(&keep)
+    }
+
+    /// Vertices with support at a distance of at least `spacing` from each other, with their normals: an even sample of what was
+    /// seen. Sheets that face away from each other are sampled on their own.
+    ///
+    /// Besides the vertices, places on the triangles are candidates, so that no gap wider than `spacing` is left.
+    pub fn resample(&self, spacing: f64) -> (Vec<Point3<f64>>, Vec<UnitVector3<f64>>) {
+        let mut places: Vec<Point3<f64>> = Vec::new();
+        let mut normals: Vec<UnitVector3<f64>> = Vec::new();
+        if !(spacing > 0.0 && spacing.is_finite()) {
+            return (places, normals);
+        }
+        let mut cubes: BTreeMap<[i64; 3], Vec<u32>> = BTreeMap::new();
+        for (place, normal) in self.candidates() {
+            let key = [0, 1, 2].map(|a| (place[a] / spacing).floor() as i64);
+            let crowded = (0..27).any(|n: i64| {
+                let near = [
+                    key[0] + n % 3 - 1,
+                    key[1] + n / 3 % 3 - 1,
+                    key[2] + n / 9 - 1,
+                ];
+                cubes.get(&near).is_some_and(|cube| {
+                    cube.iter().any(|&i| {
+                        (places[i as usize] - place).norm() < spacing
+                            && normals[i as usize].dot(&normal) > 0.2
+                    })
+                })
+            });
+            if !crowded {
+                cubes.entry(key).or_default().push(places.len() as u32);
+                places.push(place);
+                normals.push(normal);
+            }
+        }
+        (places, normals)
+    }
+
+    /// Vertices with support, then points within triangles whose corners all have it.
+    fn candidates(&self) -> Vec<(Point3<f64>, UnitVector3<f64>)> {
+        const PARTS: [[f64; 3]; 4] = [
+            [1.0, 1.0, 1.0],
+            [1.0, 1.0, 0.0],
+            [0.0, 1.0, 1.0],
+            [1.0, 0.0, 1.0],
+        ];
+        let mut found: Vec<_> = (0..self.vertices.len())
+            .filter(|&v| self.is_supported(v))
+            .map(|v| (self.vertices[v], self.normals[v]))
+            .collect();
+        for t in &self.triangles {
+            if !t.iter().all(|v| self.is_supported(*v as usize)) {
+                continue;
+            }
+            for part in PARTS {
+                let (mut place, mut normal) = (Vector3::zeros(), Vector3::zeros());
+                for (v, w) in t.iter().zip(part) {
+                    place += self.vertices[*v as usize].coords * w;
+                    normal += self.normals[*v as usize].into_inner() * w;
+                }
+                let place = Point3::from(place / part.iter().sum::<f64>());
+                if let Some(normal) = UnitVector3::try_new(normal, 1e-9) {
+                    found.push((place, normal));
+                }
+            }
+        }
+        found
+    }
+
+    fn area(&self, triangles: &[usize]) -> f64 {
+        triangles
+            .iter()
+            .map(|&t| {
+                let [a, b, c] = self.triangles[t].map(|v| self.vertices[v as usize]);
+                (b - a).cross(&(c - a)).norm() / 2.0
+            })
+            .sum()
+    }
+
+    /// Triangles with `chosen[t]`, in pieces joined over edges.
+    fn pieces(&self, chosen: &[bool]) -> Vec<Vec<usize>> {
+        let mut across: BTreeMap<[u32; 2], usize> = BTreeMap::new();
+        for (t, [a, b, c]) in self.triangles.iter().enumerate() {
+            across.extend([([*a, *b], t), ([*b, *c], t), ([*c, *a], t)]);
+        }
+        let mut seen = vec![false; chosen.len()];
+        let mut pieces = Vec::new();
+        for seed in 0..chosen.len() {
+            if !chosen[seed] || seen[seed] {
+                continue;
+            }
+            seen[seed] = true;
+            let (mut piece, mut front) = (Vec::new(), vec![seed]);
+            while let Some(t) = front.pop() {
+                piece.push(t);
+                let [a, b, c] = self.triangles[t];
+                for edge in [[b, a], [c, b], [a, c]] {
+                    if let Some(&u) = across.get(&edge)
+                        && chosen[u]
+                        && !seen[u]
+                    {
+                        seen[u] = true;
+                        front.push(u);
+                    }
+                }
+            }
+            pieces.push(piece);
+        }
+        pieces
+    }
+
+    /// The mesh of the triangles with `keep[t]`; a vertex gets a copy for every fan of triangles at it.
+    fn only(&self, keep: &[bool]) -> ClosedSurface {
+        let kept: Vec<[u32; 3]> = (0..keep.len())
+            .filter(|&t| keep[t])
+            .map(|t| self.triangles[t])
+            .collect();
+        // Outgoing edge at each vertex → triangle, to walk the fans.
+        let mut fan_of: BTreeMap<(u32, usize), u32> = BTreeMap::new();
+        let mut across: BTreeMap<[u32; 2], usize> = BTreeMap::new();
+        for (t, [a, b, c]) in kept.iter().enumerate() {
+            across.extend([([*a, *b], t), ([*b, *c], t), ([*c, *a], t)]);
+        }
+        let mut source: Vec<u32> = Vec::new();
+        for t in 0..kept.len() {
+            for v in kept[t] {
+                if fan_of.contains_key(&(v, t)) {
+                    continue;
+                }
+                let copy = source.len() as u32;
+                source.push(v);
+                let mut front = vec![t];
+                while let Some(u) = front.pop() {
+                    if fan_of.insert((v, u), copy).is_some() {
+                        continue;
+                    }
+                    for w in kept[u].into_iter().filter(|w| *w != v) {
+                        front.extend(across.get(&[v, w]));
+                        front.extend(across.get(&[w, v]));
+                    }
+                }
+            }
+        }
+        let triangles = (0..kept.len())
+            .map(|t| kept[t].map(|v| fan_of.get(&(v, t)).copied().unwrap_or(0)))
+            .collect();
+        self.with_mesh(&source, triangles)
+    }
+}
