@@ -272,6 +272,8 @@ impl<'a> Explorer<'a> {
 
     fn decide(&mut self) -> Result<State, Error> {
         self.enter(Phase::Decide)?;
+        let table = self.cell.info().table;
+        self.reconstructor.consolidate(&table)?;
         let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
         self.tell(Event::Topology(&topology))?;
         if topology.is_closed() {

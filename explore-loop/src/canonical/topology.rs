@@ -1,10 +1,18 @@
-//! Topology of the canonical model, by the cylinder-Čech complex of its rest positions.
+//! Topology of the canonical model, and whether its surface is closed.
 //!
-//! The surface is closed when the persistent Betti numbers between two scales are (1, 0, 1): one piece, no hole, one
-//! cavity (METHOD §9). The complex is oriented: sheets that face away from each other are not joined.
+//! ```text
+//! points ─► closed surface ─► even sample of what of it was seen ─► cylinder-Čech complex ─► persistent Betti numbers
+//! closed  ⇔  (1, 0, 1)  and  bare ≈ 0  and  no strays  and  no vector area  and  no boundary
+//! ```
+//! The points themselves are uneven, and crowd or gape at sharp margins; the closed surface through them is even. It is always
+//! closed, so it proves nothing alone: only what lies within reach of a point that faces alike enters the complex. *Bare* is the share of
+//! its area that does not, *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away
+//! from each other are not joined.
 
-use super::CanonicalModel;
+use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
+use super::{CanonicalModel, graph};
 use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
+use nalgebra::{Point3, UnitVector3};
 
 /// Cylinder radius, in spacings: discs of neighbours overlap well beyond the largest gap a maximal net of the
 /// spacing leaves.
@@ -16,98 +24,235 @@ const PERSISTS: f64 = 1.25;
 /// Normals that differ more than 107 degrees are two sheets.
 const SHEET_COSINE: f64 = -0.3;
 
-/// What the complex says of the model.
+/// What the surface and the complex say of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topology {
     /// Betti numbers of the complex at scale 1.
     pub betti: [usize; 3],
     /// Persistent Betti numbers from scale 1 to the larger one.
     pub persistent: [usize; 3],
-    /// Which vertices lie on the boundary of what was seen.
+    /// Which vertices of the model lie on the boundary of what was seen.
     pub boundary: Vec<bool>,
-    /// Vector area of the surface as a share of its area: a lower bound on what is missing.
+    /// Share of the sample of the surface that lies on its boundary.
+    pub boundary_share: f64,
+    /// Vector area of the surface that was seen as a share of its area: a lower bound on what is missing.
     pub missing: f64,
-    /// Boundary loops, vertices in order.
+    /// Share of the closed surface that no point supports; 1 when no surface could be drawn.
+    pub bare: f64,
+    /// Share of the points that lie off the surface: a second sheet, or strays.
+    pub strays: f64,
+    /// Boundary loops, vertices of the model in order.
     pub loops: Vec<Vec<u32>>,
     /// Simplices that the cuts removed: vertices, edges, triangles.
     pub cut: [usize; 3],
-    /// Number of non-manifold vertices.
+    /// Number of non-manifold points in the sample of the surface.
     pub non_manifold: usize,
     /// Simplices of each dimension.
     pub simplices: [usize; 4],
+    /// The surface: closed when the object is, otherwise open where nothing was seen; `None` when none could be drawn.
+    pub surface: Option<ClosedSurface>,
 }
 
 impl Topology {
     /// Whether the surface is that of a solid body, wholly seen.
     ///
-    /// The Betti numbers alone would be fooled by a blister: a doubled patch encloses a cavity of its own while the rest of
-    /// the surface is still open. A closed surface has no vector area either (`Σ area·n = 0`), and next to no boundary; the
-    /// bounds leave room for what noise does to single vertices.
+    /// The Betti numbers alone would be fooled by a blister: a doubled patch encloses a cavity of its own while the rest of the surface is
+    /// still open. A closed surface has no vector area (`Σ area·n = 0`), next to no boundary, no bare part and nothing beside it; the
+    /// bounds leave room for what noise does to single points.
     pub fn is_closed(&self) -> bool {
-        self.persistent == [1, 0, 1]
-            && self.missing <= MOST_MISSING
-            && self.boundary_share() <= MOST_BOUNDARY
+        self.obstacle().is_none()
     }
 
-    /// Share of the vertices that lie on the boundary.
+    /// What keeps the surface from counting as closed, if anything.
+    pub fn obstacle(&self) -> Option<Obstacle> {
+        if self.persistent != [1, 0, 1] {
+            Some(Obstacle::Betti(self.persistent))
+        } else if self.bare > MOST_BARE {
+            Some(Obstacle::Bare(self.bare))
+        } else if self.strays > MOST_STRAYS {
+            Some(Obstacle::Strays(self.strays))
+        } else if self.boundary_share > MOST_BOUNDARY {
+            Some(Obstacle::Boundary(self.boundary_share))
+        } else if self.missing > MOST_MISSING {
+            Some(Obstacle::Missing(self.missing))
+        } else {
+            None
+        }
+    }
+
+    /// Share of the sample of the surface that lies on its boundary.
     pub fn boundary_share(&self) -> f64 {
-        self.boundary.iter().filter(|b| **b).count() as f64 / self.boundary.len().max(1) as f64
+        self.boundary_share
+    }
+}
+
+/// What keeps a surface from counting as closed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Obstacle {
+    /// Its persistent Betti numbers are not those of a sphere.
+    Betti([usize; 3]),
+    /// So much of it was never seen.
+    Bare(f64),
+    /// So many points lie off it.
+    Strays(f64),
+    /// So much of it lies on a boundary.
+    Boundary(f64),
+    /// So much vector area is missing.
+    Missing(f64),
+}
+
+impl std::fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let percent = |share: f64| 100.0 * share;
+        match self {
+            Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
+            Self::Bare(share) => write!(f, "{:.2} % never seen", percent(*share)),
+            Self::Strays(share) => write!(f, "{:.1} % of the points off the surface", percent(*share)),
+            Self::Boundary(share) => write!(f, "{:.1} % on a boundary", percent(*share)),
+            Self::Missing(share) => write!(f, "{:.1} % of vector area missing", percent(*share)),
+        }
     }
 }
 
 /// Largest vector area of a surface taken for closed, as a share of its area.
-const MOST_MISSING: f64 = 0.08;
-/// Largest share of boundary vertices of a surface taken for closed.
-const MOST_BOUNDARY: f64 = 0.08;
+const MOST_MISSING: f64 = 0.03;
+/// Largest share of boundary points of a surface taken for closed.
+const MOST_BOUNDARY: f64 = 0.01;
+/// Largest bare share of a surface taken for closed: about a vertex in a thousand.
+const MOST_BARE: f64 = 0.003;
+/// Largest share of points off a surface taken for closed.
+const MOST_STRAYS: f64 = 0.03;
 
-/// Length of the vector area of the surface as a share of its area: a lower bound on the share that is missing.
-fn missing_share(model: &CanonicalModel, spacing: f64) -> f64 {
-    let triangles = super::surface::triangulate(&model.rest, &model.rest_normals, spacing);
-    let (mut vector, mut area) = (nalgebra::Vector3::zeros(), 0.0);
-    for t in &triangles {
-        let [a, b, c] = t.map(|i| model.rest[i as usize]);
-        let face = (b - a).cross(&(c - a));
-        vector += face;
-        area += face.norm();
-    }
-    if area > 0.0 {
-        vector.norm() / area
-    } else {
-        1.0
-    }
-}
-
-/// Builds the complex of the rest positions and reads it.
+/// Draws the surface of the rest positions, builds the complex of what of it was seen, and reads it.
 ///
 /// # Errors
 /// Non-finite positions, or a complex larger than memory allows.
 pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_complex::Error> {
-    let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
-    let options = Options::default()
-        .max_scale(PERSISTS)
-        .orientation(Orientation::Separate {
-            min_cosine: SHEET_COSINE,
-        })
-        .max_simplices(20_000_000);
-    let mut complex = Complex::build(&model.rest, &model.rest_normals, cylinder, &options)?;
-    let removed = complex.cut(&model.cut_edges())?;
-    let kinds = complex.classify(spacing)?;
-    let loops = complex
-        .boundary_loops(&kinds)?
-        .into_iter()
-        .map(|l| l.vertices)
-        .collect();
-    Ok(Topology {
-        betti: complex.betti(1.0),
-        persistent: complex.persistent_betti(1.0, PERSISTS),
-        missing: missing_share(model, spacing),
-        boundary: kinds.iter().map(|k| *k == VertexKind::Boundary).collect(),
+    let weights: Vec<f64> = model.times_seen.iter().map(|t| f64::from(*t).min(10.0)).collect();
+    let options = ClosedSurfaceOptions::new(spacing);
+    let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
+    let (points, normals) = drawn.as_ref().map_or_else(
+        || (model.rest.clone(), model.rest_normals.clone()),
+        |surface| surface.resample(SAMPLE * spacing),
+    );
+    let complex = Read::new(&points, &normals, &cuts(model, &points), spacing)?;
+    let (boundary, loops) = complex.on_model(model, &points, &normals, spacing);
+    let count = points.len().max(1) as f64;
+    let mut topology = Topology {
+        betti: complex.betti,
+        persistent: complex.persistent,
+        boundary_share: complex.boundary.iter().filter(|b| **b).count() as f64 / count,
+        boundary,
+        missing: drawn.as_ref().map_or(1.0, missing_share),
+        bare: drawn.as_ref().map_or(1.0, |s| s.bare),
+        strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64)
+            / model.len().max(1) as f64,
         loops,
-        non_manifold: kinds
-            .iter()
-            .filter(|k| **k == VertexKind::NonManifold)
-            .count(),
-        cut: [removed.vertices.len(), removed.edges, removed.triangles],
-        simplices: complex.counts(),
-    })
+        cut: complex.cut,
+        non_manifold: complex.non_manifold,
+        simplices: complex.simplices,
+        surface: None,
+    };
+    topology.surface = match topology.is_closed() {
+        true => drawn,
+        false => drawn.map(|s| s.trimmed()),
+    };
+    Ok(topology)
+}
+
+/// Spacing of the sample that the complex is built on, in spacings.
+const SAMPLE: f64 = 0.8;
+
+/// Length of the vector area of the supported surface as a share of its area: a lower bound on the share that is missing.
+fn missing_share(surface: &ClosedSurface) -> f64 {
+    let (mut vector, mut area) = (nalgebra::Vector3::zeros(), 0.0);
+    for t in &surface.triangles {
+        if !t.iter().all(|v| surface.is_supported(*v as usize)) {
+            continue;
+        }
+        let [a, b, c] = t.map(|i| surface.vertices[i as usize]);
+        let face = (b - a).cross(&(c - a));
+        vector += face;
+        area += face.norm();
+    }
+    if area > 0.0 { vector.norm() / area } else { 1.0 }
+}
+
+/// The cut edges of the model between the nearest points of the sample.
+fn cuts(model: &CanonicalModel, points: &[Point3<f64>]) -> Vec<[u32; 2]> {
+    let Some(tree) = graph::tree(points) else {
+        return Vec::new();
+    };
+    let nearest = |v: u32| graph::nearest(&tree, &model.rest[v as usize]).0 as u32;
+    let edges = model.cut_edges();
+    let moved = edges.iter().map(|[a, b]| [nearest(*a), nearest(*b)]);
+    moved.filter(|[a, b]| a != b).collect()
+}
+
+/// What the complex of some points says.
+struct Read {
+    betti: [usize; 3],
+    persistent: [usize; 3],
+    boundary: Vec<bool>,
+    loops: Vec<Vec<u32>>,
+    cut: [usize; 3],
+    non_manifold: usize,
+    simplices: [usize; 4],
+}
+
+impl Read {
+    fn new(
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        cuts: &[[u32; 2]],
+        spacing: f64,
+    ) -> Result<Self, cech_complex::Error> {
+        let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
+        let options = Options::default()
+            .max_scale(PERSISTS)
+            .orientation(Orientation::Separate {
+                min_cosine: SHEET_COSINE,
+            })
+            .max_simplices(20_000_000);
+        let mut complex = Complex::build(points, normals, cylinder, &options)?;
+        let removed = complex.cut(cuts)?;
+        let kinds = complex.classify(spacing)?;
+        let count = |kind| kinds.iter().filter(|k| **k == kind).count();
+        let loops = complex.boundary_loops(&kinds)?;
+        Ok(Self {
+            betti: complex.betti(1.0),
+            persistent: complex.persistent_betti(1.0, PERSISTS),
+            boundary: kinds.iter().map(|k| *k == VertexKind::Boundary).collect(),
+            loops: loops.into_iter().map(|l| l.vertices).collect(),
+            non_manifold: count(VertexKind::NonManifold),
+            cut: [removed.vertices.len(), removed.edges, removed.triangles],
+            simplices: complex.counts(),
+        })
+    }
+
+    /// Boundary and loops in terms of the vertices of the model.
+    fn on_model(
+        &self,
+        model: &CanonicalModel,
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        spacing: f64,
+    ) -> (Vec<bool>, Vec<Vec<u32>>) {
+        let mut boundary = vec![false; model.len()];
+        let Some(tree) = graph::tree(&model.rest) else {
+            return (boundary, Vec::new());
+        };
+        for i in (0..points.len()).filter(|&i| self.boundary[i]) {
+            for (v, _) in graph::near(&tree, &points[i], spacing, 8) {
+                boundary[v] |= model.rest_normals[v].dot(&normals[i]) > 0.0;
+            }
+        }
+        let nearest = |i: &u32| graph::nearest(&tree, &points[*i as usize]).0 as u32;
+        let loops = self.loops.iter().map(|l| {
+            let mut vertices: Vec<u32> = l.iter().map(nearest).collect();
+            vertices.dedup();
+            vertices
+        });
+        (boundary, loops.collect())
+    }
 }

@@ -26,6 +26,8 @@ const STEEPEST: f64 = 1.5;
 const STANDS: f64 = 0.0012;
 /// Least fill of a cell that material or surface is in.
 pub(crate) const LEAST: f64 = 0.12;
+/// Stiffness left to a cell that turned out to be empty: its nodes must stay where something holds them.
+pub(crate) const EMPTY: f64 = 0.01;
 
 /// Spans of material above places on the table, in cells.
 pub(crate) struct Columns {

@@ -9,9 +9,11 @@
 //! The window, not the mean: one view that was tracked out of place makes a second peak, not a compromise. What is the same
 //! material as an old vertex keeps its identity and history.
 
+use super::fill::Columns;
 use super::keyframe::Keyframe;
 use super::matching::Posed;
 use super::track::{Track, cell_tree, to_rest};
+use crate::canonical::closed_surface::{ClosedSurfaceOptions, closed_surface};
 use crate::canonical::{NewVertex, graph, surface};
 use crate::cell::Plane;
 use crate::visibility::{behind_arm, facing};
@@ -68,6 +70,19 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, spacing: f64) {
     track.retain(&keep);
     track.settle_edges(spacing);
     track.pose();
+    refill(track, spacing);
+}
+
+/// Fills the lattice anew from the closed surface through the fused vertices, if one can be drawn.
+fn refill(track: &mut Track, spacing: f64) {
+    let weights = vec![1.0; track.model.len()];
+    let options = ClosedSurfaceOptions::new(spacing);
+    let (points, normals) = (&track.model.rest, &track.model.rest_normals);
+    let Ok(surface) = closed_surface(points, normals, &weights, &options) else {
+        return;
+    };
+    let columns = Columns::of_mesh(&surface.vertices, &surface.triangles, track.body.lattice());
+    track.refill(&columns);
 }
 
 /// All points of all keyframes at rest.

@@ -188,6 +188,18 @@ impl Reconstructor {
         Ok(report)
     }
 
+    /// Fuses the rest shape anew if the object was handled since that was last done: before a decision, and at the end of a recording.
+    ///
+    /// # Errors
+    /// None today; a fusion that cannot be made leaves the model as it was.
+    pub fn consolidate(&mut self, table: &Plane) -> Result<(), Error> {
+        if let Some(track) = self.track.as_mut().filter(|_| self.handled) {
+            fuse::refuse(track, table, self.options.spacing);
+            self.handled = track.is_held();
+        }
+        Ok(())
+    }
+
     /// Vertices that the camera can see now, judged by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
         let spacing = self.options.spacing;

@@ -362,6 +362,27 @@ impl Track {
         });
     }
 
+    /// Fills every cell as far as the columns say, and lets the body stand where they do.
+    pub fn refill(&mut self, columns: &Columns) {
+        let surface: BTreeSet<u32> = self.embeddings.iter().map(|at| at.cell).collect();
+        self.body.edit(|lattice| {
+            for place in columns.places() {
+                if columns.fill(place) > 0.02 {
+                    lattice.ensure(place);
+                }
+            }
+            for cell in 0..lattice.cells().len() as u32 {
+                let share = columns.fill(lattice.cells()[cell as usize].place);
+                let least = if surface.contains(&cell) { fill::LEAST } else { fill::EMPTY };
+                lattice.set_fill(cell, share.max(least), share);
+            }
+        });
+        let feet = columns.feet(self.body.lattice());
+        if !feet.is_empty() {
+            self.body.set_feet(feet);
+        }
+    }
+
     /// Keeps the vertices marked.
     pub fn retain(&mut self, keep: &[bool]) {
         let stays = self.model.retain(keep);

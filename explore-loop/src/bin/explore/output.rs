@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use explore_loop::Error;
+use explore_loop::canonical::topology::Topology;
 use explore_loop::canonical::{CanonicalModel, surface};
 use explore_loop::measure::{MeasureError, MeshMeasures, Sampling, Spread, Surface, TrueSurface};
 use explore_loop::nalgebra::{Point3, UnitVector3};
@@ -122,12 +123,19 @@ pub struct FinalMesh {
 }
 
 impl FinalMesh {
-    /// Of a model at rest.
-    pub fn of(model: &CanonicalModel, spacing: f64) -> Self {
-        Self {
-            vertices: model.rest.clone(),
-            normals: model.rest_normals.clone(),
-            triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+    /// Of a model at rest: the surface its topology was judged by; the local triangulation of its vertices where none could be drawn.
+    pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
+        match &topology.surface {
+            Some(surface) => Self {
+                vertices: surface.vertices.clone(),
+                normals: surface.normals.clone(),
+                triangles: surface.triangles.clone(),
+            },
+            None => Self {
+                vertices: model.rest.clone(),
+                normals: model.rest_normals.clone(),
+                triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+            },
         }
     }
 

@@ -48,7 +48,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     let outcome = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?.run();
     let recorder = recorder.finish()?;
     let outcome = outcome?;
-    let mesh = FinalMesh::of(&recorder.model, args.spacing * 1e-3);
+    let mesh = FinalMesh::of(&recorder.model, &outcome.topology, args.spacing * 1e-3);
     out.frames(&recorder.lines)?;
     out.mesh(&mesh)?;
     if let Some(measurer) = &recorder.measurer {
@@ -176,7 +176,7 @@ impl<'a> Recorder<'a> {
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
         self.shapes.push(shape.unwrap_or_default());
         self.say(&format!(
-            "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, {} vertices, difference {}, {} frames not registered",
+            "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.last_stamp,
             self.shapes.len() - 1,
             100.0 * shape.unwrap_or_default().explored,
@@ -184,6 +184,8 @@ impl<'a> Recorder<'a> {
             topology.persistent,
             100.0 * topology.boundary_share(),
             100.0 * topology.missing,
+            100.0 * topology.bare,
+            100.0 * topology.strays,
             model.len(),
             shape.map_or_else(|| "unknown".into(), |s| mm(s.difference)),
             self.failures,
