@@ -144,7 +144,7 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         boundary_share: complex.boundary.iter().filter(|b| **b).count() as f64 / count,
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),
-        bare: drawn.as_ref().map_or(1.0, |s| s.bare),
+        bare: drawn.as_ref().map_or(1.0, |s| s.bare.max(0.0)),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64)
             / model.len().max(1) as f64,
         loops,

@@ -87,6 +87,9 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     out.metrics(&metrics)?;
     if !args.quiet {
         print(&metrics, log.failures)?;
+        if let Some(obstacle) = topology.obstacle() {
+            table(&[("not closed", obstacle.to_string())])?;
+        }
     }
     Ok(true)
 }
