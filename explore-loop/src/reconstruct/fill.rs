@@ -14,7 +14,7 @@ use super::view::FrameView;
 use crate::canonical::graph;
 use nalgebra::{Point3, UnitVector3};
 use std::collections::BTreeMap;
-use topo_ekf::body::{Embedding, Foot, Lattice};
+use topo_ekf::body::{Embedding, Foot, Lattice, Occupancy};
 
 /// Columns along the edge of a cell.
 const ALONG: i32 = 4;
@@ -24,10 +24,17 @@ const BESIDE: f64 = 0.85;
 const STEEPEST: f64 = 1.5;
 /// Columns whose bottom is lower than this stand on the table, metres.
 const STANDS: f64 = 0.0012;
-/// Least fill of a cell that material or surface is in.
+/// Fill of a cell of which nothing is known but that surface is in it.
 pub(crate) const LEAST: f64 = 0.12;
-/// Stiffness left to a cell that turned out to be empty: its nodes must stay where something holds them.
-pub(crate) const EMPTY: f64 = 0.01;
+/// Share that every part of a cell holds at least: the nodes of an empty cell must stay where something holds them.
+const EMPTY: f64 = 0.01;
+/// Cells with less material than this, and no surface, are left out.
+const SKIPPED: f64 = 0.02;
+
+/// Share of a cell that is filled.
+pub(crate) fn share(occupancy: &Occupancy) -> f64 {
+    occupancy.iter().sum::<f64>() / occupancy.len() as f64
+}
 
 /// Spans of material above places on the table, in cells.
 pub(crate) struct Columns {
@@ -117,19 +124,19 @@ impl Columns {
         Self { size, spans }
     }
 
-    /// Share of the cell at `place` that is filled.
-    pub fn fill(&self, place: [i32; 3]) -> f64 {
-        let (low, mut filled) = (f64::from(place[2]), 0.0);
-        for k in 0..ALONG * ALONG {
-            let key = [
-                place[0] * ALONG + k % ALONG,
-                place[1] * ALONG + k / ALONG,
-            ];
-            for span in self.spans.get(&key).into_iter().flatten() {
-                filled += (span[1].min(low + 1.0) - span[0].max(low)).max(0.0);
-            }
-        }
-        filled / f64::from(ALONG * ALONG)
+    /// Which parts of the cell at `place` are filled.
+    pub fn occupancy(&self, place: [i32; 3]) -> Occupancy {
+        let part = 1.0 / f64::from(ALONG);
+        std::array::from_fn(|k| {
+            let k = k as i32;
+            let key = [place[0] * ALONG + k % ALONG, place[1] * ALONG + k / ALONG % ALONG];
+            let low = f64::from(place[2]) + f64::from(k / (ALONG * ALONG)) * part;
+            let spans = self.spans.get(&key).into_iter().flatten();
+            let filled: f64 = spans
+                .map(|span| (span[1].min(low + part) - span[0].max(low)).max(0.0))
+                .sum();
+            filled / part
+        })
     }
 
     /// Places of all cells that have material in them.
@@ -144,6 +151,29 @@ impl Columns {
             }
         }
         places
+    }
+
+    /// Makes the cells that have material or are named, and fills all cells of the lattice: those in `surface` with what is in them, the others with
+    /// `inner` times that.
+    pub fn fill(
+        &self,
+        lattice: &mut Lattice,
+        surface: &std::collections::BTreeSet<[i32; 3]>,
+        inner: f64,
+    ) {
+        for place in self.places().union(surface) {
+            if surface.contains(place) || share(&self.occupancy(*place)) > SKIPPED {
+                lattice.ensure(*place);
+            }
+        }
+        for cell in 0..lattice.cells().len() as u32 {
+            let place = lattice.cells()[cell as usize].place;
+            let scale = if surface.contains(&place) { 1.0 } else { inner };
+            let occupancy = self.occupancy(place).map(|o| (o * scale).max(EMPTY));
+            lattice.set_fill(cell, 1.0, 1.0);
+            let full = occupancy.iter().all(|o| *o >= 1.0 - 1e-9);
+            lattice.set_occupancy(cell, (!full).then_some(occupancy));
+        }
     }
 
     /// Where the body stands on the table: the bottoms of the columns that reach it; the lowest when none does.

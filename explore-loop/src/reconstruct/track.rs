@@ -310,7 +310,7 @@ pub(crate) fn to_rest(
     let firm = near
         .into_iter()
         .map(|(c, _)| c as u32)
-        .filter(|&c| lattice.cells()[c as usize].stiffness >= 0.05);
+        .filter(|&c| lattice.mass(c) >= 0.02);
     pose.inverse(lattice, point, firm)
 }
 
@@ -336,16 +336,7 @@ fn filled(
     let mut lattice = Lattice::new(options.cell, origin, axes);
     let columns = Columns::under(view, &lattice, options.spacing);
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
-    for place in columns.places().union(&surface) {
-        let share = columns.fill(*place);
-        let on_surface = surface.contains(place);
-        if share < 0.02 && !on_surface {
-            continue;
-        }
-        let cell = lattice.ensure(*place);
-        let share = share.max(fill::LEAST) * if on_surface { 1.0 } else { fill.inner };
-        lattice.set_fill(cell, share, share);
-    }
+    columns.fill(&mut lattice, &surface, fill.inner);
     let feet = columns.feet(&lattice);
     (lattice, feet)
 }
@@ -364,19 +355,11 @@ impl Track {
 
     /// Fills every cell as far as the columns say, and lets the body stand where they do.
     pub fn refill(&mut self, columns: &Columns) {
-        let surface: BTreeSet<u32> = self.embeddings.iter().map(|at| at.cell).collect();
-        self.body.edit(|lattice| {
-            for place in columns.places() {
-                if columns.fill(place) > 0.02 {
-                    lattice.ensure(place);
-                }
-            }
-            for cell in 0..lattice.cells().len() as u32 {
-                let share = columns.fill(lattice.cells()[cell as usize].place);
-                let least = if surface.contains(&cell) { fill::LEAST } else { fill::EMPTY };
-                lattice.set_fill(cell, share.max(least), share);
-            }
-        });
+        let cells = self.body.lattice().cells();
+        let place = |at: &Embedding| cells[at.cell as usize].place;
+        let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
+        self.body
+            .edit(|lattice| columns.fill(lattice, &surface, 1.0));
         let feet = columns.feet(self.body.lattice());
         if !feet.is_empty() {
             self.body.set_feet(feet);

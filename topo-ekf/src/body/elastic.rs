@@ -11,7 +11,7 @@
 
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
-use super::cube::{CORNERS, Stiffness, unit_stiffness};
+use super::cube::{CORNERS, PARTS, Stiffness, stiffness};
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 use crate::Error;
@@ -77,7 +77,9 @@ pub(crate) struct Acting<'a> {
 
 /// Pattern and storage of the normal equations of a lattice.
 pub(crate) struct Elastic {
-    unit: Stiffness,
+    /// Stiffness of a full cube, and of the cells that are not full.
+    full: Stiffness,
+    partly: Vec<Option<Box<Stiffness>>>,
     system: System,
     nodes: usize,
     /// Pair of each two corners of each cell, and whether the first corner is the later node.
@@ -127,7 +129,12 @@ impl Elastic {
             slots.push(own.map(|s| s));
         }
         Ok(Self {
-            unit: unit_stiffness(poisson_ratio),
+            full: stiffness(&[1.0; PARTS], poisson_ratio),
+            partly: lattice
+                .cells()
+                .iter()
+                .map(|cell| Some(Box::new(stiffness(cell.occupancy.as_deref()?, poisson_ratio))))
+                .collect(),
             system,
             nodes,
             cells,
@@ -152,15 +159,21 @@ impl Elastic {
         &self.system
     }
 
+    /// Stiffness of a cell.
+    fn unit(&self, cell: usize) -> &Stiffness {
+        self.partly[cell].as_deref().unwrap_or(&self.full)
+    }
+
     /// Elastic energy of a pose whose rotations are fitted.
     pub fn energy(&self, lattice: &Lattice, pose: &Pose, stiffness: f64) -> f64 {
         let scale = stiffness * lattice.size();
         let of_cell = |c: usize| {
             let cell = &lattice.cells()[c];
+            let unit = self.unit(c);
             let strained = displacements(lattice, pose, c);
             let mut energy = 0.0;
             for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| self.unit[i][j] * strained[j]).sum();
+                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
                 energy += 0.5 * strained[i].dot(&force);
             }
             scale * cell.stiffness * energy
@@ -173,10 +186,11 @@ impl Elastic {
         let scale = stiffness * lattice.size();
         let mut forces = vec![Vector3::zeros(); lattice.rest().len()];
         for (c, cell) in lattice.cells().iter().enumerate() {
+            let unit = self.unit(c);
             let strained = displacements(lattice, pose, c);
             let axes = pose.turns[c] * lattice.axes();
             for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| self.unit[i][j] * strained[j]).sum();
+                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
                 forces[cell.nodes[i] as usize] -= axes * (force * (scale * cell.stiffness));
             }
         }
@@ -252,13 +266,14 @@ impl Elastic {
             let axes = *(pose.turns[c] * lattice.axes()).matrix();
             let back = axes.transpose();
             let strained = displacements(lattice, pose, c);
+            let unit = *self.unit(c);
             let ks = scale * cell.stiffness;
             let mut pair = 0;
             for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| self.unit[i][j] * strained[j]).sum();
+                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
                 add(&mut self.right, cell.nodes[i] as usize, &(axes * force * -ks));
                 for j in i..8 {
-                    let block = axes * (self.unit[i][j] * ks) * back;
+                    let block = axes * (unit[i][j] * ks) * back;
                     self.add_block(c, pair, &block, 1.0);
                     pair += 1;
                 }

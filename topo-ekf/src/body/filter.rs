@@ -120,7 +120,7 @@ impl BodyFilter {
         self.falling > 0
     }
 
-    /// The cell at a place, made if there is none; its fill is at least `fill`, since surface was seen in it.
+    /// The cell at a place, made if there is none with the given fill: surface was seen in it.
     pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
         let known = self.lattice.cell_at(place);
         let mut cell = known.unwrap_or_default();
@@ -130,9 +130,6 @@ impl BodyFilter {
                 lattice.set_fill(cell, fill, fill);
             });
         }
-        let own = &self.lattice.cells()[cell as usize];
-        let (stiffness, mass) = (own.stiffness.max(fill), own.mass.max(fill));
-        self.lattice.set_fill(cell, stiffness, mass);
         cell
     }
 
@@ -149,6 +146,7 @@ impl BodyFilter {
     /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along.
     pub fn edit(&mut self, change: impl FnOnce(&mut Lattice)) {
         change(&mut self.lattice);
+        self.elastic = None;
         self.pose.extend(&self.lattice);
         self.velocity
             .resize(self.lattice.rest().len(), Vector3::zeros());

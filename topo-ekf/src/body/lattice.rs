@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
-use super::cube::{CORNERS, shape, shape_gradients};
+use super::cube::{CORNERS, Occupancy, shape, shape_gradients};
 
 /// A cube of material.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,10 +20,12 @@ pub struct Cell {
     pub nodes: [u32; 8],
     /// Where it stands in the lattice.
     pub place: [i32; 3],
-    /// Stiffness relative to a full cell.
+    /// Stiffness relative to its material.
     pub stiffness: f64,
-    /// Mass relative to a full cell.
+    /// Mass relative to its material.
     pub mass: f64,
+    /// Where in the cell the material is; everywhere if `None`.
+    pub occupancy: Option<std::sync::Arc<Occupancy>>,
 }
 
 /// A place in the material.
@@ -99,7 +101,12 @@ impl Lattice {
         self.cell_at.get(&place).copied()
     }
 
-    /// Sets how stiff and how heavy a cell is, relative to a full one.
+    /// Says where in a cell material is. `stiffness` and `mass` of the cell scale what that makes.
+    pub fn set_occupancy(&mut self, cell: u32, occupancy: Option<Occupancy>) {
+        self.cells[cell as usize].occupancy = occupancy.map(std::sync::Arc::new);
+    }
+
+    /// Sets how stiff and how heavy a cell is, relative to its material.
     pub fn set_fill(&mut self, cell: u32, stiffness: f64, mass: f64) {
         let cell = &mut self.cells[cell as usize];
         (cell.stiffness, cell.mass) = (stiffness, mass);
@@ -119,6 +126,16 @@ impl Lattice {
     pub fn rest_at(&self, place: [i32; 3], xi: [f64; 3]) -> Point3<f64> {
         let local = Vector3::from_fn(|a, _| f64::from(place[a]) + xi[a]);
         self.origin + self.axes * (local * self.size)
+    }
+
+    /// Mass of a cell, in full cells.
+    pub fn mass(&self, cell: u32) -> f64 {
+        let cell = &self.cells[cell as usize];
+        let share = cell
+            .occupancy
+            .as_ref()
+            .map_or(1.0, |o| o.iter().sum::<f64>() / o.len() as f64);
+        cell.mass * share
     }
 
     /// Centre of a cell at rest.
@@ -153,6 +170,7 @@ impl Lattice {
             place,
             stiffness: 1.0,
             mass: 1.0,
+            occupancy: None,
         });
         self.cell_at.insert(place, cell);
         cell

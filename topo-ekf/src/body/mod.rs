@@ -17,6 +17,7 @@ mod options;
 mod pose;
 mod weight;
 
+pub use cube::{Occupancy, PARTS};
 pub use elastic::Row;
 pub use filter::{BodyFilter, BodyFrame, BodyReport, Progress};
 pub use lattice::{Cell, Embedding, Lattice};

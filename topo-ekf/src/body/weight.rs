@@ -11,6 +11,7 @@
 
 use nalgebra::Vector3;
 
+use super::cube::mass_shares;
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 
@@ -34,7 +35,7 @@ impl Foot {
             if cell.place[2] < column.0 {
                 (column.0, column.1) = (cell.place[2], c as u32);
             }
-            column.2 += cell.mass;
+            column.2 += lattice.mass(c as u32);
         }
         let feet = columns.values().filter(|c| c.0 == 0).map(|c| Self {
             at: Embedding::new(c.1, [0.5, 0.5, 0.0]),
@@ -45,7 +46,9 @@ impl Foot {
 
     /// Scales the loads so that together they are the mass of the lattice.
     pub fn bearing_all(mut feet: Vec<Self>, lattice: &Lattice) -> Vec<Self> {
-        let total: f64 = lattice.cells().iter().map(|c| c.mass).sum();
+        let total: f64 = (0..lattice.cells().len() as u32)
+            .map(|c| lattice.mass(c))
+            .sum();
         let under: f64 = feet.iter().map(|f| f.load).sum();
         for foot in &mut feet {
             foot.load *= total / under.max(f64::MIN_POSITIVE);
@@ -64,9 +67,10 @@ pub(crate) fn loads(
 ) -> Vec<Vector3<f64>> {
     let mut forces = vec![Vector3::zeros(); lattice.rest().len()];
     for (cell, turn) in lattice.cells().iter().zip(&pose.turns) {
-        let share = (down - turn * down) * (cell.mass * cell_weight / 8.0);
-        for &node in &cell.nodes {
-            forces[node as usize] += share;
+        let lost = (down - turn * down) * (cell.mass * cell_weight);
+        let shares = cell.occupancy.as_ref().map_or([0.125; 8], |o| mass_shares(o));
+        for (&node, share) in cell.nodes.iter().zip(shares) {
+            forces[node as usize] += lost * share;
         }
     }
     for foot in feet {
