@@ -128,6 +128,9 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
         };
         let table = cell.info().table;
         let report = reconstructor.process(&observation, &table)?;
+        if report.frame == 0 || report.fused {
+            writeln!(out, "  volume {:.0} cm3", 1e6 * reconstructor.volume())?;
+        }
         ms.push(report.frame_ms);
         if report.fused {
             fusion.push(report.fusion_ms);
@@ -215,6 +218,7 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
             last[k].extend(&e[k]);
         }
     }
+    reconstructor.consolidate(&cell.info().table)?;
     for (name, e) in &rows {
         writeln!(out, "  {name}: seen {:.2} along, {:.2} across; hidden {:.2}/{:.1}", mean(&e[0]), mean(&e[1]), mean(&e[2]), p95(&e[2]))?;
     }

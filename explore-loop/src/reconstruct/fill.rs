@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
-//! outline    at height z the surface turns under; the hidden side is taken to round off alike:
-//!            bottom(d) = z − √(z² − (z − d)²)     at distance d < z inside of it,    0 farther in
+//! outline    at height z the surface turns under; the hidden side is taken to mirror the seen one there, and not to be blunter than a circle:
+//!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
 //! cell       fill = share of its volume that lies in columns
 //! feet       columns whose bottom is on the table, each bearing its own weight
 //! ```
@@ -27,7 +27,7 @@ const STANDS: f64 = 0.0012;
 /// Fill of a cell of which nothing is known but that surface is in it.
 pub(crate) const LEAST: f64 = 0.12;
 /// Share that every part of a cell holds at least: the nodes of an empty cell must stay where something holds them.
-const EMPTY: f64 = 0.01;
+const EMPTY: f64 = 0.05;
 /// Cells with less material than this, and no surface, are left out.
 const SKIPPED: f64 = 0.02;
 
@@ -70,7 +70,7 @@ impl Columns {
         let spans = tops
             .iter()
             .map(|(key, top)| {
-                let bottom = rounded(*key, &rim, pitch);
+                let bottom = rounded(*key, *top, &rim, pitch);
                 (*key, vec![[bottom.min(*top) / size, top / size]])
             })
             .collect();
@@ -276,7 +276,7 @@ fn rim(tops: &BTreeMap<[i32; 2], f64>) -> Vec<([i32; 2], f64)> {
 }
 
 /// Height of the bottom of a column, metres.
-fn rounded(key: [i32; 2], rim: &[([i32; 2], f64)], pitch: f64) -> f64 {
+fn rounded(key: [i32; 2], top: f64, rim: &[([i32; 2], f64)], pitch: f64) -> f64 {
     let nearest = rim
         .iter()
         .map(|(k, height)| ((k[0] - key[0]).pow(2) + (k[1] - key[1]).pow(2), height))
@@ -286,5 +286,7 @@ fn rounded(key: [i32; 2], rim: &[([i32; 2], f64)], pitch: f64) -> f64 {
     };
     let inside = f64::from(squared).sqrt() * pitch;
     let left = (height - inside).max(0.0);
-    height - (height * height - left * left).max(0.0).sqrt()
+    let round = height - (height * height - left * left).max(0.0).sqrt();
+    let mirrored = (2.0 * height - top).max(0.0);
+    round.min(mirrored)
 }

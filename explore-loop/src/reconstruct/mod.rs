@@ -149,6 +149,15 @@ impl Reconstructor {
         ))
     }
 
+    /// Volume of the material that is taken to be there, m³: filled under the first view, and from the closed surface since that is known.
+    pub fn volume(&self) -> f64 {
+        self.track.as_ref().map_or(0.0, |t| {
+            let lattice = t.body.lattice();
+            let cells = 0..lattice.cells().len() as u32;
+            cells.map(|c| lattice.mass(c)).sum::<f64>() * lattice.size().powi(3)
+        })
+    }
+
     /// Takes one frame.
     ///
     /// # Errors
