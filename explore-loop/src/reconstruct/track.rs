@@ -139,10 +139,7 @@ impl Track {
             matches(&posed, &model.times_seen, view, gates, facing, options.spacing)
         };
         let mut innovation = None;
-        let frame = BodyFrame {
-            grips: &grips,
-            surface: embeddings,
-        };
+        let frame = BodyFrame::new(&grips, embeddings);
         let report = self.body.step(
             &frame,
             &mut |lattice, pose, progress| {
@@ -165,10 +162,7 @@ impl Track {
                 .filter(|&i| self.seen[i])
                 .map(|i| (self.embeddings[i], self.model.live_normal(i)))
                 .collect();
-            let frame = BodyFrame {
-                grips: &grips,
-                surface: &self.embeddings,
-            };
+            let frame = BodyFrame::new(&grips, &self.embeddings);
             self.body.weigh(&frame, &seen)?;
         }
         self.frame += 1;

@@ -46,10 +46,7 @@ pub(crate) type Stiffness = [[Matrix3<f64>; 8]; 8];
 
 /// The stiffness at Young's modulus 1 and Poisson's ratio `nu`.
 pub(crate) fn unit_stiffness(nu: f64) -> Stiffness {
-    let (lambda, mu) = (
-        nu / ((1.0 + nu) * (1.0 - 2.0 * nu)),
-        0.5 / (1.0 + nu),
-    );
+    let (lambda, mu) = (nu / ((1.0 + nu) * (1.0 - 2.0 * nu)), 0.5 / (1.0 + nu));
     let offset = 0.5 / 3f64.sqrt();
     let mut stiffness = [[Matrix3::zeros(); 8]; 8];
     for gauss in CORNERS {
@@ -92,7 +89,8 @@ mod tests {
     #[test]
     fn shape_functions_interpolate_linear_fields() {
         let xi = [0.2, 0.7, 0.4];
-        let at = |c: [i32; 3]| 3.0 + f64::from(c[0]) - 2.0 * f64::from(c[1]) + 0.5 * f64::from(c[2]);
+        let at =
+            |c: [i32; 3]| 3.0 + f64::from(c[0]) - 2.0 * f64::from(c[1]) + 0.5 * f64::from(c[2]);
         let value: f64 = shape(&xi).iter().zip(CORNERS).map(|(n, c)| n * at(c)).sum();
         assert!((value - (3.0 + 0.2 - 1.4 + 0.2)).abs() < 1e-14);
         let slope: Vector3<f64> = shape_gradients(&xi)
