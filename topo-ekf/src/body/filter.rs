@@ -34,6 +34,9 @@ use crate::{Error, Status};
 
 /// Mean move of a frame below which the body counts as idle: the next frame makes one step, m.
 const IDLE: f64 = 3e-4;
+/// What stands on the table at rest is taken to be pressed into it so far, m: at a height of exactly zero rounding would say whether it touches,
+/// and the first step would let it sink.
+const TOUCHING: f64 = 1e-9;
 /// How much wider the motion is after a release.
 const RELEASED: f64 = 3.0;
 /// Steps of the poses that [`BodyFilter::weigh`] compares, and how freely their nodes move, m.
@@ -95,7 +98,7 @@ impl BodyFilter {
             state: State {
                 pose: Pose::at_rest(&lattice),
                 velocity: vec![Vector3::zeros(); lattice.rest().len()],
-                raised: vec![Vector3::zeros(); lattice.rest().len()],
+                raised: vec![table.normal.into_inner() * TOUCHING; lattice.rest().len()],
                 falling: 0,
                 held: false,
                 idle: true,

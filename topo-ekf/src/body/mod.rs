@@ -18,11 +18,11 @@
 //! | `variance` | covariances of embedded points, which of them are determined |
 //! | `filter` | the filter: predict, relinearise, update, project |
 //!
-//! A block of 64 × 32 × 32 mm is gripped at one end and lifted. Its seen top follows the grip, and so does the rest of it:
+//! A block of 64 × 32 × 32 mm is gripped at one end and lifted. All of it follows, and sags by its weight:
 //!
 //! ```
 //! use topo_ekf::Plane;
-//! use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Row};
+//! use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice};
 //! use topo_ekf::nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 //!
 //! # fn main() -> Result<(), topo_ekf::Error> {
@@ -33,7 +33,7 @@
 //! let table = Plane { normal: UnitVector3::new_normalize(Vector3::z()), offset: 0.0 };
 //! let mut body = BodyFilter::new(lattice, table, &BodyOptions::default())?;
 //!
-//! // The surface: the middles of the top faces, which are seen, and those of the bottom, which are not.
+//! // The surface: the middles of the top faces and of the bottom ones.
 //! let top: Vec<Embedding> = (8..16).map(|cell| Embedding::new(cell, [0.5, 0.5, 1.0])).collect();
 //! let bottom: Vec<Embedding> = (0..8).map(|cell| Embedding::new(cell, [0.5, 0.5, 0.0])).collect();
 //! let surface = [&top[..], &bottom[..]].concat();
@@ -45,17 +45,14 @@
 //!     let held = [(grip, Point3::new(0.0, 0.016, 0.032) + lift)];
 //!     report = body.step(
 //!         &BodyFrame::new(&held, &surface),
-//!         // A camera would measure the distance to its cloud; here it sees the top where the body says, and nothing new.
-//!         &mut |lattice, pose, _| {
-//!             let see = |at: &Embedding| Row::point(*at, pose.position(lattice, at), 1e4);
-//!             top.iter().map(see).collect()
-//!         },
+//!         // What a camera measures goes here: a row for every surface point that it saw.
+//!         &mut |_, _, _| Vec::new(),
 //!         &mut |_, _| {},
 //!     )?;
 //! }
 //! let lifted = body.pose().position(body.lattice(), &grip);
 //! assert!((lifted.z - 0.072).abs() < 0.002);
-//! // Nothing is under the table, and the hidden bottom is known less well than what the gripper holds.
+//! // Nothing is under the table, and the far end is known less well than what the gripper holds.
 //! let lowest = surface.iter().map(|at| body.pose().position(body.lattice(), at).z);
 //! assert!(lowest.fold(f64::INFINITY, f64::min) > -1e-6);
 //! let sigmas = body.marginal_sigmas(&[grip, bottom[3]])?;
