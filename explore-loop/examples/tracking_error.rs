@@ -98,7 +98,12 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
             .iter()
             .map(|p| graph::nearest(&tree, p).1)
             .collect();
-        format!("m2t {:.2}/{:.1} far {:.1}%", mean(&a), p95(&a), 100.0 * b.iter().filter(|d| **d > 0.005).count() as f64 / b.len() as f64)
+        format!(
+            "m2t {:.2}/{:.1} far {:.1}%",
+            mean(&a),
+            p95(&a),
+            100.0 * b.iter().filter(|d| **d > 0.005).count() as f64 / b.len() as f64
+        )
     };
     writeln!(out, "== {session}")?;
     if std::env::var("INFO").is_ok() {
@@ -115,9 +120,26 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
         }
         heights.sort_by(f64::total_cmp);
         let q = |k: f64| 1e3 * heights[((heights.len() - 1) as f64 * k) as usize];
-        let top: Vec<f64> = truth.vertices.iter().map(|p| 1e3 * table.height(p)).collect();
+        let top: Vec<f64> = truth
+            .vertices
+            .iter()
+            .map(|p| 1e3 * table.height(p))
+            .collect();
         let size = truth.size();
-        writeln!(out, "  size {:.0} mm volume {:.0} cm3 area {:.0} cm2 top {:.0} mm; bottom heights 10% {:.1} 50% {:.1} 75% {:.1} 90% {:.1} 98% {:.1}; triangles {}", 1e3 * size, 1e6 * volume, 1e4 * truth.area(), top.iter().copied().fold(0.0, f64::max), q(0.1), q(0.5), q(0.75), q(0.9), q(0.98), truth.triangles.len())?;
+        writeln!(
+            out,
+            "  size {:.0} mm volume {:.0} cm3 area {:.0} cm2 top {:.0} mm; bottom heights 10% {:.1} 50% {:.1} 75% {:.1} 90% {:.1} 98% {:.1}; triangles {}",
+            1e3 * size,
+            1e6 * volume,
+            1e4 * truth.area(),
+            top.iter().copied().fold(0.0, f64::max),
+            q(0.1),
+            q(0.5),
+            q(0.75),
+            q(0.9),
+            q(0.98),
+            truth.triangles.len()
+        )?;
         return Ok(());
     }
     loop {
@@ -158,7 +180,14 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
             (p, ..) => p,
         };
         if next != phase && (next == 'H' || next == 'R') || report.fused {
-            writeln!(out, "  {:5.1}s {phase}{turn} end: {} V {} {}", observation.stamp, shape(&reconstructor), reconstructor.model().len(), if report.fused { "fused" } else { "" })?;
+            writeln!(
+                out,
+                "  {:5.1}s {phase}{turn} end: {} V {} {}",
+                observation.stamp,
+                shape(&reconstructor),
+                reconstructor.model().len(),
+                if report.fused { "fused" } else { "" }
+            )?;
         }
         phase = next;
         let model = reconstructor.model();
@@ -168,26 +197,54 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
                 let p = model.live[i];
                 let (_, (t, l)) =
                     live.project_local_point_and_get_location(PV::new(p.x, p.y, p.z), false);
-                (t as usize, l.barycentric_coordinates().unwrap_or([1.0, 0.0, 0.0]))
+                (
+                    t as usize,
+                    l.barycentric_coordinates().unwrap_or([1.0, 0.0, 0.0]),
+                )
             });
         }
         let mut e = [vec![], vec![], vec![]];
         let worst = option("WORST", -1.0);
         if (observation.stamp - worst).abs() < 0.04 {
-            let mut list: Vec<(f64, usize, Vector3<f64>, Point3<f64>)> = (0..model.len()).map(|i| {
-                let (t, w) = anchors[&model.ids[i]];
-                let c = truth.triangles[t].map(|k| now.points[k as usize]);
-                let p = Point3::from(c[0].coords * w[0] + c[1].coords * w[1] + c[2].coords * w[2]);
-                let c0 = truth.triangles[t].map(|k| truth.vertices[k as usize]);
-                let r = Point3::from(c0[0].coords * w[0] + c0[1].coords * w[1] + c0[2].coords * w[2]);
-                ((model.live[i] - p).norm(), i, model.live[i] - p, r)
-            }).collect();
+            let mut list: Vec<(f64, usize, Vector3<f64>, Point3<f64>)> = (0..model.len())
+                .map(|i| {
+                    let (t, w) = anchors[&model.ids[i]];
+                    let c = truth.triangles[t].map(|k| now.points[k as usize]);
+                    let p =
+                        Point3::from(c[0].coords * w[0] + c[1].coords * w[1] + c[2].coords * w[2]);
+                    let c0 = truth.triangles[t].map(|k| truth.vertices[k as usize]);
+                    let r = Point3::from(
+                        c0[0].coords * w[0] + c0[1].coords * w[1] + c0[2].coords * w[2],
+                    );
+                    ((model.live[i] - p).norm(), i, model.live[i] - p, r)
+                })
+                .collect();
             list.sort_by(|a, b| b.0.total_cmp(&a.0));
             for a in observation.arms.iter().filter(|a| a.holding) {
-                writeln!(out, "   tip {:.0?} height {:.0}", (a.camera_from_tip.translation.vector * 1e3).as_slice(), 1e3 * table.height(&Point3::from(a.camera_from_tip.translation.vector)))?;
+                writeln!(
+                    out,
+                    "   tip {:.0?} height {:.0}",
+                    (a.camera_from_tip.translation.vector * 1e3).as_slice(),
+                    1e3 * table.height(&Point3::from(a.camera_from_tip.translation.vector))
+                )?;
             }
             for (d, i, off, r) in list.iter().step_by(list.len() / 40 + 1) {
-                writeln!(out, "   err {:.1} seen {} live {:.0?} h {:.0} off [{:.1} {:.1} {:.1}] true rest {:.0?} model rest off [{:.1} {:.1} {:.1}] born {}", 1e3 * d, report.measured[*i], (model.live[*i].coords * 1e3).as_slice(), 1e3 * table.height(&model.live[*i]), 1e3 * off.x, 1e3 * off.y, 1e3 * off.z, (r.coords * 1e3).as_slice(), 1e3 * (model.rest[*i].x - r.x), 1e3 * (model.rest[*i].y - r.y), 1e3 * (model.rest[*i].z - r.z), model.born[*i])?;
+                writeln!(
+                    out,
+                    "   err {:.1} seen {} live {:.0?} h {:.0} off [{:.1} {:.1} {:.1}] true rest {:.0?} model rest off [{:.1} {:.1} {:.1}] born {}",
+                    1e3 * d,
+                    report.measured[*i],
+                    (model.live[*i].coords * 1e3).as_slice(),
+                    1e3 * table.height(&model.live[*i]),
+                    1e3 * off.x,
+                    1e3 * off.y,
+                    1e3 * off.z,
+                    (r.coords * 1e3).as_slice(),
+                    1e3 * (model.rest[*i].x - r.x),
+                    1e3 * (model.rest[*i].y - r.y),
+                    1e3 * (model.rest[*i].z - r.z),
+                    model.born[*i]
+                )?;
             }
         }
         for (i, id) in model.ids.iter().enumerate() {
@@ -207,7 +264,19 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
             held.push(e[2].iter().sum::<f64>() / e[2].len() as f64);
         }
         if std::env::var("FRAMES").is_ok() {
-            writeln!(out, "    {:5.1} {phase}{turn} res {:.2} share {:.2} seen {:.2}/{:.2} hidden {:.2} gamma {:.2} {:.0} ms {}", observation.stamp, 1e3 * report.residual, report.overlap, mean(&e[0]), mean(&e[1]), mean(&e[2]), reconstructor.weight_over_stiffness().unwrap_or_default().0, report.frame_ms, report.failure.unwrap_or_default())?;
+            writeln!(
+                out,
+                "    {:5.1} {phase}{turn} res {:.2} share {:.2} seen {:.2}/{:.2} hidden {:.2} gamma {:.2} {:.0} ms {}",
+                observation.stamp,
+                1e3 * report.residual,
+                report.overlap,
+                mean(&e[0]),
+                mean(&e[1]),
+                mean(&e[2]),
+                reconstructor.weight_over_stiffness().unwrap_or_default().0,
+                report.frame_ms,
+                report.failure.unwrap_or_default()
+            )?;
         }
         let name = format!("{phase}{turn}");
         if rows.last().is_none_or(|r| r.0 != name) {
@@ -220,9 +289,26 @@ fn run(session: &str, out: &mut impl Write) -> Result<(), Box<dyn std::error::Er
     }
     reconstructor.consolidate(&cell.info().table)?;
     for (name, e) in &rows {
-        writeln!(out, "  {name}: seen {:.2} along, {:.2} across; hidden {:.2}/{:.1}", mean(&e[0]), mean(&e[1]), mean(&e[2]), p95(&e[2]))?;
+        writeln!(
+            out,
+            "  {name}: seen {:.2} along, {:.2} across; hidden {:.2}/{:.1}",
+            mean(&e[0]),
+            mean(&e[1]),
+            mean(&e[2]),
+            p95(&e[2])
+        )?;
     }
     ms.sort_by(f64::total_cmp);
-    writeln!(out, "  END {}; hidden held {:.2}; gamma {:.2}; frame {:.0}/{:.0} ms, fusion {:.0}; V {}", shape(&reconstructor), mean(&held), reconstructor.weight_over_stiffness().unwrap_or_default().0, ms[ms.len() / 2], ms[ms.len() * 95 / 100], fusion.iter().copied().fold(0.0, f64::max), reconstructor.model().len())?;
+    writeln!(
+        out,
+        "  END {}; hidden held {:.2}; gamma {:.2}; frame {:.0}/{:.0} ms, fusion {:.0}; V {}",
+        shape(&reconstructor),
+        mean(&held),
+        reconstructor.weight_over_stiffness().unwrap_or_default().0,
+        ms[ms.len() / 2],
+        ms[ms.len() * 95 / 100],
+        fusion.iter().copied().fold(0.0, f64::max),
+        reconstructor.model().len()
+    )?;
     Ok(())
 }

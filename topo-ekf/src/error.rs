@@ -22,7 +22,8 @@ pub enum Error {
     /// A coordinate is NaN or infinite, or so large that squares overflow.
     #[error("{what} {index} is not a usable point: {value:?}")]
     NonFinitePoint {
-        /// Which list: `rest`, `live`, `truth`, `observation` or `coefficient of inequality`.
+        /// Which list: `rest`, `live`, `truth`, `observation`, `coefficient of inequality`, `grip`, `target of row` or
+        /// `origin of lattice`.
         what: &'static str,
         /// Position in that list.
         index: usize,
@@ -50,6 +51,36 @@ pub enum Error {
         vertex: u32,
         /// Number of vertices.
         vertices: usize,
+    },
+    /// An embedded point names a cell that the lattice does not have (for variances: did not have in the last step).
+    #[error("{what} {index} lies in cell {cell}, there are {cells}")]
+    CellOutOfRange {
+        /// Which list: `row`, `grip`, `surface point`, `foot`, `inequality`, `seen point` or `point`.
+        what: &'static str,
+        /// Position in that list.
+        index: usize,
+        /// The refused cell.
+        cell: u32,
+        /// Number of cells.
+        cells: usize,
+    },
+    /// The weights of an embedded point are not those of a point: not finite, or their sum is not one.
+    #[error("the weights of {what} {index} are {weights:.3?}; they must be finite and sum to one")]
+    Embedding {
+        /// Which list, as for [`Self::CellOutOfRange`].
+        what: &'static str,
+        /// Position in that list.
+        index: usize,
+        /// The refused weights.
+        weights: [f64; 8],
+    },
+    /// A change of a lattice takes cells away or moves them; cells may only be added and refilled.
+    #[error(
+        "the change takes cells away or moves them (cell {cell}); cells may only be added and refilled"
+    )]
+    CellsLost {
+        /// The first cell that is no longer as it was.
+        cell: usize,
     },
     /// An edge joins a vertex with itself.
     #[error("edge {index} joins vertex {vertex} with itself")]

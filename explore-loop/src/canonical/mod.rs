@@ -123,11 +123,7 @@ impl CanonicalModel {
 
     /// A model of other vertices that takes over identities, history and cuts: each vertex with the index of the one whose material it
     /// is, if any, those in ascending order and the new ones behind them.
-    pub(crate) fn inherited(
-        &self,
-        vertices: &[(NewVertex, Option<usize>)],
-        frame: u32,
-    ) -> Self {
+    pub(crate) fn inherited(&self, vertices: &[(NewVertex, Option<usize>)], frame: u32) -> Self {
         let mut heir = Self {
             cuts: self.cuts.clone(),
             next_id: self.next_id,

@@ -107,7 +107,9 @@ impl std::fmt::Display for Obstacle {
         match self {
             Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
             Self::Bare(share) => write!(f, "{:.2} % never seen", percent(*share)),
-            Self::Strays(share) => write!(f, "{:.1} % of the points off the surface", percent(*share)),
+            Self::Strays(share) => {
+                write!(f, "{:.1} % of the points off the surface", percent(*share))
+            }
             Self::Boundary(share) => write!(f, "{:.1} % on a boundary", percent(*share)),
             Self::Missing(share) => write!(f, "{:.1} % of vector area missing", percent(*share)),
         }
@@ -128,7 +130,11 @@ const MOST_STRAYS: f64 = 0.03;
 /// # Errors
 /// Non-finite positions, or a complex larger than memory allows.
 pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_complex::Error> {
-    let weights: Vec<f64> = model.times_seen.iter().map(|t| f64::from(*t).min(10.0)).collect();
+    let weights: Vec<f64> = model
+        .times_seen
+        .iter()
+        .map(|t| f64::from(*t).min(10.0))
+        .collect();
     let options = ClosedSurfaceOptions::new(spacing);
     let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
     let (points, normals) = drawn.as_ref().map_or_else(
@@ -145,8 +151,7 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),
         bare: drawn.as_ref().map_or(1.0, |s| s.bare.max(0.0)),
-        strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64)
-            / model.len().max(1) as f64,
+        strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,
         cut: complex.cut,
         non_manifold: complex.non_manifold,
@@ -175,7 +180,11 @@ fn missing_share(surface: &ClosedSurface) -> f64 {
         vector += face;
         area += face.norm();
     }
-    if area > 0.0 { vector.norm() / area } else { 1.0 }
+    if area > 0.0 {
+        vector.norm() / area
+    } else {
+        1.0
+    }
 }
 
 /// The cut edges of the model between the nearest points of the sample.

@@ -129,7 +129,10 @@ impl Columns {
         let part = 1.0 / f64::from(ALONG);
         std::array::from_fn(|k| {
             let k = k as i32;
-            let key = [place[0] * ALONG + k % ALONG, place[1] * ALONG + k / ALONG % ALONG];
+            let key = [
+                place[0] * ALONG + k % ALONG,
+                place[1] * ALONG + k / ALONG % ALONG,
+            ];
             let low = f64::from(place[2]) + f64::from(k / (ALONG * ALONG)) * part;
             let spans = self.spans.get(&key).into_iter().flatten();
             let filled: f64 = spans
@@ -192,7 +195,11 @@ impl Columns {
             };
             let at = [0, 1].map(|a| (f64::from(key[a]) + 0.5) / f64::from(ALONG));
             let bottom = first[0].max(0.0);
-            let place = [at[0].floor() as i32, at[1].floor() as i32, bottom.floor() as i32];
+            let place = [
+                at[0].floor() as i32,
+                at[1].floor() as i32,
+                bottom.floor() as i32,
+            ];
             let Some(cell) = lattice.cell_at(place) else {
                 continue;
             };
@@ -270,7 +277,10 @@ fn rim(tops: &BTreeMap<[i32; 2], f64>) -> Vec<([i32; 2], f64)> {
             .filter(|(k, _)| (k[0] - key[0]).abs() <= 2 && (k[1] - key[1]).abs() <= 2)
             .map(|(_, top)| *top)
             .collect();
-        (*key, beside.iter().sum::<f64>() / beside.len().max(1) as f64)
+        (
+            *key,
+            beside.iter().sum::<f64>() / beside.len().max(1) as f64,
+        )
     };
     outline.iter().map(smooth).collect()
 }

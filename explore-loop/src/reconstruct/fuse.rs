@@ -103,8 +103,8 @@ fn samples(track: &Track) -> Vec<Sample> {
             if turned < FACING {
                 continue;
             }
-            let Some(at) = to_rest(lattice, &keyframe.pose, point, &cells)
-                .filter(|at| at.outside <= OUTSIDE)
+            let Some(at) =
+                to_rest(lattice, &keyframe.pose, point, &cells).filter(|at| at.outside <= OUTSIDE)
             else {
                 continue;
             };
@@ -307,12 +307,15 @@ fn weigh_evidence(track: &Track, keyframe: &Keyframe, spacing: f64, evidence: &m
     let depth = &keyframe.view.depth;
     for (i, at) in posed.points.iter().enumerate() {
         let hidden_by_arm = || {
-            let holds = |a: &crate::cell::ArmState| behind_arm(at, &a.camera_from_tip, 3.0 * spacing);
+            let holds =
+                |a: &crate::cell::ArmState| behind_arm(at, &a.camera_from_tip, 3.0 * spacing);
             keyframe.arms.iter().any(holds)
         };
         evidence[i] += match depth.depth(at) {
             Some(d) if d - at.z > 1.5 * spacing => -1.0,
-            Some(d) if (d - at.z).abs() < 0.6 * spacing && facing(at, &posed.normals[i]) > 0.3 => 1.0,
+            Some(d) if (d - at.z).abs() < 0.6 * spacing && facing(at, &posed.normals[i]) > 0.3 => {
+                1.0
+            }
             None if !hidden_by_arm() && depth.nearest_seen(at, 0.012).is_none() => -1.0,
             _ => 0.0,
         };

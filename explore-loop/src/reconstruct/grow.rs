@@ -66,11 +66,13 @@ pub(crate) fn grown(
         {
             continue;
         }
-        let Some(at) = track.to_rest(point, &cells).filter(|a| a.outside <= OUTSIDE) else {
+        let Some(at) = track
+            .to_rest(point, &cells)
+            .filter(|a| a.outside <= OUTSIDE)
+        else {
             continue;
         };
-        let rest_normal =
-            UnitVector3::new_normalize(at.gradient.transpose() * normal.into_inner());
+        let rest_normal = UnitVector3::new_normalize(at.gradient.transpose() * normal.into_inner());
         let mut place = at.position;
         if known(track, &rest, &place, &rest_normal, spacing) {
             continue;
@@ -126,4 +128,3 @@ fn known(
                     && normal.dot(&offset).abs() < BEFORE * spacing))
     })
 }
-

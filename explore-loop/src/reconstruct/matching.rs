@@ -131,7 +131,11 @@ pub(crate) fn matches(
         let relative = residual / gates.tukey;
         let share = (1.0 - relative * relative).max(0.0);
         let rim = if view.rim[k] { RIM } else { 1.0 };
-        let young = if times_seen[i] < YOUNG { YOUNG_WEIGHT } else { 1.0 };
+        let young = if times_seen[i] < YOUNG {
+            YOUNG_WEIGHT
+        } else {
+            1.0
+        };
         let counts = weight * share * share * rim * young;
         if counts > 0.0 {
             found.push(Match {
@@ -151,6 +155,13 @@ pub(crate) fn matches(
 pub(crate) fn rows(found: &[Match], embeddings: &[Embedding], view: &FrameView) -> Vec<Row> {
     found
         .iter()
-        .map(|m| Row::along(embeddings[m.vertex], view.points[m.point], m.normal, m.weight))
+        .map(|m| {
+            Row::along(
+                embeddings[m.vertex],
+                view.points[m.point],
+                m.normal,
+                m.weight,
+            )
+        })
         .collect()
 }

@@ -277,7 +277,8 @@ impl Reconstructor {
         let rests = track.still == STILL;
         let view = Arc::new(view);
         let travelled = track.keyframes.travel(track.moved);
-        let moved_on = track.fits() && !track.body.is_falling() && travelled > options.keyframe_motion;
+        let moved_on =
+            track.fits() && !track.body.is_falling() && travelled > options.keyframe_motion;
         if rests || (track.still < STILL && moved_on) {
             track.keep_keyframe(Arc::clone(&view), &observation.arms, track.still >= STILL);
         }

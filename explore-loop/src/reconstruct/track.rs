@@ -10,9 +10,9 @@ use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
 use kiddo::ImmutableKdTree;
+use nalgebra::{Point3, Rotation3, UnitVector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use nalgebra::{Point3, Rotation3, UnitVector3};
 use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Foot, Lattice};
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
@@ -136,13 +136,17 @@ impl Track {
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);
             let facing = options.min_facing;
-            matches(&posed, &model.times_seen, view, gates, facing, options.spacing)
+            matches(
+                &posed,
+                &model.times_seen,
+                view,
+                gates,
+                facing,
+                options.spacing,
+            )
         };
         let mut innovation = None;
-        let frame = BodyFrame {
-            grips: &grips,
-            surface: embeddings,
-        };
+        let frame = BodyFrame::new(&grips, embeddings);
         let report = self.body.step(
             &frame,
             &mut |lattice, pose, progress| {
@@ -165,10 +169,7 @@ impl Track {
                 .filter(|&i| self.seen[i])
                 .map(|i| (self.embeddings[i], self.model.live_normal(i)))
                 .collect();
-            let frame = BodyFrame {
-                grips: &grips,
-                surface: &self.embeddings,
-            };
+            let frame = BodyFrame::new(&grips, &self.embeddings);
             self.body.weigh(&frame, &seen)?;
         }
         self.frame += 1;
@@ -183,8 +184,9 @@ impl Track {
             let normal = pose.normal(lattice, at, &self.model.rest_normals[i]);
             let turn = pose.turns[at.cell as usize];
             // The rotation that carries the rest normal to the live one and is otherwise the cell's.
-            let correction = Rotation3::rotation_between(&(turn * self.model.rest_normals[i]), &normal)
-                .unwrap_or_else(Rotation3::identity);
+            let correction =
+                Rotation3::rotation_between(&(turn * self.model.rest_normals[i]), &normal)
+                    .unwrap_or_else(Rotation3::identity);
             self.model.rotations[i] = *(correction * turn).matrix();
         }
     }
@@ -224,7 +226,10 @@ impl Track {
         let mut held = Vec::new();
         for (arm, grip) in arms.iter().zip(&self.grips) {
             if let Some(grip) = grip.as_ref().filter(|_| arm.holding) {
-                held.extend(grip.iter().map(|(at, place)| (*at, arm.camera_from_tip * place)));
+                held.extend(
+                    grip.iter()
+                        .map(|(at, place)| (*at, arm.camera_from_tip * place)),
+                );
             }
         }
         held
@@ -260,7 +265,9 @@ impl Track {
     /// Whether an arm has just taken hold: its grip is not known yet.
     pub fn takes_hold(&self, arms: &[ArmState]) -> bool {
         let unknown = |k: usize| self.grips.get(k).is_none_or(Option::is_none);
-        arms.iter().enumerate().any(|(k, a)| a.holding && unknown(k))
+        arms.iter()
+            .enumerate()
+            .any(|(k, a)| a.holding && unknown(k))
     }
 
     /// Whether some arm holds the body, as far as is known.

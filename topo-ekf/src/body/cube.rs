@@ -113,7 +113,9 @@ fn condensed(blocks: &[[Matrix3<f64>; MODES]; MODES], total: f64) -> Stiffness {
     let across = SMatrix::<f64, 9, 24>::from_fn(|i, j| entry(24 + i, j));
     let taken = inner
         .cholesky()
-        .map_or_else(SMatrix::<f64, 24, 24>::zeros, |c| across.transpose() * c.solve(&across));
+        .map_or_else(SMatrix::<f64, 24, 24>::zeros, |c| {
+            across.transpose() * c.solve(&across)
+        });
     let mut out = [[Matrix3::zeros(); 8]; 8];
     for (i, row) in out.iter_mut().enumerate() {
         for (j, block) in row.iter_mut().enumerate() {
@@ -169,7 +171,11 @@ mod tests {
 
     fn energy(k: &Stiffness, u: &[Vector3<f64>; 8]) -> f64 {
         (0..8)
-            .map(|i| (0..8).map(|j| 0.5 * u[i].dot(&(k[i][j] * u[j]))).sum::<f64>())
+            .map(|i| {
+                (0..8)
+                    .map(|j| 0.5 * u[i].dot(&(k[i][j] * u[j])))
+                    .sum::<f64>()
+            })
             .sum()
     }
 
@@ -192,7 +198,8 @@ mod tests {
     #[test]
     fn shape_functions_interpolate_linear_fields() {
         let xi = [0.2, 0.7, 0.4];
-        let at = |c: [i32; 3]| 3.0 + f64::from(c[0]) - 2.0 * f64::from(c[1]) + 0.5 * f64::from(c[2]);
+        let at =
+            |c: [i32; 3]| 3.0 + f64::from(c[0]) - 2.0 * f64::from(c[1]) + 0.5 * f64::from(c[2]);
         let value: f64 = shape(&xi).iter().zip(CORNERS).map(|(n, c)| n * at(c)).sum();
         assert!((value - (3.0 + 0.2 - 1.4 + 0.2)).abs() < 1e-14);
         let slope: Vector3<f64> = shape_gradients(&xi)

@@ -3,17 +3,25 @@
 //! ```text
 //! E(x) = ½ k Σ_c s_c (R_cᵀ x_c − X_c)ᵀ K̂ (R_cᵀ x_c − X_c)                      k = stiffness · h: corotational cubes
 //!      + ½ Σ_r w_r (d_r · (x(e_r) − q_r))²                                      rows: what was measured, held, touched
-//!      + ½ w_stay Σ_i m_i ‖x_i − y_i‖²  −  Σ_i f_i · x_i                        where the nodes were expected; weight
+//!      + ½ w_y Σ_i ‖x_i − y_i‖²  −  Σ_i f_i · x_i                               where the nodes were expected; weight
 //! H δ = −∇E,  rotations R_c held, then fitted anew                              sparse Cholesky of 3N unknowns
 //! ```
 //! The energy is counted in units of the data: a stiffness of `κ/m³` makes a strain of one in a cube of a cubic metre cost `κ/2`, where a row
-//! of standard deviation `σ` costs `1/2` when it is off by `σ`. Source of the corotational form: Müller and Gross (2004).
+//! of standard deviation `σ` costs `1/2` when it is off by `σ`. `H` is therefore the information matrix of the nodes. With the
+//! rotations held `E` is quadratic and the forces are its exact gradient; that the rotations follow the nodes adds a term of the
+//! second order in the strain, which is left out as usual. Source of the corotational form: Müller and Gross, *Interactive virtual materials* (2004).
+//!
+//! The unknowns are coordinates in a frame whose third axis is the normal of the table, so that a row against the table touches one unknown
+//! of a node and not three ([`super::project`]).
 
-use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+use std::sync::Arc;
 
-use super::cube::{CORNERS, PARTS, Stiffness, stiffness};
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::cube::{CORNERS, Occupancy, PARTS, Stiffness, stiffness};
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
+use super::row::Row;
 use crate::Error;
 use crate::system::{Factor, System};
 
@@ -21,46 +29,6 @@ use crate::system::{Factor, System};
 const PAIRS: usize = 36;
 /// Longest move of a node in one step, in cells: beyond it the linearisation means nothing.
 const LONGEST: f64 = 1.25;
-
-/// A linear equation on an embedded point: `direction · (x(at) − target) = 0`, or all three coordinates.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// The point.
-    pub at: Embedding,
-    /// Where it should be.
-    pub target: Point3<f64>,
-    /// Along which direction; all when `None`.
-    pub direction: Option<UnitVector3<f64>>,
-    /// One over its variance, 1/m².
-    pub weight: f64,
-}
-
-impl Row {
-    /// The point is at `target`.
-    pub fn point(at: Embedding, target: Point3<f64>, weight: f64) -> Self {
-        Self {
-            at,
-            target,
-            direction: None,
-            weight,
-        }
-    }
-
-    /// The point lies on the plane through `target` across `direction`.
-    pub fn along(
-        at: Embedding,
-        target: Point3<f64>,
-        direction: UnitVector3<f64>,
-        weight: f64,
-    ) -> Self {
-        Self {
-            at,
-            target,
-            direction: Some(direction),
-            weight,
-        }
-    }
-}
 
 /// What acts on the body in a step besides its elasticity.
 #[derive(Clone, Copy, Debug)]
@@ -77,30 +45,28 @@ pub(crate) struct Acting<'a> {
 
 /// Pattern and storage of the normal equations of a lattice.
 pub(crate) struct Elastic {
-    /// Stiffness of a full cube, and of the cells that are not full.
-    full: Stiffness,
-    partly: Vec<Option<Box<Stiffness>>>,
+    elements: Elements,
+    /// From the frame of the points to that of the unknowns.
+    frame: Matrix3<f64>,
     system: System,
     nodes: usize,
-    /// Pair of each two corners of each cell, and whether the first corner is the later node.
-    cells: Vec<[(u32, bool); PAIRS]>,
-    /// Slots of the nine entries of each pair.
-    slots: Vec<[usize; 9]>,
-    blocks: Vec<[f64; 9]>,
-    right: Vec<f64>,
+    /// For each cell, where the entries of each pair of corners go among the values; one past their end if they are nobody's.
+    slots: Vec<[[u32; 9]; PAIRS]>,
+    /// Values of the step before, to be used again.
+    spare: Vec<f64>,
 }
 
-/// Normal equations after a step, for variances and projections.
+/// Normal equations of a step, for variances and projections.
 pub(crate) struct Solved {
+    /// Lower triangle of `H`.
     pub values: Vec<f64>,
     pub factor: Factor,
 }
 
 impl Elastic {
-    /// For all cells of a lattice.
-    pub fn new(lattice: &Lattice, poisson_ratio: f64) -> Result<Self, Error> {
-        let nodes = lattice.rest().len();
-        let (pairs, cells) = pairs(lattice);
+    /// For all cells of a lattice; `frame` turns points into the frame of the unknowns.
+    pub fn new(lattice: &Lattice, poisson_ratio: f64, frame: Matrix3<f64>) -> Result<Self, Error> {
+        let pairs = pairs(lattice);
         let mut edges = Vec::with_capacity(9 * pairs.len());
         for &[i, j] in &pairs {
             for a in 0..3 {
@@ -113,40 +79,30 @@ impl Elastic {
         }
         let points: Vec<Point3<f64>> = lattice.rest().iter().flat_map(|p| [*p; 3]).collect();
         let system = System::new(&points, &edges)?;
-        let mut next = system.pattern.edge.iter().copied();
-        let mut slots = Vec::with_capacity(pairs.len());
-        for &[i, j] in &pairs {
-            let mut own = [usize::MAX; 9];
-            for a in 0..3 {
-                for b in 0..3 {
-                    if i != j || a < b {
-                        own[3 * a + b] = next.next().unwrap_or(usize::MAX);
-                    } else if a == b {
-                        own[3 * a + b] = system.pattern.diagonal[3 * i as usize + a as usize];
-                    }
-                }
-            }
-            slots.push(own.map(|s| s));
-        }
+        let slots = slots(lattice, &pairs, &system);
         Ok(Self {
-            full: stiffness(&[1.0; PARTS], poisson_ratio),
-            partly: lattice
-                .cells()
-                .iter()
-                .map(|cell| Some(Box::new(stiffness(cell.occupancy.as_deref()?, poisson_ratio))))
-                .collect(),
+            elements: Elements::new(lattice, poisson_ratio),
+            frame,
             system,
-            nodes,
-            cells,
+            nodes: lattice.rest().len(),
             slots,
-            blocks: Vec::new(),
-            right: Vec::new(),
+            spare: Vec::new(),
         })
     }
 
     /// Whether this was made for the lattice as it is.
     pub fn fits(&self, lattice: &Lattice) -> bool {
-        self.nodes == lattice.rest().len() && self.cells.len() == lattice.cells().len()
+        self.nodes == lattice.rest().len() && self.elements.fit(lattice)
+    }
+
+    /// Cells of the lattice this was made for.
+    pub fn cells(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// From the frame of the points to that of the unknowns.
+    pub fn frame(&self) -> &Matrix3<f64> {
+        &self.frame
     }
 
     /// The system, for solves with a factor.
@@ -159,200 +115,339 @@ impl Elastic {
         &self.system
     }
 
-    /// Stiffness of a cell.
-    fn unit(&self, cell: usize) -> &Stiffness {
-        self.partly[cell].as_deref().unwrap_or(&self.full)
-    }
-
-    /// Elastic energy of a pose whose rotations are fitted.
-    pub fn energy(&self, lattice: &Lattice, pose: &Pose, stiffness: f64) -> f64 {
-        let scale = stiffness * lattice.size();
-        let of_cell = |c: usize| {
-            let cell = &lattice.cells()[c];
-            let unit = self.unit(c);
-            let strained = displacements(lattice, pose, c);
-            let mut energy = 0.0;
-            for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
-                energy += 0.5 * strained[i].dot(&force);
-            }
-            scale * cell.stiffness * energy
-        };
-        (0..lattice.cells().len()).map(of_cell).sum()
-    }
-
-    /// Elastic forces on the nodes of a pose whose rotations are fitted: minus the gradient of the energy.
-    pub fn forces(&self, lattice: &Lattice, pose: &Pose, stiffness: f64) -> Vec<Vector3<f64>> {
-        let scale = stiffness * lattice.size();
-        let mut forces = vec![Vector3::zeros(); lattice.rest().len()];
-        for (c, cell) in lattice.cells().iter().enumerate() {
-            let unit = self.unit(c);
-            let strained = displacements(lattice, pose, c);
-            let axes = pose.turns[c] * lattice.axes();
-            for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
-                forces[cell.nodes[i] as usize] -= axes * (force * (scale * cell.stiffness));
-            }
-        }
-        forces
-    }
-
-    /// One Gauss–Newton step from `pose`; returns the longest move of a node, m. The pose keeps its length limits.
+    /// One Gauss–Newton step from `pose`, rotations fitted anew: the longest move of a node, m, and the normal equations. Moves are
+    /// shortened to 1.25 cells.
     pub fn step(
         &mut self,
         lattice: &Lattice,
         pose: &mut Pose,
         acting: &Acting<'_>,
-    ) -> Result<f64, Error> {
-        let solved = self.assemble(lattice, pose, acting)?;
-        let mut moves = std::mem::take(&mut self.right);
+    ) -> Result<(f64, Solved), Error> {
+        let (solved, mut moves) = self.assemble(lattice, pose, acting)?;
         self.system.solve(&solved.factor, &mut moves);
         let bound = LONGEST * lattice.size();
+        let back = self.frame.transpose();
         let mut longest = 0.0_f64;
-        for (live, step) in pose.live.iter_mut().zip(moves.chunks_exact(3)) {
-            let step = Vector3::from_column_slice(step);
-            let length = step.norm();
+        for (vertex, step) in moves.chunks_exact(3).enumerate() {
+            let length = Vector3::from_column_slice(step).norm();
             if !length.is_finite() {
-                return Err(Error::Overflow { vertex: 0 });
+                return Err(Error::Overflow { vertex });
             }
-            *live += step * if length > bound { bound / length } else { 1.0 };
             longest = longest.max(length);
         }
-        self.right = moves;
+        for (live, step) in pose.live.iter_mut().zip(moves.chunks_exact(3)) {
+            let step = back * Vector3::from_column_slice(step);
+            let length = step.norm();
+            *live += step * if length > bound { bound / length } else { 1.0 };
+        }
         pose.fit_turns(lattice);
-        Ok(longest)
+        Ok((longest, solved))
     }
 
-    /// The normal equations at `pose`, factorised; the right-hand side stays in `self.right`.
+    /// Keeps the memory of normal equations that are of no more use.
+    pub fn recycle(&mut self, solved: Solved) {
+        self.spare = solved.values;
+    }
+
+    /// The normal equations at `pose`, factorised, and the right-hand side `−∇E`.
     pub fn assemble(
         &mut self,
         lattice: &Lattice,
         pose: &Pose,
         acting: &Acting<'_>,
-    ) -> Result<Solved, Error> {
-        self.blocks.clear();
-        self.blocks.resize(self.slots.len(), [0.0; 9]);
-        self.right.clear();
-        self.right.resize(3 * self.nodes, 0.0);
-        self.add_elasticity(lattice, pose, acting.stiffness);
-        for row in acting.rows {
-            self.add_row(lattice, pose, row);
-        }
+    ) -> Result<(Solved, Vec<f64>), Error> {
+        let mut values = std::mem::take(&mut self.spare);
+        values.clear();
+        // One more for the entries that are nobody's.
+        values.resize(self.system.pattern.rows.len() + 1, 0.0);
+        let mut right = Vec::with_capacity(3 * self.nodes);
         for i in 0..self.nodes {
             let mut force = (acting.expected[i] - pose.live[i]) * acting.expected_weight;
             if let Some(own) = acting.forces.get(i) {
                 force += own;
             }
-            add(&mut self.right, i, &force);
+            right.extend_from_slice((self.frame * force).as_slice());
         }
-        let mut values = vec![0.0; self.system.pattern.rows.len()];
-        for (block, slots) in self.blocks.iter().zip(&self.slots) {
-            for (entry, &slot) in block.iter().zip(slots) {
-                if let Some(value) = values.get_mut(slot) {
-                    *value += entry;
+        let by_cell = ByCell::new(acting.rows, lattice.cells().len());
+        let scale = acting.stiffness * lattice.size();
+        for (c, cell) in lattice.cells().iter().enumerate() {
+            let mut own = Own::new();
+            let axes = self.frame * (pose.turns[c] * lattice.axes()).matrix();
+            let strained = displacements(lattice, pose, c);
+            own.add_elasticity(
+                self.elements.of(c),
+                &axes,
+                &strained,
+                scale * cell.stiffness,
+            );
+            for &r in by_cell.of(c) {
+                let row = &acting.rows[r as usize];
+                let miss = row.target - pose.position(lattice, &row.at);
+                own.add_row(row, &self.frame, &miss);
+            }
+            for (slots, block) in self.slots[c].iter().zip(&own.blocks) {
+                for (&slot, entry) in slots.iter().zip(block) {
+                    values[slot as usize] += entry;
+                }
+            }
+            for (&node, force) in cell.nodes.iter().zip(&own.right) {
+                for a in 0..3 {
+                    right[3 * node as usize + a] += force[a];
                 }
             }
         }
+        values.pop();
         for &at in &self.system.pattern.diagonal {
             values[at] += acting.expected_weight;
         }
         let factor = self.system.factorise(&values)?;
-        Ok(Solved { values, factor })
+        Ok((Solved { values, factor }, right))
     }
+}
 
-    fn add_elasticity(&mut self, lattice: &Lattice, pose: &Pose, stiffness: f64) {
-        let scale = stiffness * lattice.size();
-        for (c, cell) in lattice.cells().iter().enumerate() {
-            let axes = *(pose.turns[c] * lattice.axes()).matrix();
-            let back = axes.transpose();
-            let strained = displacements(lattice, pose, c);
-            let unit = *self.unit(c);
-            let ks = scale * cell.stiffness;
-            let mut pair = 0;
-            for i in 0..8 {
-                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
-                add(&mut self.right, cell.nodes[i] as usize, &(axes * force * -ks));
-                for j in i..8 {
-                    let block = axes * (unit[i][j] * ks) * back;
-                    self.add_block(c, pair, &block, 1.0);
-                    pair += 1;
-                }
-            }
+/// Part of the normal equations that one cell and the rows in it make: dense, in the order of the cell's own corners.
+struct Own {
+    blocks: [[f64; 9]; PAIRS],
+    right: [Vector3<f64>; 8],
+}
+
+impl Own {
+    fn new() -> Self {
+        Self {
+            blocks: [[0.0; 9]; PAIRS],
+            right: [Vector3::zeros(); 8],
         }
     }
 
-    fn add_row(&mut self, lattice: &Lattice, pose: &Pose, row: &Row) {
-        let c = row.at.cell as usize;
-        let nodes = &lattice.cells()[c].nodes;
-        let miss = pose.position(lattice, &row.at) - row.target;
-        let (square, pull) = match &row.direction {
-            None => (Matrix3::identity(), miss),
-            Some(d) => (d.into_inner() * d.transpose(), d.into_inner() * d.dot(&miss)),
-        };
+    /// `A K̂ Aᵀ` and the forces `−A K̂ u` of a cell with axes `A`, each times `scale`.
+    fn add_elasticity(
+        &mut self,
+        unit: &Stiffness,
+        axes: &Matrix3<f64>,
+        strained: &[Vector3<f64>; 8],
+        scale: f64,
+    ) {
+        let (turned, back) = (axes * scale, axes.transpose());
         let mut pair = 0;
         for i in 0..8 {
-            let wi = row.weight * row.at.weights[i];
-            add(&mut self.right, nodes[i] as usize, &(pull * -wi));
+            let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
+            self.right[i] -= turned * force;
             for j in i..8 {
-                self.add_block(c, pair, &square, wi * row.at.weights[j]);
+                // Row by row: the entries of `values` lie so.
+                let block = (turned * unit[i][j] * back).transpose();
+                self.blocks[pair].copy_from_slice(block.as_slice());
                 pair += 1;
             }
         }
     }
 
-    /// Adds `scale · block` for the pair of corners `(i, j)` of a cell, in the order of the loops above.
-    fn add_block(&mut self, cell: usize, pair: usize, block: &Matrix3<f64>, scale: f64) {
-        if scale == 0.0 {
-            return;
-        }
-        let (at, flipped) = self.cells[cell][pair];
-        let own = &mut self.blocks[at as usize];
-        for a in 0..3 {
-            for b in 0..3 {
-                own[3 * a + b] += scale * if flipped { block[(b, a)] } else { block[(a, b)] };
+    /// `w d dᵀ` spread over the corners by the weights of the point, and its pull.
+    fn add_row(&mut self, row: &Row, frame: &Matrix3<f64>, miss: &Vector3<f64>) {
+        let (square, pull) = match &row.direction {
+            None => (Matrix3::identity(), frame * miss),
+            Some(d) => {
+                let direction = frame * d.into_inner();
+                (direction * direction.transpose(), direction * d.dot(miss))
+            }
+        };
+        let weights = row.at.weights.map(|w| w * row.weight);
+        let mut pair = 0;
+        for i in 0..8 {
+            self.right[i] += pull * weights[i];
+            for j in i..8 {
+                let scale = weights[i] * row.at.weights[j];
+                for (entry, s) in self.blocks[pair].iter_mut().zip(square.as_slice()) {
+                    *entry += scale * s;
+                }
+                pair += 1;
             }
         }
     }
+}
+
+/// Rows sorted by their cells; within a cell they keep their order.
+struct ByCell {
+    starts: Vec<u32>,
+    rows: Vec<u32>,
+}
+
+impl ByCell {
+    fn new(rows: &[Row], cells: usize) -> Self {
+        let mut starts = vec![0; cells + 1];
+        for row in rows {
+            starts[row.at.cell as usize + 1] += 1;
+        }
+        for c in 0..cells {
+            starts[c + 1] += starts[c];
+        }
+        let mut next = starts.clone();
+        let mut sorted = vec![0; rows.len()];
+        for (r, row) in rows.iter().enumerate() {
+            let at = &mut next[row.at.cell as usize];
+            sorted[*at as usize] = r as u32;
+            *at += 1;
+        }
+        Self {
+            starts,
+            rows: sorted,
+        }
+    }
+
+    fn of(&self, cell: usize) -> &[u32] {
+        &self.rows[self.starts[cell] as usize..self.starts[cell + 1] as usize]
+    }
+}
+
+/// Stiffness of every cell at Young's modulus 1.
+pub(crate) struct Elements {
+    full: Stiffness,
+    /// Of the cells that are not full, with what they hold.
+    partly: Vec<Option<(Arc<Occupancy>, Box<Stiffness>)>>,
+}
+
+impl Elements {
+    /// Of all cells of a lattice.
+    pub fn new(lattice: &Lattice, poisson_ratio: f64) -> Self {
+        let partly = lattice.cells().iter().map(|cell| {
+            let occupancy = cell.occupancy.as_ref()?;
+            let own = Box::new(stiffness(occupancy, poisson_ratio));
+            Some((Arc::clone(occupancy), own))
+        });
+        Self {
+            full: stiffness(&[1.0; PARTS], poisson_ratio),
+            partly: partly.collect(),
+        }
+    }
+
+    /// Of a cell.
+    pub fn of(&self, cell: usize) -> &Stiffness {
+        self.partly[cell].as_ref().map_or(&self.full, |p| &p.1)
+    }
+
+    /// Whether the cells hold what they held.
+    fn fit(&self, lattice: &Lattice) -> bool {
+        let same = |(own, cell): (&Option<(Arc<Occupancy>, _)>, &super::lattice::Cell)| match (
+            own,
+            &cell.occupancy,
+        ) {
+            (Some((a, _)), Some(b)) => Arc::ptr_eq(a, b) || a == b,
+            (None, None) => true,
+            _ => false,
+        };
+        self.partly.len() == lattice.cells().len()
+            && self.partly.iter().zip(lattice.cells()).all(same)
+    }
+}
+
+/// Elastic energy of a pose with the rotations it has.
+pub(crate) fn energy(elements: &Elements, lattice: &Lattice, pose: &Pose, stiffness: f64) -> f64 {
+    let scale = stiffness * lattice.size();
+    let of_cell = |c: usize| {
+        let strained = displacements(lattice, pose, c);
+        let unit = elements.of(c);
+        let twice: f64 = (0..8)
+            .map(|i| {
+                let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
+                strained[i].dot(&force)
+            })
+            .sum();
+        0.5 * scale * lattice.cells()[c].stiffness * twice
+    };
+    (0..lattice.cells().len()).map(of_cell).sum()
+}
+
+/// Elastic forces on the nodes with the rotations held: minus the gradient of the energy.
+pub(crate) fn forces(
+    elements: &Elements,
+    lattice: &Lattice,
+    pose: &Pose,
+    stiffness: f64,
+) -> Vec<Vector3<f64>> {
+    let scale = stiffness * lattice.size();
+    let mut forces = vec![Vector3::zeros(); lattice.rest().len()];
+    for (c, cell) in lattice.cells().iter().enumerate() {
+        let strained = displacements(lattice, pose, c);
+        let unit = elements.of(c);
+        let axes = pose.turns[c] * lattice.axes();
+        for i in 0..8 {
+            let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
+            forces[cell.nodes[i] as usize] -= axes * (force * (scale * cell.stiffness));
+        }
+    }
+    forces
 }
 
 /// Corners of a cell, turned back, less where they are at rest: in lattice axes.
 fn displacements(lattice: &Lattice, pose: &Pose, c: usize) -> [Vector3<f64>; 8] {
     let cell = &lattice.cells()[c];
-    let back = (pose.turns[c] * lattice.axes()).inverse();
+    let axes = pose.turns[c] * lattice.axes();
     let origin = pose.live[cell.nodes[0] as usize];
     std::array::from_fn(|k| {
         let rest = Vector3::from(CORNERS[k].map(f64::from)) * lattice.size();
-        back * (pose.live[cell.nodes[k] as usize] - origin) - rest
+        axes.matrix()
+            .tr_mul(&(pose.live[cell.nodes[k] as usize] - origin))
+            - rest
     })
 }
 
-fn add(vector: &mut [f64], node: usize, value: &Vector3<f64>) {
-    for a in 0..3 {
-        vector[3 * node + a] += value[a];
+/// The pairs of nodes that meet in a cell, sorted, the earlier node first.
+fn pairs(lattice: &Lattice) -> Vec<[u32; 2]> {
+    let mut pairs = Vec::with_capacity(PAIRS * lattice.cells().len());
+    for cell in lattice.cells() {
+        for (i, &a) in cell.nodes.iter().enumerate() {
+            pairs.extend(cell.nodes[i..].iter().map(|&b| [a.min(b), a.max(b)]));
+        }
     }
+    pairs.sort_unstable();
+    pairs.dedup();
+    pairs
 }
 
-/// The pairs of nodes that meet in a cell, the earlier node first, and for each cell where its pairs stand.
-fn pairs(lattice: &Lattice) -> (Vec<[u32; 2]>, Vec<[(u32, bool); PAIRS]>) {
-    let mut index = std::collections::BTreeMap::new();
-    let mut list = Vec::new();
-    let mut cells = Vec::with_capacity(lattice.cells().len());
-    for cell in lattice.cells() {
-        let mut own = [(0, false); PAIRS];
+/// Where the entries of each cell's pairs of corners go; the edges of `system` were made pair by pair.
+fn slots(lattice: &Lattice, pairs: &[[u32; 2]], system: &System) -> Vec<[[u32; 9]; PAIRS]> {
+    let nobody = system.pattern.rows.len() as u32;
+    let mut next = system.pattern.edge.iter().map(|&at| at as u32);
+    let of_pairs: Vec<[u32; 9]> = pairs
+        .iter()
+        .map(|&[i, j]| {
+            std::array::from_fn(|at| {
+                let (a, b) = (at / 3, at % 3);
+                if i != j || a < b {
+                    next.next().unwrap_or(nobody)
+                } else if a == b {
+                    system.pattern.diagonal[3 * i as usize + a] as u32
+                } else {
+                    nobody
+                }
+            })
+        })
+        .collect();
+    let of_cell = |nodes: &[u32; 8]| {
+        let mut own = [[nobody; 9]; PAIRS];
         let mut pair = 0;
         for i in 0..8 {
             for j in i..8 {
-                let (a, b) = (cell.nodes[i], cell.nodes[j]);
-                let key = [a.min(b), a.max(b)];
-                let at = *index.entry(key).or_insert_with(|| {
-                    list.push(key);
-                    list.len() as u32 - 1
-                });
-                own[pair] = (at, a > b);
+                let (a, b) = (nodes[i], nodes[j]);
+                let at = pairs.partition_point(|p| *p < [a.min(b), a.max(b)]);
+                let slots = of_pairs[at];
+                own[pair] = if a > b {
+                    std::array::from_fn(|k| slots[3 * (k % 3) + k / 3])
+                } else {
+                    slots
+                };
                 pair += 1;
             }
         }
-        cells.push(own);
-    }
-    (list, cells)
+        own
+    };
+    lattice.cells().iter().map(|c| of_cell(&c.nodes)).collect()
+}
+
+/// Nodes and weights of an embedded point.
+pub(crate) fn corners<'a>(
+    lattice: &'a Lattice,
+    at: &'a Embedding,
+) -> impl Iterator<Item = (u32, f64)> + 'a {
+    let nodes = &lattice.cells()[at.cell as usize].nodes;
+    nodes.iter().copied().zip(at.weights)
 }

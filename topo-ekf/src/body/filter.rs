@@ -1,63 +1,77 @@
-//! The body filter: predict, relinearise from rest, update.
+//! The body filter: predict, relinearise from rest, update, project.
 //!
 //! ```text
 //! predict     y = x + momentum · v                        where the nodes are expected, σ = motion_sigma
 //! prestep     grips, table, weight and elasticity alone   → innovation: how far the data are from it
 //! update      repeat: rows = observe(pose);  one Gauss–Newton step of elasticity + rows + grips + table + friction + weight
+//! project     x ← nearest to x in the metric of the information with no point under the table, inequalities kept
 //! keep        x, v = x − x_before
 //! ```
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that it never forgets the
 //! rest shape: what drags surface along itself must strain the body between.
+//!
+//! ```text
+//! table       height(x(e)) = 0                  variance contact_sigma², for points that are below it
+//! friction    along the table x(e) = x_before(e)   weight min(w, μ N / ‖slip‖),  N = depth / contact_sigma²: Coulomb's bound
+//!             w = 1/stick_sigma² for a foot, a quarter of it for a point of the surface (there are more of them)
+//! ```
+//! The projection takes away how far points are pressed into the table, and with it what the table bears. The next frame therefore starts its
+//! steps (not its prior) where the last one was before its projection.
 
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
-use super::elastic::{Acting, Elastic, Row};
+use super::elastic::{Acting, Elastic, Solved};
+use super::frame::{BodyFrame, BodyReport, Progress};
 use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
+use super::project::{DEPTH, FEASIBLE, Half, deepest, project, shift};
+use super::row::{BodyInequality, Row, check_unit};
+use super::variance::{BodyObservability, covariances};
 use super::weight::{Foot, WeightEstimate, loads};
-use crate::Error;
 use crate::observation::Plane;
+use crate::{Error, Status};
 
-/// How far along the steps of a frame are.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    /// 0 at the first step, 1 at the last.
-    pub share: f64,
-    /// Whether the body was let go a few frames ago: it may have moved far.
-    pub released: bool,
-}
+/// Mean move of a frame below which the body counts as idle: the next frame makes one step, m.
+const IDLE: f64 = 3e-4;
+/// What stands on the table at rest is taken to be pressed into it so far, m: at a height of exactly zero rounding would say whether it touches,
+/// and the first step would let it sink.
+const TOUCHING: f64 = 1e-9;
+/// How much wider the motion is after a release.
+const RELEASED: f64 = 3.0;
+/// Steps of the poses that [`BodyFilter::weigh`] compares, and how freely their nodes move, m.
+const WEIGH_STEPS: usize = 5;
+const WEIGH_SIGMA: f64 = 0.05;
+/// Share of the present weight in the second of them.
+const LIGHTER: f64 = 0.6;
 
-/// What one frame did.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct BodyReport {
-    /// Steps made, each one factorisation.
-    pub solves: usize,
-    /// Mean move of the nodes since the last frame, m.
-    pub moved: f64,
-    /// Longest move of a node in the last step, m.
-    pub last_step: f64,
-}
-
-/// What a frame brings besides observations.
-#[derive(Clone, Copy, Debug)]
-pub struct BodyFrame<'a> {
-    /// Points held by grippers and where those are now.
-    pub grips: &'a [(Embedding, Point3<f64>)],
-    /// The estimated surface, for contact with the table.
-    pub surface: &'a [Embedding],
-}
-
-/// The live body.
+/// A soft body followed by its volume: an elastic lattice from rest, pushed by what is seen, held and touched.
+///
+/// See the [module](crate::body) for an example.
+///
+/// # Guarantees
+/// A call that returns an error leaves the body as it was. After a step no point of the surface and no foot is more than 1e-6 m below the
+/// table and every inequality holds to 1e-6 m, unless the report says `Infeasible`. The same calls give the same bits.
+///
+/// # Limits
+/// Cells are never taken away, sheets nearer than a cell stick together, and the covariances take the rotations of cells for given.
 pub struct BodyFilter {
     options: BodyOptions,
     lattice: Lattice,
-    pose: Pose,
-    velocity: Vec<Vector3<f64>>,
     table: Plane,
     feet: Vec<Foot>,
-    elastic: Option<Elastic>,
     weight: WeightEstimate,
+    state: State,
+    last: Option<(Elastic, Solved)>,
+}
+
+/// What a frame changes.
+#[derive(Clone)]
+struct State {
+    pose: Pose,
+    velocity: Vec<Vector3<f64>>,
+    /// How far the last projection moved every node.
+    raised: Vec<Vector3<f64>>,
     /// Frames since the last release, down to 0.
     falling: usize,
     held: bool,
@@ -68,25 +82,33 @@ impl BodyFilter {
     /// A body at rest on a table.
     ///
     /// # Errors
-    /// Options out of range, a lattice without cells, a plane whose normal is not finite.
+    /// Options out of range, a lattice without cells, of no usable size or with negative fill, a plane whose normal is not a unit vector.
     pub fn new(lattice: Lattice, table: Plane, options: &BodyOptions) -> Result<Self, Error> {
         options.check()?;
-        if lattice.cells().is_empty() {
-            return Err(Error::NoVertices);
+        lattice.check()?;
+        let sound = check_unit("normal", 0, &table.normal).is_ok() && table.offset.abs() <= 1e9;
+        if !sound {
+            return Err(Error::Plane {
+                index: 0,
+                normal: table.normal.into_inner().into(),
+                offset: table.offset,
+            });
         }
-        let feet = Foot::under_columns(&lattice);
         Ok(Self {
-            pose: Pose::at_rest(&lattice),
-            velocity: vec![Vector3::zeros(); lattice.rest().len()],
+            state: State {
+                pose: Pose::at_rest(&lattice),
+                velocity: vec![Vector3::zeros(); lattice.rest().len()],
+                raised: vec![table.normal.into_inner() * TOUCHING; lattice.rest().len()],
+                falling: 0,
+                held: false,
+                idle: true,
+            },
+            feet: Foot::under_columns(&lattice),
             weight: WeightEstimate::new(options.initial_weight, options.initial_weight_sigma),
             options: *options,
             lattice,
             table,
-            feet,
-            elastic: None,
-            falling: 0,
-            held: false,
-            idle: true,
+            last: None,
         })
     }
 
@@ -97,7 +119,7 @@ impl BodyFilter {
 
     /// Where the nodes are.
     pub fn pose(&self) -> &Pose {
-        &self.pose
+        &self.state.pose
     }
 
     /// Settings.
@@ -115,25 +137,46 @@ impl BodyFilter {
         self.weight.sigma()
     }
 
+    /// Weight of the whole body as it is estimated, in units of the energy per metre: `stiffness · h³ · γ` times the mass of the cells.
+    pub fn weight(&self) -> f64 {
+        let cells = 0..self.lattice.cells().len() as u32;
+        let mass: f64 = cells.map(|c| self.lattice.mass(c)).sum();
+        self.cell_weight() * mass
+    }
+
+    /// Elastic energy of the body as it is, in units of the data: a row that is off by its standard deviation costs 1/2.
+    ///
+    /// # Complexity
+    /// Linear in the number of cells.
+    pub fn energy(&self) -> f64 {
+        self.state.pose.energy(&self.lattice, &self.options)
+    }
+
+    /// Forces of weight on the nodes as they are, in units of the energy per metre ([`Foot`] says what bears at rest). They fade in over the
+    /// frames after a release.
+    pub fn loads(&self) -> Vec<Vector3<f64>> {
+        self.loads_of(&self.state.pose, self.weight.value())
+    }
+
     /// Whether the body was let go a few frames ago.
     pub fn is_falling(&self) -> bool {
-        self.falling > 0
+        self.state.falling > 0
     }
 
-    /// The cell at a place, made if there is none with the given fill: surface was seen in it.
+    /// The cell at a place, made with the given fill (held within 0 and 1) if there is none: surface was seen in it.
     pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
+        let fill = fill.max(0.0).min(1.0);
         let known = self.lattice.cell_at(place);
-        let mut cell = known.unwrap_or_default();
-        if known.is_none() {
-            self.edit(|lattice| {
-                cell = lattice.ensure(place);
-                lattice.set_fill(cell, fill, fill);
-            });
-        }
-        cell
+        known.unwrap_or_else(|| {
+            let cell = self.lattice.ensure(place);
+            self.lattice.set_fill(cell, fill, fill);
+            self.follow_lattice();
+            cell
+        })
     }
 
-    /// Says where the body stands on the table at rest; until then the middle of every cell at the table does.
+    /// Says where the body stands on the table at rest; until then the middle of every cell at the table does. [`Self::step`] refuses
+    /// feet in cells that there are not and loads that are negative.
     pub fn set_feet(&mut self, feet: Vec<Foot>) {
         self.feet = feet;
     }
@@ -143,79 +186,145 @@ impl BodyFilter {
         &self.feet
     }
 
-    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along.
+    /// As [`Self::try_edit`]; a change that is refused is undone in silence.
     pub fn edit(&mut self, change: impl FnOnce(&mut Lattice)) {
+        // The lattice is then what it was: nothing to hand on.
+        let _refused = self.try_edit(change);
+    }
+
+    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along by the nearest cells.
+    ///
+    /// # Errors
+    /// Cells taken away or moved, negative fill; the lattice is then as before.
+    pub fn try_edit(&mut self, change: impl FnOnce(&mut Lattice)) -> Result<(), Error> {
+        let before = self.lattice.clone();
         change(&mut self.lattice);
-        self.elastic = None;
-        self.pose.extend(&self.lattice);
-        self.velocity
-            .resize(self.lattice.rest().len(), Vector3::zeros());
+        let sound = self.lattice.check_grown_from(&before);
+        if let Err(error) = sound.and_then(|()| self.lattice.check()) {
+            self.lattice = before;
+            return Err(error);
+        }
+        self.follow_lattice();
+        Ok(())
+    }
+
+    fn follow_lattice(&mut self) {
+        let nodes = self.lattice.rest().len();
+        self.state.pose.extend(&self.lattice);
+        self.state.velocity.resize(nodes, Vector3::zeros());
+        self.state.raised.resize(nodes, Vector3::zeros());
     }
 
     /// One frame. `observe` is asked before every step for the rows that the data make of the present pose; `innovation` is called once on
-    /// the pose that grips, table and weight alone predict.
+    /// the pose that grips, table and weight alone predict, when something is held.
     ///
     /// # Errors
-    /// Rows that are not finite or so heavy that the matrix cannot be factorised; the body is then as before.
+    /// Grips, points, rows, inequalities or feet in cells that there are not, coordinates or weights that are not finite or negative,
+    /// rows so heavy that the matrix cannot be factorised. The body is then as before.
+    ///
+    /// # Complexity
+    /// Each step is one sparse factorisation of three unknowns a node (see the README for times); the projection one more solve for every
+    /// round of its active set.
     pub fn step(
         &mut self,
         frame: &BodyFrame<'_>,
         observe: &mut dyn FnMut(&Lattice, &Pose, Progress) -> Vec<Row>,
         innovation: &mut dyn FnMut(&Lattice, &Pose),
     ) -> Result<BodyReport, Error> {
-        let before = (self.pose.clone(), self.falling, self.held);
-        let answer = self.try_step(frame, observe, innovation);
-        if answer.is_err() {
-            (self.pose, self.falling, self.held) = before;
+        self.check(frame)?;
+        let before = self.state.clone();
+        let (mut elastic, kept) = self.take_elastic()?;
+        match self.try_step(&mut elastic, frame, observe, innovation) {
+            Ok((report, solved)) => {
+                self.last = Some((elastic, solved));
+                Ok(report)
+            }
+            Err(error) => {
+                self.state = before;
+                self.give_back(elastic, kept);
+                Err(error)
+            }
         }
-        answer
+    }
+
+    fn check(&self, frame: &BodyFrame<'_>) -> Result<(), Error> {
+        for (index, foot) in self.feet.iter().enumerate() {
+            foot.check(index, &self.lattice)?;
+        }
+        frame.check(&self.lattice)
     }
 
     fn try_step(
         &mut self,
+        elastic: &mut Elastic,
         frame: &BodyFrame<'_>,
         observe: &mut dyn FnMut(&Lattice, &Pose, Progress) -> Vec<Row>,
         innovation: &mut dyn FnMut(&Lattice, &Pose),
-    ) -> Result<BodyReport, Error> {
+    ) -> Result<(BodyReport, Solved), Error> {
         let holding = !frame.grips.is_empty();
-        self.falling = match (holding, self.held) {
-            (true, _) => 0,
-            (false, true) => self.options.release_frames,
-            (false, false) => self.falling.saturating_sub(1),
-        };
-        self.held = holding;
-        let released = self.falling > 0;
-        let before = self.pose.live.clone();
-        let momentum = if released { 0.0 } else { self.options.momentum };
-        let expected: Vec<Point3<f64>> = before
-            .iter()
-            .zip(&self.velocity)
-            .map(|(p, v)| p + v * momentum)
-            .collect();
-        let sigma = self.options.motion_sigma * if released { 3.0 } else { 1.0 };
-        let mut elastic = self.prepared()?;
-        self.pose.live.clone_from(&expected);
-        self.pose.fit_turns(&self.lattice);
-        let mut report = BodyReport::default();
+        self.hold(holding);
+        let released = self.state.falling > 0;
+        let before = self.state.pose.live.clone();
+        let expected = self.expected(released);
+        let sigma = self.options.motion_sigma * if released { RELEASED } else { 1.0 };
         let setting = Setting {
             frame,
             before: &before,
             expected: &expected,
             expected_weight: sigma.powi(-2),
         };
-        let steps = match (released, holding, self.idle) {
+        // The steps start pressed into the table as deep as they ended last time.
+        let start = expected.iter().zip(&self.state.raised);
+        self.state.pose.live = start.map(|(p, r)| p - r).collect();
+        self.state.pose.fit_turns(&self.lattice);
+        let mut report = BodyReport::default();
+        if holding {
+            for _ in 0..self.options.presteps {
+                let (_, solved) = self.advance(elastic, &setting, Vec::new(), 1.0)?;
+                elastic.recycle(solved);
+                report.solves += 1;
+            }
+            innovation(&self.lattice, &self.state.pose);
+        }
+        let solved = self.update(elastic, &setting, observe, released, &mut report)?;
+        self.constrain(elastic, &solved, frame, &mut report)?;
+        self.finish(&before, released, &mut report);
+        Ok((report, solved))
+    }
+
+    /// Takes note of grips that close and open.
+    fn hold(&mut self, holding: bool) {
+        self.state.falling = match (holding, self.state.held) {
+            (true, _) => 0,
+            (false, true) => self.options.release_frames,
+            (false, false) => self.state.falling.saturating_sub(1),
+        };
+        self.state.held = holding;
+    }
+
+    /// Where the nodes are expected.
+    fn expected(&self, released: bool) -> Vec<Point3<f64>> {
+        let momentum = if released { 0.0 } else { self.options.momentum };
+        let moving = self.state.pose.live.iter().zip(&self.state.velocity);
+        moving.map(|(p, v)| p + v * momentum).collect()
+    }
+
+    /// The steps with all data; the normal equations of the last.
+    fn update(
+        &mut self,
+        elastic: &mut Elastic,
+        setting: &Setting<'_>,
+        observe: &mut dyn FnMut(&Lattice, &Pose, Progress) -> Vec<Row>,
+        released: bool,
+        report: &mut BodyReport,
+    ) -> Result<Solved, Error> {
+        let steps = match (released, self.state.held, self.state.idle) {
             (true, ..) => self.options.release_steps,
             (false, false, true) => 1,
             _ => self.options.steps,
         };
-        if holding {
-            for _ in 0..self.options.presteps {
-                self.advance(&mut elastic, &setting, &[], 1.0)?;
-                report.solves += 1;
-            }
-            innovation(&self.lattice, &self.pose);
-        }
-        for step in 0..steps {
+        let mut step = 0;
+        loop {
             let share = if steps > 1 {
                 step as f64 / (steps - 1) as f64
             } else {
@@ -226,33 +335,116 @@ impl BodyFilter {
             } else {
                 1.0
             };
-            let rows = observe(&self.lattice, &self.pose, Progress { share, released });
-            report.last_step = self.advance(&mut elastic, &setting, &rows, stiffer)?;
-            report.solves += 1;
-            if step >= 2 && report.last_step < self.options.tolerance && !released {
-                break;
+            let progress = Progress { share, released };
+            let rows = observe(&self.lattice, &self.state.pose, progress);
+            for (index, row) in rows.iter().enumerate() {
+                row.check(index, &self.lattice)?;
             }
+            let (longest, solved) = self.advance(elastic, setting, rows, stiffer)?;
+            report.last_step = longest;
+            report.solves += 1;
+            let settled = step >= 2 && longest < self.options.tolerance && !released;
+            step += 1;
+            if settled || step >= steps {
+                return Ok(solved);
+            }
+            elastic.recycle(solved);
         }
-        self.elastic = Some(elastic);
-        self.velocity = self
-            .pose
-            .live
-            .iter()
-            .zip(&before)
-            .map(|(now, then)| now - then)
-            .collect();
-        report.moved = self.velocity.iter().map(Vector3::norm).sum::<f64>()
-            / self.velocity.len() as f64;
-        self.idle = report.moved < 3e-4 && !released;
-        Ok(report)
     }
 
-    /// The normal equations of the lattice as it is.
-    fn prepared(&mut self) -> Result<Elastic, Error> {
-        match self.elastic.take() {
-            Some(elastic) if elastic.fits(&self.lattice) => Ok(elastic),
-            _ => Elastic::new(&self.lattice, self.options.poisson_ratio),
+    /// Projects the pose onto what the constraints allow.
+    fn constrain(
+        &mut self,
+        elastic: &mut Elastic,
+        solved: &Solved,
+        frame: &BodyFrame<'_>,
+        report: &mut BodyReport,
+    ) -> Result<(), Error> {
+        let contact = self.options.contact_sigma.powi(-2);
+        let grip = self.options.grip_sigma.powi(-2);
+        let halves = self.halves(frame, elastic.frame());
+        let pressed = self.touching(frame).map(|at| {
+            let here = self.state.pose.position(&self.lattice, at);
+            (-self.table.height(&here)).max(0.0)
+        });
+        report.table_force = contact * pressed.sum::<f64>();
+        let held = frame.grips.iter();
+        let pulls = held.map(|(at, target)| target - self.state.pose.position(&self.lattice, at));
+        report.grip_force = pulls.sum::<Vector3<f64>>() * grip;
+        report.violation = [deepest(&halves); 2];
+        self.state.raised.fill(Vector3::zeros());
+        if report.violation[0] <= DEPTH {
+            return Ok(());
         }
+        let projected = project(elastic, solved, &halves)?;
+        let before = self.state.pose.live.clone();
+        shift(&mut self.state.pose.live, &projected.moves, elastic.frame());
+        self.state.pose.fit_turns(&self.lattice);
+        let moved = self.state.pose.live.iter().zip(&before);
+        self.state.raised = moved.map(|(now, then)| now - then).collect();
+        report.pushing = projected.pushing;
+        report.violation[1] = deepest(&self.halves(frame, elastic.frame()));
+        report.status = if report.violation[1] <= FEASIBLE {
+            Status::Constrained
+        } else {
+            Status::Infeasible
+        };
+        Ok(())
+    }
+
+    /// Every constraint as a row.
+    fn halves(&self, frame: &BodyFrame<'_>, unknowns: &Matrix3<f64>) -> Vec<Half> {
+        let (lattice, pose) = (&self.lattice, &self.state.pose);
+        let above = self.touching(frame);
+        let above = above.map(|at| Half::above(lattice, pose, at, &self.table));
+        let own = (0u32..).zip(frame.inequalities);
+        let own = own.map(|(k, row): (u32, &BodyInequality)| {
+            Half::of(lattice, pose, row, unknowns, u32::MAX - k)
+        });
+        above.chain(own).collect()
+    }
+
+    /// Points that the table keeps up.
+    fn touching<'a>(&'a self, frame: &'a BodyFrame<'_>) -> impl Iterator<Item = &'a Embedding> {
+        frame.surface.iter().chain(self.feet.iter().map(|f| &f.at))
+    }
+
+    fn finish(&mut self, before: &[Point3<f64>], released: bool, report: &mut BodyReport) {
+        let moved = self.state.pose.live.iter().zip(before);
+        self.state.velocity = moved.map(|(now, then)| now - then).collect();
+        let sum: f64 = self.state.velocity.iter().map(Vector3::norm).sum();
+        report.moved = sum / self.state.velocity.len() as f64;
+        self.state.idle = report.moved < IDLE && !released;
+    }
+
+    /// The normal equations of the lattice as it is, and what is to be given back if they come to nothing.
+    fn take_elastic(&mut self) -> Result<(Elastic, Kept), Error> {
+        match self.last.take() {
+            Some((elastic, solved)) if elastic.fits(&self.lattice) => {
+                Ok((elastic, Kept::Same(solved)))
+            }
+            outgrown => match self.new_elastic() {
+                Ok(elastic) => Ok((elastic, Kept::Outgrown(outgrown))),
+                Err(error) => {
+                    self.last = outgrown;
+                    Err(error)
+                }
+            },
+        }
+    }
+
+    fn give_back(&mut self, elastic: Elastic, kept: Kept) {
+        self.last = match kept {
+            Kept::Same(solved) => Some((elastic, solved)),
+            Kept::Outgrown(last) => last,
+        };
+    }
+
+    fn new_elastic(&self) -> Result<Elastic, Error> {
+        let [u, v] = tangents(&self.table.normal);
+        let normal = self.table.normal.into_inner();
+        let frame = Matrix3::from_columns(&[u.into_inner(), v.into_inner(), normal]).transpose();
+        Elastic::new(&self.lattice, self.options.poisson_ratio, frame)
     }
 
     /// One step with the given observations.
@@ -260,61 +452,81 @@ impl BodyFilter {
         &mut self,
         elastic: &mut Elastic,
         setting: &Setting<'_>,
-        observed: &[Row],
+        observed: Vec<Row>,
         stiffer: f64,
-    ) -> Result<f64, Error> {
+    ) -> Result<(f64, Solved), Error> {
+        let mut pose = std::mem::take(&mut self.state.pose);
+        let stiffness = self.options.stiffness * stiffer;
         let weight = self.weight.value();
-        let (rows, forces) = self.acting(setting, observed, weight);
+        let answer = self.advance_pose(elastic, setting, &mut pose, observed, stiffness, weight);
+        self.state.pose = pose;
+        answer
+    }
+
+    /// One step of a pose by everything that acts on it: the given rows, grips, table, friction and the loads.
+    fn advance_pose(
+        &self,
+        elastic: &mut Elastic,
+        setting: &Setting<'_>,
+        pose: &mut Pose,
+        observed: Vec<Row>,
+        stiffness: f64,
+        weight: f64,
+    ) -> Result<(f64, Solved), Error> {
+        let mut rows = observed;
+        let grip = self.options.grip_sigma.powi(-2);
+        let grips = setting.frame.grips.iter();
+        rows.extend(grips.map(|(at, target)| Row::point(*at, *target, grip)));
+        self.touch(setting, pose, &mut rows);
         let acting = Acting {
-            stiffness: self.options.stiffness * stiffer,
+            stiffness,
             rows: &rows,
             expected: setting.expected,
             expected_weight: setting.expected_weight,
-            forces: &forces,
+            forces: &self.loads_of(pose, weight),
         };
-        elastic.step(&self.lattice, &mut self.pose, &acting)
+        elastic.step(&self.lattice, pose, &acting)
     }
 
-    /// Everything that acts on the present pose: the given rows, grips, table, friction; and the loads.
-    fn acting(
-        &self,
-        setting: &Setting<'_>,
-        observed: &[Row],
-        weight: f64,
-    ) -> (Vec<Row>, Vec<Vector3<f64>>) {
-        let mut rows = observed.to_vec();
-        let grip = self.options.grip_sigma.powi(-2);
-        rows.extend(
-            setting
-                .frame
-                .grips
-                .iter()
-                .map(|(at, target)| Row::point(*at, *target, grip)),
-        );
-        self.touch(setting, &mut rows);
-        // In the fall nothing bears and nothing weighs yet.
-        let faded = 1.0 - self.falling as f64 / self.options.release_frames.max(1) as f64;
-        let cell_weight =
-            self.options.stiffness * self.lattice.size().powi(3) * weight * faded.max(0.0);
+    /// Loads in a pose. In the fall nothing bears and nothing weighs yet.
+    fn loads_of(&self, pose: &Pose, weight: f64) -> Vec<Vector3<f64>> {
+        let faded = 1.0 - self.state.falling as f64 / self.options.release_frames.max(1) as f64;
+        let full = self.options.stiffness * self.lattice.size().powi(3) * weight;
         let down = -self.table.normal.into_inner();
-        let forces = loads(&self.lattice, &self.pose, &self.feet, cell_weight, &down);
-        (rows, forces)
+        loads(
+            &self.lattice,
+            pose,
+            &self.feet,
+            full * faded.max(0.0),
+            &down,
+        )
+    }
+
+    fn cell_weight(&self) -> f64 {
+        self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
     }
 
     /// Contact and friction of the surface and of the feet.
-    fn touch(&self, setting: &Setting<'_>, rows: &mut Vec<Row>) {
+    fn touch(&self, setting: &Setting<'_>, pose: &Pose, rows: &mut Vec<Row>) {
         let stick = self.options.stick_sigma.powi(-2);
         for at in setting.frame.surface {
-            self.touch_one(at, setting.before, 0.25 * stick, rows);
+            self.touch_one(at, pose, setting.before, 0.25 * stick, rows);
         }
         for foot in &self.feet {
-            self.touch_one(&foot.at, setting.before, stick, rows);
+            self.touch_one(&foot.at, pose, setting.before, stick, rows);
         }
     }
 
-    fn touch_one(&self, at: &Embedding, before: &[Point3<f64>], stick: f64, rows: &mut Vec<Row>) {
+    fn touch_one(
+        &self,
+        at: &Embedding,
+        pose: &Pose,
+        before: &[Point3<f64>],
+        stick: f64,
+        rows: &mut Vec<Row>,
+    ) {
         let normal = self.table.normal;
-        let here = self.pose.position(&self.lattice, at);
+        let here = pose.position(&self.lattice, at);
         let height = self.table.height(&here);
         let contact = self.options.contact_sigma.powi(-2);
         if height < 0.0 {
@@ -340,60 +552,172 @@ impl BodyFilter {
     }
 
     /// Compares the pose with two that grips, table and weight alone produce, at the present weight and at 0.6 of it, and moves the
-    /// estimate of the weight to where the mean sag of the seen points vanishes.
+    /// estimate of the weight over stiffness to where the mean sag of the seen points vanishes. `seen`: points that the last frame measured, and
+    /// their live normals. Without grips or seen points nothing happens.
     ///
     /// # Errors
-    /// As [`Self::step`].
-    pub fn weigh(&mut self, frame: &BodyFrame<'_>, seen: &[(Embedding, UnitVector3<f64>)]) -> Result<(), Error> {
+    /// As [`Self::step`]; the estimate is then as before.
+    ///
+    /// # Complexity
+    /// Ten factorisations.
+    pub fn weigh(
+        &mut self,
+        frame: &BodyFrame<'_>,
+        seen: &[(Embedding, UnitVector3<f64>)],
+    ) -> Result<(), Error> {
+        self.check(frame)?;
+        for (index, (at, normal)) in seen.iter().enumerate() {
+            self.lattice.check_embedding("seen point", index, at)?;
+            check_unit("length of normal of seen point", index, normal)?;
+        }
         if seen.is_empty() || frame.grips.is_empty() {
             return Ok(());
         }
-        let fitted = self.pose.clone();
-        let at_fit: Vec<Point3<f64>> = seen.iter().map(|(at, _)| fitted.position(&self.lattice, at)).collect();
-        let mut elastic = self.prepared()?;
-        let present = self.weight.value();
-        let pair = [present, 0.6 * present];
-        let mut sag = [0.0; 2];
-        let mut error = 0.0;
-        let outcome = (|| {
-            for (k, weight) in pair.into_iter().enumerate() {
-                self.pose = fitted.clone();
-                let setting = Setting {
-                    frame,
-                    before: &fitted.live,
-                    expected: &fitted.live,
-                    expected_weight: 0.05f64.powi(-2),
-                };
-                for _ in 0..5 {
-                    let (rows, forces) = self.acting(&setting, &[], weight);
-                    let acting = Acting {
-                        stiffness: self.options.stiffness,
-                        rows: &rows,
-                        expected: setting.expected,
-                        expected_weight: setting.expected_weight,
-                        forces: &forces,
-                    };
-                    elastic.step(&self.lattice, &mut self.pose, &acting)?;
-                }
-                let down = -self.table.normal.into_inner();
-                for ((at, normal), fit) in seen.iter().zip(&at_fit) {
-                    let off = self.pose.position(&self.lattice, at) - fit;
-                    sag[k] += down.dot(&off) / seen.len() as f64;
-                    if k == 0 {
-                        error += normal.dot(&off).abs() / seen.len() as f64;
-                    }
-                }
-            }
-            Ok(())
-        })();
-        self.pose = fitted;
-        self.elastic = Some(elastic);
-        outcome?;
-        let slope = (sag[0] - sag[1]) / (pair[0] - pair[1]);
-        let sigma = (0.002f64.powi(2) + (0.5 * error).powi(2)).sqrt();
-        self.weight.weigh(sag[0] - slope * present, slope, sigma);
+        let (mut elastic, kept) = self.take_elastic()?;
+        let looked = self.look_at_sag(&mut elastic, frame, seen);
+        self.give_back(elastic, kept);
+        let look = looked?;
+        self.weight.weigh(look.constant, look.slope, look.sigma);
         Ok(())
     }
+
+    fn look_at_sag(
+        &self,
+        elastic: &mut Elastic,
+        frame: &BodyFrame<'_>,
+        seen: &[(Embedding, UnitVector3<f64>)],
+    ) -> Result<Look, Error> {
+        let fitted = &self.state.pose;
+        let setting = Setting {
+            frame,
+            before: &fitted.live,
+            expected: &fitted.live,
+            expected_weight: WEIGH_SIGMA.powi(-2),
+        };
+        let down = -self.table.normal.into_inner();
+        let present = self.weight.value();
+        let lighter = LIGHTER * present;
+        let share = 1.0 / seen.len() as f64;
+        let (mut sag, mut error) = ([0.0; 2], 0.0);
+        for (k, weight) in [present, lighter].into_iter().enumerate() {
+            let mut pose = fitted.clone();
+            let start = fitted.live.iter().zip(&self.state.raised);
+            pose.live = start.map(|(p, r)| p - r).collect();
+            for _ in 0..WEIGH_STEPS {
+                let stiffness = self.options.stiffness;
+                let (_, solved) =
+                    self.advance_pose(elastic, &setting, &mut pose, vec![], stiffness, weight)?;
+                elastic.recycle(solved);
+            }
+            for (at, normal) in seen {
+                let fit = fitted.position(&self.lattice, at);
+                let off = pose.position(&self.lattice, at) - fit;
+                sag[k] += down.dot(&off) * share;
+                if k == 0 {
+                    error += normal.dot(&off).abs() * share;
+                }
+            }
+        }
+        let slope = (sag[0] - sag[1]) / (present - lighter);
+        Ok(Look {
+            constant: sag[0] - slope * present,
+            slope,
+            sigma: (0.002f64.powi(2) + (0.5 * error).powi(2)).sqrt(),
+        })
+    }
+
+    /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and what was expected,
+    /// linearised with the rotations of the cells held. Before the first step: of the body at rest, nothing seen.
+    ///
+    /// # Errors
+    /// Points in cells that the lattice did not have in the last step.
+    ///
+    /// # Complexity
+    /// Half a solve for each coordinate of the nodes around the points, a few cells at a time.
+    pub fn covariances(&self, points: &[Embedding]) -> Result<Vec<Matrix3<f64>>, Error> {
+        let fresh;
+        let (elastic, solved) = if let Some((elastic, solved)) = &self.last {
+            (elastic, solved)
+        } else {
+            fresh = self.unseen()?;
+            (&fresh.0, &fresh.1)
+        };
+        for (index, at) in points.iter().enumerate() {
+            self.lattice.check_embedding("point", index, at)?;
+            if at.cell as usize >= elastic.cells() {
+                return Err(Error::CellOutOfRange {
+                    what: "point",
+                    index,
+                    cell: at.cell,
+                    cells: elastic.cells(),
+                });
+            }
+        }
+        covariances(elastic, solved, &self.lattice, points)
+    }
+
+    /// Standard deviations of embedded points, m: the root mean of the variances of the three coordinates in [`Self::covariances`].
+    ///
+    /// # Errors
+    /// As [`Self::covariances`].
+    pub fn marginal_sigmas(&self, points: &[Embedding]) -> Result<Vec<f64>, Error> {
+        let covariances = self.covariances(points)?;
+        Ok(covariances
+            .iter()
+            .map(|c| (c.trace() / 3.0).sqrt())
+            .collect())
+    }
+
+    /// Which embedded points are known within `threshold` metres. What nobody saw is held by the elasticity and by where it was expected, so that every
+    /// point has an answer; this says how good the answer is.
+    ///
+    /// # Errors
+    /// As [`Self::covariances`]; a threshold that is not positive.
+    pub fn observability(
+        &self,
+        points: &[Embedding],
+        threshold: f64,
+    ) -> Result<BodyObservability, Error> {
+        if !(threshold > 0.0 && threshold.is_finite()) {
+            return Err(Error::Value {
+                what: "threshold",
+                index: 0,
+                value: threshold,
+                must: "positive and finite",
+            });
+        }
+        let sigmas = self.marginal_sigmas(points)?;
+        Ok(BodyObservability::new(sigmas, threshold))
+    }
+
+    /// Normal equations of the body as it is, nothing seen or held.
+    fn unseen(&self) -> Result<(Elastic, Solved), Error> {
+        let mut elastic = self.new_elastic()?;
+        let acting = Acting {
+            stiffness: self.options.stiffness,
+            rows: &[],
+            expected: &self.state.pose.live,
+            expected_weight: self.options.motion_sigma.powi(-2),
+            forces: &[],
+        };
+        let (solved, _) = elastic.assemble(&self.lattice, &self.state.pose, &acting)?;
+        Ok((elastic, solved))
+    }
+}
+
+/// What to give back if a step fails.
+enum Kept {
+    /// The normal equations of the last step; the pattern serves again.
+    Same(Solved),
+    /// Everything of the last step, as the lattice has grown since.
+    Outgrown(Option<(Elastic, Solved)>),
+}
+
+/// Sag of the seen points `constant + slope · γ`.
+struct Look {
+    constant: f64,
+    slope: f64,
+    sigma: f64,
 }
 
 /// What stays the same over the steps of a frame.

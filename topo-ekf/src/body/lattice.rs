@@ -12,35 +12,46 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 use super::cube::{CORNERS, Occupancy, shape, shape_gradients};
+use crate::Error;
+use crate::graph::usable_point;
 
-/// A cube of material.
+/// Largest coordinate of a place in the lattice; a cell of a millimetre then lies a kilometre away.
+const FARTHEST_PLACE: i32 = 1_000_000;
+/// Largest weight of a corner: an embedded point lies in its cell or a little outside.
+const LARGEST_WEIGHT: f64 = 1e3;
+/// Largest fill of a cell, relative to a full one.
+const LARGEST_FILL: f64 = 1e3;
+
+/// A cube of material. The fill of a cell that is only partly in the body scales its stiffness and its mass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cell {
     /// Its corners, by index of node; the first local coordinate fastest.
     pub nodes: [u32; 8],
     /// Where it stands in the lattice.
     pub place: [i32; 3],
-    /// Stiffness relative to its material.
+    /// Stiffness relative to what its material makes; the filter takes 0 to 1e3.
     pub stiffness: f64,
-    /// Mass relative to its material.
+    /// Mass relative to what its material makes; the filter takes 0 to 1e3.
     pub mass: f64,
     /// Where in the cell the material is; everywhere if `None`.
     pub occupancy: Option<std::sync::Arc<Occupancy>>,
 }
 
-/// A place in the material.
+/// A place in the material: a cell, and weights of its corners that sum to one.
+///
+/// It moves with the body, `x(e) = Σ_k w_k x_{c,k}`, and its meaning does not change when the lattice grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Embedding {
     /// Index of the cell.
     pub cell: u32,
     /// Local coordinates, 0 to 1 inside the cell.
     pub xi: [f64; 3],
-    /// Weights of the cell's corners.
+    /// Weights of the cell's corners, the first local coordinate fastest.
     pub weights: [f64; 8],
 }
 
 impl Embedding {
-    /// A place in a cell.
+    /// A place in a cell by its local coordinates; somewhat outside of 0 to 1 it extrapolates.
     pub fn new(cell: u32, xi: [f64; 3]) -> Self {
         Self {
             cell,
@@ -51,6 +62,22 @@ impl Embedding {
 }
 
 /// Cubes of one size, and their nodes at rest.
+///
+/// Cells and nodes keep their indices for ever: the lattice only grows. Methods that take an index of a cell panic if there is no such
+/// cell, as slices do; [`BodyFilter`](super::BodyFilter) checks every index that it is given.
+///
+/// ```
+/// use topo_ekf::body::Lattice;
+/// use topo_ekf::nalgebra::{Point3, Rotation3};
+/// let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+/// lattice.ensure([0, 0, 0]);
+/// lattice.ensure([1, 0, 0]);
+/// assert_eq!((lattice.cells().len(), lattice.rest().len()), (2, 12));
+/// let at = lattice.embed(&Point3::new(0.020, 0.004, 0.008)).ok_or("no cell there")?;
+/// assert_eq!(at.cell, 1);
+/// assert!((lattice.warp(lattice.rest(), &at).x - 0.020).abs() < 1e-12);
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Lattice {
     size: f64,
@@ -63,7 +90,8 @@ pub struct Lattice {
 }
 
 impl Lattice {
-    /// No cells yet. The third axis points away from the table, on which `origin` lies.
+    /// No cells yet: `size` is the edge of a cell, m; `axes` turns lattice axes into the frame of the points. The third axis points away
+    /// from the table, on which `origin` lies.
     pub fn new(size: f64, origin: Point3<f64>, axes: Rotation3<f64>) -> Self {
         Self {
             size,
@@ -86,7 +114,7 @@ impl Lattice {
         &self.axes
     }
 
-    /// Nodes at rest.
+    /// Nodes at rest, in the frame of the points.
     pub fn rest(&self) -> &[Point3<f64>] {
         &self.rest
     }
@@ -101,18 +129,33 @@ impl Lattice {
         self.cell_at.get(&place).copied()
     }
 
-    /// Says where in a cell material is. `stiffness` and `mass` of the cell scale what that makes.
+    /// Mass of a cell, in full cells; 0 if there is no such cell.
+    pub fn mass(&self, cell: u32) -> f64 {
+        self.cells.get(cell as usize).map_or(0.0, |cell| {
+            let share = cell
+                .occupancy
+                .as_ref()
+                .map_or(1.0, |o| o.iter().sum::<f64>() / o.len() as f64);
+            cell.mass * share
+        })
+    }
+
+    /// Says where in a cell material is; nothing changes if there is no such cell. The filter takes shares from 0 to 1.
     pub fn set_occupancy(&mut self, cell: u32, occupancy: Option<Occupancy>) {
-        self.cells[cell as usize].occupancy = occupancy.map(std::sync::Arc::new);
+        if let Some(cell) = self.cells.get_mut(cell as usize) {
+            cell.occupancy = occupancy.map(std::sync::Arc::new);
+        }
     }
 
-    /// Sets how stiff and how heavy a cell is, relative to its material.
-    pub fn set_fill(&mut self, cell: u32, stiffness: f64, mass: f64) {
-        let cell = &mut self.cells[cell as usize];
+    /// Sets how stiff and how heavy a cell is, relative to what its material makes; the cell as it now is, or `None` (and nothing changes) if there is no
+    /// such cell.
+    pub fn set_fill(&mut self, cell: u32, stiffness: f64, mass: f64) -> Option<&Cell> {
+        let cell = self.cells.get_mut(cell as usize)?;
         (cell.stiffness, cell.mass) = (stiffness, mass);
+        Some(cell)
     }
 
-    /// Place and local coordinates of a point at rest.
+    /// Place and local coordinates of a point at rest; there need not be a cell.
     pub fn locate(&self, rest: &Point3<f64>) -> ([i32; 3], [f64; 3]) {
         let local = self.axes.inverse() * (rest - self.origin) / self.size;
         let floor = [local.x.floor(), local.y.floor(), local.z.floor()];
@@ -128,16 +171,6 @@ impl Lattice {
         self.origin + self.axes * (local * self.size)
     }
 
-    /// Mass of a cell, in full cells.
-    pub fn mass(&self, cell: u32) -> f64 {
-        let cell = &self.cells[cell as usize];
-        let share = cell
-            .occupancy
-            .as_ref()
-            .map_or(1.0, |o| o.iter().sum::<f64>() / o.len() as f64);
-        cell.mass * share
-    }
-
     /// Centre of a cell at rest.
     pub fn rest_centre(&self, cell: u32) -> Point3<f64> {
         self.rest_at(self.cells[cell as usize].place, [0.5; 3])
@@ -149,8 +182,12 @@ impl Lattice {
         self.cell_at(place).map(|cell| Embedding::new(cell, xi))
     }
 
-    /// The cell at `place`, made if there is none: a full one.
+    /// The cell at `place`, made if there is none: a full one. Places are held within a million cells of the origin.
+    ///
+    /// # Complexity
+    /// Logarithmic in the number of nodes.
     pub fn ensure(&mut self, place: [i32; 3]) -> u32 {
+        let place = place.map(|p| p.clamp(-FARTHEST_PLACE, FARTHEST_PLACE));
         if let Some(cell) = self.cell_at(place) {
             return cell;
         }
@@ -187,7 +224,7 @@ impl Lattice {
         Point3::from(sum)
     }
 
-    /// Gradient of the deformation at local coordinates of a cell, given the nodes.
+    /// Gradient of the deformation, rest to live, at local coordinates of a cell, given the nodes.
     pub fn gradient(&self, live: &[Point3<f64>], cell: u32, xi: &[f64; 3]) -> Matrix3<f64> {
         let nodes = &self.cells[cell as usize].nodes;
         let gradients = shape_gradients(xi);
@@ -197,10 +234,122 @@ impl Lattice {
         local * self.axes.inverse().matrix() / self.size
     }
 
+    /// [`Self::gradient`] at the centre of a cell: differences of the faces' means.
+    pub(crate) fn central_gradient(&self, live: &[Point3<f64>], cell: u32) -> Matrix3<f64> {
+        let at = self.cells[cell as usize]
+            .nodes
+            .map(|n| live[n as usize].coords);
+        let low = [at[0] + at[2], at[4] + at[6], at[1] + at[3], at[5] + at[7]];
+        let x = low[2] + low[3] - low[0] - low[1];
+        let y = at[2] + at[3] + at[6] + at[7] - at[0] - at[1] - at[4] - at[5];
+        let z = low[1] + low[3] - low[0] - low[2];
+        let local = Matrix3::from_columns(&[x, y, z]) * (0.25 / self.size);
+        local * self.axes.matrix().transpose()
+    }
+
     /// Centre of a cell now.
     pub fn centre(&self, live: &[Point3<f64>], cell: u32) -> Point3<f64> {
         let nodes = &self.cells[cell as usize].nodes;
         let sum: Vector3<f64> = nodes.iter().map(|&n| live[n as usize].coords).sum();
         Point3::from(sum / 8.0)
+    }
+
+    /// Refuses an embedded point that is none of this lattice.
+    pub(crate) fn check_embedding(
+        &self,
+        what: &'static str,
+        index: usize,
+        at: &Embedding,
+    ) -> Result<(), Error> {
+        if at.cell as usize >= self.cells.len() {
+            return Err(Error::CellOutOfRange {
+                what,
+                index,
+                cell: at.cell,
+                cells: self.cells.len(),
+            });
+        }
+        let sum: f64 = at.weights.iter().sum();
+        // Written so that NaN is refused too. The sum of large weights rounds.
+        let usable =
+            at.weights.iter().all(|w| w.abs() <= LARGEST_WEIGHT) && (sum - 1.0).abs() < 1e-6;
+        if !usable {
+            let weights = at.weights;
+            return Err(Error::Embedding {
+                what,
+                index,
+                weights,
+            });
+        }
+        Ok(())
+    }
+
+    /// Refuses a lattice that a body cannot have.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        if !(1e-6..=1e3).contains(&self.size) {
+            return Err(Error::Value {
+                what: "size of lattice",
+                index: 0,
+                value: self.size,
+                must: "between 1e-6 and 1e3",
+            });
+        }
+        if !usable_point(&self.origin) {
+            return Err(Error::NonFinitePoint {
+                what: "origin of lattice",
+                index: 0,
+                value: self.origin.coords.into(),
+            });
+        }
+        let axes = self.axes.matrix();
+        let off = (axes.tr_mul(axes) - Matrix3::identity()).norm();
+        let proper = off < 1e-6 && axes.determinant() > 0.0;
+        if !proper {
+            return Err(Error::NotARotation { index: 0 });
+        }
+        if self.cells.is_empty() {
+            return Err(Error::NoVertices);
+        }
+        for (index, cell) in self.cells.iter().enumerate() {
+            let shares = cell.occupancy.iter().flat_map(|o| o.iter());
+            if let Some(&value) = shares.into_iter().find(|o| !(0.0..=1.0).contains(*o)) {
+                return Err(Error::Value {
+                    what: "occupancy of cell",
+                    index,
+                    value,
+                    must: "between 0 and 1",
+                });
+            }
+            let fills = [
+                ("stiffness of cell", cell.stiffness),
+                ("mass of cell", cell.mass),
+            ];
+            for (what, value) in fills {
+                if !(0.0..=LARGEST_FILL).contains(&value) {
+                    let must = "between 0 and 1e3";
+                    return Err(Error::Value {
+                        what,
+                        index,
+                        value,
+                        must,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Refuses to follow on `old` unless it has all of its cells where they were.
+    pub(crate) fn check_grown_from(&self, old: &Self) -> Result<(), Error> {
+        let same = self.size == old.size && self.origin == old.origin && self.axes == old.axes;
+        let kept = old.cells.iter().zip(&self.cells);
+        let first_lost = kept
+            .take_while(|(a, b)| a.nodes == b.nodes && a.place == b.place)
+            .count();
+        if same && first_lost == old.cells.len() {
+            return Ok(());
+        }
+        let cell = if same { first_lost } else { 0 };
+        Err(Error::CellsLost { cell })
     }
 }

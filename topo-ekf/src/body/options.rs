@@ -131,12 +131,30 @@ impl BodyOptions {
             }
         }
         for (name, value, least, most, must) in [
-            ("poisson_ratio", self.poisson_ratio, 0.0, 0.49, "between 0 and 0.49"),
+            (
+                "poisson_ratio",
+                self.poisson_ratio,
+                0.0,
+                0.49,
+                "between 0 and 0.49",
+            ),
             ("momentum", self.momentum, 0.0, 1.0, "between 0 and 1"),
-            ("friction", self.friction, 0.0, f64::INFINITY, "not negative"),
+            (
+                "friction",
+                self.friction,
+                0.0,
+                f64::INFINITY,
+                "not negative",
+            ),
             ("touch", self.touch, 0.0, 1.0, "between 0 and 1"),
             ("tolerance", self.tolerance, 0.0, 1.0, "between 0 and 1"),
-            ("initial_weight", self.initial_weight, 0.0, 1e3, "between 0 and 1e3"),
+            (
+                "initial_weight",
+                self.initial_weight,
+                0.0,
+                1e3,
+                "between 0 and 1e3",
+            ),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(Error::Option { name, value, must });

@@ -1,21 +1,34 @@
 //! Where the body is now: live nodes and the rotation of every cell, forward and inverse map.
+//!
+//! ```text
+//! R_c = argmin_R ‖F_c − R‖             F_c: gradient of the deformation at the centre of the cell (polar factor)
+//! x(e) = Σ_k w_k x_{c,k}               forward
+//! x(c, ξ) = p  solved for ξ            inverse, by Newton's method in the few cells that may hold p
+//! n = F⁻ᵀ n₀ / ‖F⁻ᵀ n₀‖                normals
+//! ```
 
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 
+use super::elastic::{self, Elements};
 use super::lattice::{Embedding, Lattice};
+use super::options::BodyOptions;
 use crate::rotation::nearest_rotation;
 
 /// Newton steps of the inverse map.
 const INVERSE_STEPS: usize = 5;
 /// Farthest a point may lie outside of a cell for the inverse map, in cells.
 const OUTSIDE: f64 = 0.8;
+/// Share of its volume below which a place counts as folded: its gradient says nothing of the normal.
+const FOLDED: f64 = 0.05;
 /// Cells whose neighbourhood carries a new node along.
 const CARRIERS: usize = 4;
 
-/// The nodes of a [`Lattice`] at one moment.
+/// The nodes of a [`Lattice`] at one moment, and the rotations that belong to them.
+///
+/// Methods expect a pose of the lattice that they are given and panic where it is too small for it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pose {
-    /// Live positions of the nodes.
+    /// Live positions of the nodes, m.
     pub live: Vec<Point3<f64>>,
     /// Rotation from rest to live of every cell.
     pub turns: Vec<Rotation3<f64>>,
@@ -44,15 +57,22 @@ impl Pose {
     }
 
     /// Fits the rotation of every cell to its corners: the polar factor of the gradient at its centre.
+    ///
+    /// # Complexity
+    /// Linear in the number of cells.
     pub fn fit_turns(&mut self, lattice: &Lattice) {
-        self.turns.resize(lattice.cells().len(), Rotation3::identity());
+        self.turns
+            .resize(lattice.cells().len(), Rotation3::identity());
         for (cell, turn) in self.turns.iter_mut().enumerate() {
-            let gradient = lattice.gradient(&self.live, cell as u32, &[0.5; 3]);
+            let gradient = lattice.central_gradient(&self.live, cell as u32);
             *turn = nearest_rotation(&gradient, turn);
         }
     }
 
-    /// Adds the nodes and cells that the lattice has gained: carried along rigidly by the nearest cells.
+    /// Adds the nodes and cells that the lattice has gained: carried along rigidly by the four nearest cells.
+    ///
+    /// # Complexity
+    /// New nodes times cells.
     pub fn extend(&mut self, lattice: &Lattice) {
         if self.live.len() == lattice.rest().len() && self.turns.len() == lattice.cells().len() {
             return;
@@ -81,6 +101,25 @@ impl Pose {
         self.fit_turns(lattice);
     }
 
+    /// Elastic energy of the pose with the rotations it has, in units of the data ([`BodyOptions::stiffness`]).
+    ///
+    /// # Complexity
+    /// Linear in the number of cells.
+    pub fn energy(&self, lattice: &Lattice, options: &BodyOptions) -> f64 {
+        let elements = Elements::new(lattice, options.poisson_ratio);
+        elastic::energy(&elements, lattice, self, options.stiffness)
+    }
+
+    /// Elastic forces on the nodes, in units of the energy per metre: minus the gradient of [`Self::energy`] with the rotations held. Where
+    /// the rotations follow the nodes ([`Self::fit_turns`]) the gradient differs by a term of second order in the strain.
+    ///
+    /// # Complexity
+    /// Linear in the number of cells.
+    pub fn forces(&self, lattice: &Lattice, options: &BodyOptions) -> Vec<Vector3<f64>> {
+        let elements = Elements::new(lattice, options.poisson_ratio);
+        elastic::forces(&elements, lattice, self, options.stiffness)
+    }
+
     /// Live position of an embedded point.
     pub fn position(&self, lattice: &Lattice, at: &Embedding) -> Point3<f64> {
         lattice.warp(&self.live, at)
@@ -96,7 +135,7 @@ impl Pose {
         let gradient = lattice.gradient(&self.live, at.cell, &at.xi);
         let cofactor = gradient
             .try_inverse()
-            .filter(|_| gradient.determinant() > 0.05)
+            .filter(|_| gradient.determinant() > FOLDED)
             .map_or(*self.turns[at.cell as usize].matrix(), |i| i.transpose());
         UnitVector3::new_normalize(cofactor * rest_normal.into_inner())
     }
@@ -141,8 +180,9 @@ impl Pose {
         for _ in 0..INVERSE_STEPS {
             let held = xi.map(|v| v.clamp(-OUTSIDE, 1.0 + OUTSIDE));
             let miss = point - lattice.warp(&self.live, &Embedding::new(cell, held));
-            let jacobian =
-                lattice.gradient(&self.live, cell, &held) * lattice.axes().matrix() * lattice.size();
+            let jacobian = lattice.gradient(&self.live, cell, &held)
+                * lattice.axes().matrix()
+                * lattice.size();
             let Some(inverse) = jacobian.try_inverse() else {
                 break;
             };
@@ -177,4 +217,3 @@ fn carried(
     }
     Point3::from(sum / total)
 }
-

@@ -5,28 +5,35 @@
 //! turned       internal turns with the material: R(−m g − r₀)
 //! load         f = m g − R m g − R r₀                      on cells:  m (g − R_c g),   at the feet:  R_c M g   (r₀ = −M g)
 //! ```
-//! `M` is the mass that a foot bears, so that over the whole body `Σ f = Σ m g`: a lifted body bears its full weight, one that lies as
-//! it lay bears none. The table's reaction now is what the contact rows push. Forces are in units of the energy:
-//! `stiffness · h³ · γ` is the weight of a full cell, `γ = ρ g / E` in 1/m.
+//! `M` is the mass that a foot bears. As the feet bear all of it, `Σ f = Σ m g` as long as a foot turns with what stands on it: a body that lies as
+//! it lay bears its weight at its feet, where the table holds it, and one that is lifted bears it at its grips. The table's reaction now is what the
+//! contact rows push. Forces are in units of the energy: `stiffness · h³ · γ` is the weight of a full cell, `γ = ρ g / E` in 1/m.
+//!
+//! ```text
+//! sag of the seen points against a pose by grips, table and weight alone      a + s γ,   linear in γ
+//! γ ← argmin  Σ_looks 0.95^age (a + s γ)² / σ²  +  (γ − γ₀)² / σ₀²
+//! ```
 
 use nalgebra::Vector3;
 
 use super::cube::mass_shares;
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
+use crate::Error;
 
 /// A place of the body that stands on the table at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Foot {
     /// Where it is in the material.
     pub at: Embedding,
-    /// What it bears at rest, in full cells.
+    /// What it bears at rest, in masses of a full cell.
     pub load: f64,
 }
 
 impl Foot {
     /// Feet of a lattice of which nothing better is known: the middle of the lower face of every cell that stands on the table, bearing the
-    /// column above it. What other columns weigh is spread over them in proportion.
+    /// column above it. What other columns weigh is spread over them in proportion. Empty if no cell stands on the table (place 0 along
+    /// the third axis).
     pub fn under_columns(lattice: &Lattice) -> Vec<Self> {
         let mut columns = std::collections::BTreeMap::<[i32; 2], (i32, u32, f64)>::new();
         for (c, cell) in lattice.cells().iter().enumerate() {
@@ -44,16 +51,32 @@ impl Foot {
         Self::bearing_all(feet.collect(), lattice)
     }
 
-    /// Scales the loads so that together they are the mass of the lattice.
+    /// Scales the loads so that together they are the mass of the lattice; loads that sum to nothing stay as they are.
     pub fn bearing_all(mut feet: Vec<Self>, lattice: &Lattice) -> Vec<Self> {
         let total: f64 = (0..lattice.cells().len() as u32)
             .map(|c| lattice.mass(c))
             .sum();
         let under: f64 = feet.iter().map(|f| f.load).sum();
-        for foot in &mut feet {
-            foot.load *= total / under.max(f64::MIN_POSITIVE);
+        if under > 0.0 {
+            for foot in &mut feet {
+                foot.load *= total / under;
+            }
         }
         feet
+    }
+
+    /// Refuses a foot that this lattice cannot have.
+    pub(crate) fn check(&self, index: usize, lattice: &Lattice) -> Result<(), Error> {
+        lattice.check_embedding("foot", index, &self.at)?;
+        if !(0.0..=1e9).contains(&self.load) {
+            return Err(Error::Value {
+                what: "load of foot",
+                index,
+                value: self.load,
+                must: "between 0 and 1e9",
+            });
+        }
+        Ok(())
     }
 }
 
@@ -68,7 +91,10 @@ pub(crate) fn loads(
     let mut forces = vec![Vector3::zeros(); lattice.rest().len()];
     for (cell, turn) in lattice.cells().iter().zip(&pose.turns) {
         let lost = (down - turn * down) * (cell.mass * cell_weight);
-        let shares = cell.occupancy.as_ref().map_or([0.125; 8], |o| mass_shares(o));
+        let shares = cell
+            .occupancy
+            .as_ref()
+            .map_or([0.125; 8], |o| mass_shares(o));
         for (&node, share) in cell.nodes.iter().zip(shares) {
             forces[node as usize] += lost * share;
         }
@@ -98,6 +124,7 @@ const KEPT: f64 = 0.95;
 const HEAVIEST: f64 = 6.0;
 
 impl WeightEstimate {
+    /// Before any look.
     pub fn new(initial: f64, sigma: f64) -> Self {
         Self {
             information: 0.0,
@@ -113,6 +140,7 @@ impl WeightEstimate {
         self.pull = KEPT * self.pull - slope * constant / (sigma * sigma);
     }
 
+    /// The estimate, 1/m, held between 0.02 and the heaviest believed.
     pub fn value(&self) -> f64 {
         let pull = self.pull + self.initial_information * self.initial;
         (pull / (self.information + self.initial_information)).clamp(0.02, HEAVIEST)

@@ -1,0 +1,107 @@
+//! What a frame of the body filter is given, and what it tells.
+
+use nalgebra::{Point3, Vector3};
+
+use super::lattice::{Embedding, Lattice};
+use super::row::BodyInequality;
+use crate::graph::usable_point;
+use crate::{Error, Status};
+
+/// How far along the steps of a frame are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// 0 at the first step, 1 at the last.
+    pub share: f64,
+    /// Whether the body was let go a few frames ago: it may have moved far.
+    pub released: bool,
+}
+
+/// What a frame brings besides observations.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct BodyFrame<'a> {
+    /// Points held by grippers and where those are now.
+    pub grips: &'a [(Embedding, Point3<f64>)],
+    /// The estimated surface, for contact with the table.
+    pub surface: &'a [Embedding],
+    /// Linear inequalities on embedded points; may be empty.
+    pub inequalities: &'a [BodyInequality],
+}
+
+impl<'a> BodyFrame<'a> {
+    /// A frame without inequalities; both lists may be empty.
+    pub fn new(grips: &'a [(Embedding, Point3<f64>)], surface: &'a [Embedding]) -> Self {
+        Self {
+            grips,
+            surface,
+            inequalities: &[],
+        }
+    }
+
+    /// Adds linear inequalities, for example against self-intersection ([`BodyInequality::separation`]).
+    #[must_use]
+    pub fn with_inequalities(mut self, inequalities: &'a [BodyInequality]) -> Self {
+        self.inequalities = inequalities;
+        self
+    }
+
+    /// Refuses what has no meaning on this lattice.
+    pub(crate) fn check(&self, lattice: &Lattice) -> Result<(), Error> {
+        for (index, (at, target)) in self.grips.iter().enumerate() {
+            lattice.check_embedding("grip", index, at)?;
+            if !usable_point(target) {
+                return Err(Error::NonFinitePoint {
+                    what: "grip",
+                    index,
+                    value: target.coords.into(),
+                });
+            }
+        }
+        for (index, at) in self.surface.iter().enumerate() {
+            lattice.check_embedding("surface point", index, at)?;
+        }
+        for (index, row) in self.inequalities.iter().enumerate() {
+            row.check(index, lattice)?;
+        }
+        Ok(())
+    }
+}
+
+/// What one frame did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct BodyReport {
+    /// Steps made, each one factorisation.
+    pub solves: usize,
+    /// Mean move of the nodes since the last frame, m.
+    pub moved: f64,
+    /// Longest move of a node in the last step, m.
+    pub last_step: f64,
+    /// How the constraints ended: `Free` when nothing was violated, `Constrained` when all hold, `Infeasible` when they contradict
+    /// each other (they are then violated as little as possible, by least squares).
+    pub status: Status,
+    /// Constraints that push: points against the table and inequalities.
+    pub pushing: usize,
+    /// Largest violation of a constraint, before the projection and after it, m.
+    pub violation: [f64; 2],
+    /// Force of the table on the body along its normal, in units of the energy per metre; compare with
+    /// [`BodyFilter::weight`](super::BodyFilter::weight).
+    pub table_force: f64,
+    /// Total force of the grips on the body, in units of the energy per metre.
+    pub grip_force: Vector3<f64>,
+}
+
+impl Default for BodyReport {
+    fn default() -> Self {
+        Self {
+            solves: 0,
+            moved: 0.0,
+            last_step: 0.0,
+            status: Status::Free,
+            pushing: 0,
+            violation: [0.0; 2],
+            table_force: 0.0,
+            grip_force: Vector3::zeros(),
+        }
+    }
+}
