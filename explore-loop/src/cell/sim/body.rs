@@ -166,7 +166,16 @@ fn engine(p: &Point3<f64>) -> Vector {
     Vector::new((p.x * DM) as f32, (p.y * DM) as f32, (p.z * DM) as f32)
 }
 
-/// Tetrahedra of the size that gives the number asked for; finer, up to three times that number, where the surface is thin.
+/// Cells are at most this long, in mean wall thicknesses `2 V/A`: planes of lattice points, half a cell apart, then always lie within
+/// the wall. The surface may lie this far outside the tetrahedra, in wall thicknesses, or there is a hole in the wall.
+const WALL: f64 = 1.25;
+const MAX_GAP_WALL: f64 = 0.35;
+
+/// The tetrahedra must weigh what the solid weighs, up to this share.
+const MAX_VOLUME_ERROR: f64 = 0.05;
+
+/// Tetrahedra of the size that gives the number asked for, or that the wall asks for; finer, up to three times that number, where the
+/// surface is thinner.
 fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embedding), SimError> {
     let distance = surface.signed_distance()?;
     let depth = |p: &Point3<f64>| distance.depth(p);
@@ -175,17 +184,25 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embeddi
     let mut cell = (12.0 * surface.volume() / wanted).cbrt();
     let first = lattice::fill(&depth, surface.bounds(), cell).tets.len();
     cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.5, 2.0);
+    let wall = 2.0 * surface.volume() / surface.area();
+    let finest = cell.min(WALL * wall);
+    let most = 3.0 * wanted * (cell / finest).powi(3);
+    cell = finest;
     loop {
         let inscribed = lattice::fill(&depth, surface.bounds(), cell);
         // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
         // what it weighs.
         let missing = (surface.volume() - inscribed.volume()) / surface.area();
         let mesh = lattice::fill(&|p| depth(p) + missing, surface.bounds(), cell);
-        let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;
+        let enough = mesh.tets.len() as f64 > most;
+        let gap = (MAX_GAP * cell).min(MAX_GAP_WALL * wall);
+        let error = (mesh.volume() / surface.volume() - 1.0).abs();
         let embedding =
             (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
         match embedding {
-            Some(embedding) if embedding.gap <= MAX_GAP * cell => return Ok((mesh, embedding)),
+            Some(embedding) if embedding.gap <= gap && error <= MAX_VOLUME_ERROR => {
+                return Ok((mesh, embedding));
+            }
             found if enough => {
                 let gap = found.map_or(f64::INFINITY, |e| e.gap);
                 return Err(SimError::TooCoarse {
