@@ -32,7 +32,7 @@ const CUBE: f64 = 0.5;
 
 /// Loose wool, such as a thick cap is knitted from: a dome of it stands.
 const WOOL: Material = Material {
-    young: 60_000.0,
+    young: 100_000.0,
     poisson: 0.3,
     density: 300.0,
     friction: 0.7,
