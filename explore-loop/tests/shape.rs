@@ -73,8 +73,9 @@ fn nothing_is_explored_by_an_empty_model() {
 
 proptest! {
     /// The half of a sphere explores the half and a band of two spacings: (1 + sin θ)/2 with the chord 2ε = 2 r sin(θ/2).
+    /// Below 3 mm of spacing the gaps between the points of the net, 4 mm apart, count as unexplored.
     #[test]
-    fn explored_reaches_two_spacings(share in 0.02..0.3f64) {
+    fn explored_reaches_two_spacings(share in 0.06..0.3f64) {
         let (radius, count) = (0.05, 2000);
         let (surface, normals) = truth(count, [radius; 3], 0.004);
         let upper = (0..count).filter(|&i| surface.vertices[i].z > 0.0);
