@@ -83,6 +83,50 @@ fn the_object_lies_on_the_table_and_stays_there() {
     assert!(drift < 0.001, "drifted by {drift} m in a second");
 }
 
+/// A cap and a sheet, whose walls are thinner than the tetrahedra: few enough to simulate, as high as they were made, and still.
+#[test]
+fn thin_walls_stand_and_lie_still() {
+    for name in ["cap", "sheet"] {
+        let (mut cell, truth) = cell(&SimOptions::new(Scene::named(name).unwrap()));
+        assert!(cell.tetrahedra() < 8000, "{name}: {}", cell.tetrahedra());
+        let table = cell.info().table;
+        let heights = |points: &[Point3<f64>]| {
+            let heights = points.iter().map(|p| table.height(p));
+            heights.fold((f64::INFINITY, 0.0_f64), |(low, high), h| {
+                (low.min(h), high.max(h))
+            })
+        };
+        cell.observe().unwrap();
+        let rest = truth.rest();
+        let scene = Scene::named(name).unwrap();
+        let (low, high) = scene.mesh().bounds();
+        let (bottom, top) = heights(&rest.vertices);
+        assert!(bottom.abs() < 0.001, "{name} is {bottom} m above the table");
+        // The dome sags by its own weight.
+        let kept = (top - bottom) / (high.z - low.z);
+        assert!(
+            (0.9..1.05).contains(&kept),
+            "{name} keeps {kept} of its height"
+        );
+        // The tetrahedra reach beyond the surface, the surface itself keeps its volume.
+        let volume = rest.volume() / scene.mesh().volume();
+        assert!(
+            (0.9..1.1).contains(&volume),
+            "{name} keeps {volume} of its volume"
+        );
+        for _ in 0..10 {
+            cell.observe().unwrap();
+        }
+        let drift = rest
+            .vertices
+            .iter()
+            .zip(truth.live())
+            .map(|(a, b)| (a - b).norm())
+            .fold(0.0, f64::max);
+        assert!(drift < 0.001, "{name} drifted by {drift} m in a second");
+    }
+}
+
 #[test]
 fn tetrahedra_fill_the_surface() {
     let mut options = options();

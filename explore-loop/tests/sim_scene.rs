@@ -31,19 +31,102 @@ fn icosphere_like(half_axes: [f64; 3]) -> TriangleMesh {
     Scene::ellipsoid(half_axes).unwrap().mesh().clone()
 }
 
+/// Closed, of one piece, without a handle, outward.
+fn bounds_a_ball(name: &str, mesh: &TriangleMesh) {
+    mesh.check_closed().unwrap();
+    assert_eq!(euler(mesh), 2, "{name}");
+    assert_eq!(mesh.pieces(), 1, "{name}");
+    assert!(mesh.volume() > 0.0, "{name} is inside out");
+}
+
 #[test]
 fn built_in_scenes_are_spheres_of_about_two_thousand_vertices() {
     for name in SCENES {
         let scene = Scene::named(name).unwrap();
         let mesh = scene.mesh();
-        mesh.check_closed().unwrap();
-        assert_eq!(euler(mesh), 2, "{name}");
-        assert!(mesh.volume() > 0.0, "{name} is inside out");
+        bounds_a_ball(name, mesh);
+        // A thin wall needs triangles smaller than it is thick.
+        let most = if ["cap", "sheet"].contains(&name) {
+            10_000
+        } else {
+            2600
+        };
         assert!(
-            (1600..2600).contains(&mesh.vertices.len()),
+            (1600..most).contains(&mesh.vertices.len()),
             "{name}: {} vertices",
             mesh.vertices.len()
         );
+    }
+}
+
+/// At every size a scene is as long as asked for, and no thinner than its walls.
+#[test]
+fn scenes_have_the_size_asked_for() {
+    for name in SCENES {
+        for size in [0.1, 0.17, 0.25] {
+            let scene = Scene::sized(name, size).unwrap();
+            bounds_a_ball(name, scene.mesh());
+            let (low, high) = scene.mesh().bounds();
+            // The outermost vertices miss the outermost point by e²/(8R): less than 1 % for edges of a quarter of R.
+            let longest = (high - low).max();
+            assert!(
+                (0.985 * size..1.005 * size).contains(&longest),
+                "{name}: {longest}"
+            );
+        }
+        for size in [0.0, 0.3, -0.1, f64::NAN, f64::INFINITY] {
+            let refused = Scene::sized(name, size);
+            assert!(
+                matches!(refused, Err(SimError::BadOption { .. })),
+                "{name} {size}"
+            );
+        }
+    }
+}
+
+/// A vertical line through the middle leaves a scene above what it rests on: it does not tip over. Its centre of mass lies above the
+/// hull of the lowest part of it.
+#[test]
+fn scenes_lie_stably() {
+    for name in SCENES {
+        let mesh = Scene::named(name).unwrap().mesh().clone();
+        let v = &mesh.vertices;
+        let (mut volume, mut moment) = (0.0, Vector3::zeros());
+        for t in &mesh.triangles {
+            let [a, b, c] = t.map(|i| v[i].coords);
+            let part = a.dot(&b.cross(&c)) / 6.0;
+            volume += part;
+            moment += part * (a + b + c) / 4.0;
+        }
+        let middle = moment / volume;
+        // A soft body settles into its lowest few millimetres.
+        let ground = mesh.bounds().0.z + 0.004;
+        let feet: Vec<Vector3<f64>> = v
+            .iter()
+            .filter(|p| p.z < ground)
+            .map(|p| p.coords)
+            .collect();
+        for k in 0..36 {
+            let (s, c) = (f64::from(k) * std::f64::consts::TAU / 36.0).sin_cos();
+            let way = Vector3::new(c, s, 0.0);
+            let farthest = feet
+                .iter()
+                .map(|f| f.dot(&way))
+                .fold(f64::NEG_INFINITY, f64::max);
+            assert!(
+                farthest > middle.dot(&way) + 0.002,
+                "{name} tips over in direction {k}"
+            );
+        }
+    }
+}
+
+#[test]
+fn an_unknown_scene_is_answered_with_the_names_there_are() {
+    let said = Scene::named("spleen").unwrap_err().to_string();
+    assert!(said.contains("spleen"));
+    for name in SCENES {
+        assert!(said.contains(name), "{said}");
     }
 }
 

@@ -8,6 +8,10 @@
 //! gravity ×10,   Young's modulus ÷10  (kg m⁻¹ s⁻²),   density ÷1000  (kg m⁻³).
 //! ```
 //!
+//! A wall thinner than 10 mm would need more tetrahedra than a run can afford. Its tetrahedra fill the solid that lies within
+//! `pad = (10 mm − t)/2` of it instead, with the mass and the bending stiffness of the wall: `ρ' = ρ V/V'`, `E' = E (t/t')³`. The table
+//! lies `pad` deeper, so that it is the surface that touches it.
+//!
 //! Nodes carry a quarter of each of their tetrahedra. Nodes in a jaw are kinematic: they get a target for the end of
 //! each step and the engine gives them the matching velocity.
 
@@ -55,13 +59,18 @@ impl Body {
         fidelity: &Fidelity,
         step: f64,
     ) -> Result<Self, SimError> {
-        let (mesh, embedding) = fill(surface, fidelity)?;
+        let Filled {
+            mesh,
+            embedding,
+            pad,
+        } = fill(surface, fidelity)?;
+        let material = &padded(material, surface, &mesh, pad);
         let mut world = PhysicsWorld::new();
         world.gravity = Vector::new(0.0, 0.0, (-9.81 * DM) as f32);
         world.integration_parameters.dt = step as f32;
         world.integration_parameters.num_solver_iterations = fidelity.substeps;
         let half = Vector::new((2.0 * DM) as f32, (2.0 * DM) as f32, DM as f32);
-        let top = -SKIN * DM;
+        let top = -(SKIN + pad) * DM;
         world.insert(
             RigidBodyBuilder::fixed().translation(Vector::new(0.0, 0.0, (top - DM) as f32)),
             ColliderBuilder::cuboid(half.x, half.y, half.z).friction(material.friction as f32),
@@ -166,26 +175,76 @@ fn engine(p: &Point3<f64>) -> Vector {
     Vector::new((p.x * DM) as f32, (p.y * DM) as f32, (p.z * DM) as f32)
 }
 
+/// A thinner wall, by the mean `t = 2 V/A`, is padded to this thickness, metres.
+const THINNEST: f64 = 0.010;
+
+/// Cells are at most this long, in thicknesses of the (padded) wall: planes of lattice points, half a cell apart, then always lie
+/// within it.
+const CELL: f64 = 1.25;
+
+/// The tetrahedra must fill the volume they stand for, up to this share, or they have holes.
+const MAX_VOLUME_ERROR: f64 = 0.05;
+
+/// Tetrahedra that carry a surface.
+struct Filled {
+    mesh: TetMesh,
+    embedding: Embedding,
+    /// How far they reach beyond the surface, metres.
+    pad: f64,
+}
+
+fn wall(surface: &TriangleMesh) -> f64 {
+    2.0 * surface.volume() / surface.area()
+}
+
+/// The material that makes the padded solid weigh what the wall weighs, and bend as it bends.
+fn padded(material: &Material, surface: &TriangleMesh, mesh: &TetMesh, pad: f64) -> Material {
+    if pad == 0.0 {
+        return *material;
+    }
+    let thickness = wall(surface);
+    Material {
+        density: material.density * surface.volume() / mesh.volume(),
+        young: material.young * (thickness / (thickness + 2.0 * pad)).powi(3),
+        ..*material
+    }
+}
+
 /// Tetrahedra of the size that gives the number asked for; finer, up to three times that number, where the surface is thin.
-fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<(TetMesh, Embedding), SimError> {
+fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError> {
     let distance = surface.signed_distance()?;
-    let depth = |p: &Point3<f64>| distance.depth(p);
+    let pad = (0.5 * (THINNEST - wall(surface))).max(0.0);
+    let depth = |p: &Point3<f64>| distance.depth(p) + pad;
+    let (low, high) = surface.bounds();
+    let margin = Vector3::repeat(pad);
+    let bounds = (low - margin, high + margin);
+    let volume = surface.volume() + pad * surface.area();
     let wanted = fidelity.tetrahedra as f64;
     // Twelve tetrahedra to a cube of the lattice; how many pieces the surface cuts come on top, a first filling tells.
-    let mut cell = (12.0 * surface.volume() / wanted).cbrt();
-    let first = lattice::fill(&depth, surface.bounds(), cell).tets.len();
-    cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.5, 2.0);
+    let mut cell = (12.0 * volume / wanted).cbrt();
+    let first = lattice::fill(&depth, bounds, cell).tets.len();
+    cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.9, 2.0);
+    let start = cell.min(CELL * (wall(surface) + 2.0 * pad));
+    let most = 3.0 * wanted * (cell / start).powi(3);
+    cell = start;
     loop {
-        let inscribed = lattice::fill(&depth, surface.bounds(), cell);
+        let inscribed = lattice::fill(&depth, bounds, cell);
         // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
         // what it weighs.
-        let missing = (surface.volume() - inscribed.volume()) / surface.area();
-        let mesh = lattice::fill(&|p| depth(p) + missing, surface.bounds(), cell);
-        let enough = mesh.tets.len() > 3 * fidelity.tetrahedra;
+        let missing = (volume - inscribed.volume()) / surface.area();
+        let mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
+        let whole = (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;
+        let enough = mesh.tets.len() as f64 > most;
         let embedding =
             (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
         match embedding {
-            Some(embedding) if embedding.gap <= MAX_GAP * cell => return Ok((mesh, embedding)),
+            Some(embedding) if whole && embedding.gap <= MAX_GAP * cell => {
+                return Ok(Filled {
+                    mesh,
+                    embedding,
+                    pad,
+                });
+            }
             found if enough => {
                 let gap = found.map_or(f64::INFINITY, |e| e.gap);
                 return Err(SimError::TooCoarse {

@@ -16,6 +16,10 @@ pub(super) trait Implicit {
     fn value(&self, p: &Point3<f64>) -> f64;
     /// Corners of a box that contains the solid.
     fn bounds(&self) -> (Point3<f64>, Point3<f64>);
+    /// The least thickness, metres: two sheets nearer than a few edges of a mesh need a finer mesh.
+    fn thickness(&self) -> f64 {
+        f64::INFINITY
+    }
 }
 
 /// Ellipsoid about the origin.
@@ -75,7 +79,7 @@ impl Implicit for Liver {
         let crown = (0.006 + 0.0135 * right) * inward * (2.0 - inward);
         // The dome rises more above the rim than the hollow side hangs below it.
         let side = if p.z > 0.0 { 1.35 } else { 0.65 };
-        round_slab(outline, p.z, RIM + side * crown)
+        round_slab(outline, p.z, RIM + side * crown, RIM)
     }
 
     fn bounds(&self) -> (Point3<f64>, Point3<f64>) {
@@ -86,12 +90,14 @@ impl Implicit for Liver {
     }
 }
 
-fn round_slab(outline: f64, z: f64, half_thickness: f64) -> f64 {
-    let (x, y) = (outline + RIM, z.abs() - (half_thickness - RIM));
-    x.max(y).min(0.0) + Vector2::new(x.max(0.0), y.max(0.0)).norm() - RIM
+/// A plane outline, given by its signed distance, with a thickness and a rim rounded at radius `rim`.
+pub(super) fn round_slab(outline: f64, z: f64, half_thickness: f64, rim: f64) -> f64 {
+    let (x, y) = (outline + rim, z.abs() - (half_thickness - rim));
+    x.max(y).min(0.0) + Vector2::new(x.max(0.0), y.max(0.0)).norm() - rim
 }
 
-fn smooth_min(f: f64, g: f64, k: f64) -> f64 {
+/// The union of two solids, its crease filled where their values differ by less than `k`.
+pub(super) fn smooth_min(f: f64, g: f64, k: f64) -> f64 {
     let h = (k - (f - g).abs()).max(0.0);
     f.min(g) - h * h / (4.0 * k)
 }

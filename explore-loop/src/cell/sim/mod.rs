@@ -42,6 +42,7 @@ mod lattice;
 mod mesh;
 mod options;
 mod scene;
+mod shapes;
 mod surface_nets;
 mod truth;
 mod world;

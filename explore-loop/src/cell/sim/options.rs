@@ -133,13 +133,13 @@ pub struct SimOptions {
 }
 
 impl SimOptions {
-    /// Three arms around `scene`, everything else by default.
+    /// Three arms around `scene`, which is made of its own material; everything else by default.
     pub fn new(scene: Scene) -> Self {
         Self {
-            scene,
             arms: 3,
             seed: 0,
-            material: Material::default(),
+            material: *scene.material(),
+            scene,
             camera: CameraOptions::default(),
             jaw: JawOptions::default(),
             fidelity: Fidelity::default(),

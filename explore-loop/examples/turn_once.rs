@@ -1,23 +1,28 @@
-//! Two arms take the liver by one long side and turn it over.
+//! Two arms take an object by one side, turn it over once, and let go; the session is recorded with the truth.
 //!
 //! ```text
-//! cargo run --release --example sim_turn -- [SEED] [SPEED in m/s] [DIRECTORY for a picture (PPM) every second]
+//! cargo run --release -p explore-loop --example turn_once -- cap cap.mcap --seed 1
+//! cargo run --release -p explore-loop --bin explore -- replay cap.mcap
 //! ```
+//! Nothing is planned: the same script turns every scene over, however the reconstruction fares, so that two reconstructions can be
+//! compared on the same frames. Further options: `--speed M_S`, `--noise MM`, `--arc HALF_WIDTHS` (radius of the arc on which the grips
+//! travel), `--pictures DIR` (a PPM every second).
 #![allow(
     clippy::print_stdout,
+    clippy::print_stderr,
     clippy::cast_sign_loss,
     reason = "an example prints; its pixels are clamped from 0"
 )]
 
 use std::f64::consts::PI;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
+use dvrk_io::session::SessionWriter;
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
 use explore_loop::cell::{Cell, Observation};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 
-/// Distance from the grips to the pivot line, half widths of the object: 1.2 to 2.0 all turn it over.
-const RADIUS: f64 = 1.8;
 /// Distance of each grip from the middle, half lengths of the object.
 const SPREAD: f64 = 0.45;
 /// The tips stop turning here, so that the shafts stay above the table.
@@ -26,77 +31,134 @@ const LAST_TURN_DEG: f64 = 140.0;
 const LOWEST: f64 = 0.012;
 /// Straight pieces of the half circle.
 const STEPS: u32 = 60;
+/// Frames of looking before the grips and after, the arms away.
+const LOOK: usize = 10;
+/// Frames for what was let go to come to rest.
+const REST: usize = 15;
 
 type Error = Box<dyn std::error::Error>;
 
-fn main() -> Result<(), Error> {
-    let mut arguments = std::env::args().skip(1);
-    let seed = arguments.next().map_or(Ok(0), |s| s.parse())?;
-    let speed: f64 = arguments.next().map_or(Ok(0.03), |s| s.parse())?;
-    let pictures = arguments.next();
-    let mut options = SimOptions::new(Scene::liver()?);
-    options.seed = seed;
+/// The command line.
+struct Arguments {
+    scene: String,
+    session: PathBuf,
+    seed: u64,
+    speed: f64,
+    noise: f64,
+    arc: f64,
+    pictures: Option<PathBuf>,
+}
 
-    let start = cpu_seconds();
-    let (mut cell, truth) = SimCell::new(&options)?;
-    let settled = cpu_seconds();
-    let mut turn = Turn {
-        seen: vec![false; truth.live().len()],
-        pictures,
-        frames: 0,
-        slowest: 0.0,
-        cpu: 0.0,
-    };
+impl Arguments {
+    fn read() -> Result<Self, Error> {
+        let mut read = Self {
+            scene: String::new(),
+            session: PathBuf::new(),
+            seed: 0,
+            speed: 0.03,
+            noise: 0.0005,
+            arc: 1.4,
+            pictures: None,
+        };
+        let mut names = Vec::new();
+        let mut words = std::env::args().skip(1);
+        while let Some(word) = words.next() {
+            let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
+            match word.as_str() {
+                "--seed" => read.seed = value()?.parse()?,
+                "--speed" => read.speed = value()?.parse()?,
+                "--noise" => read.noise = 1e-3 * value()?.parse::<f64>()?,
+                "--arc" => read.arc = value()?.parse()?,
+                "--pictures" => read.pictures = Some(value()?.into()),
+                _ => names.push(word),
+            }
+        }
+        let [scene, session] = &names[..] else {
+            return Err("usage: turn_once SCENE SESSION.mcap [--seed N]".into());
+        };
+        read.scene.clone_from(scene);
+        read.session = session.into();
+        Ok(read)
+    }
+}
+
+fn main() -> ExitCode {
+    match Arguments::read().and_then(|arguments| run(&arguments)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<(), Error> {
+    let mut options = SimOptions::new(Scene::named(&arguments.scene)?);
+    options.seed = arguments.seed;
+    options.camera.noise = arguments.noise;
+    let start = std::time::Instant::now();
+    let (cell, truth) = SimCell::new(&options)?;
     println!(
-        "{} tetrahedra, {} vertices, built and settled in {:.2} s CPU",
+        "{} tetrahedra, {} vertices, built and settled in {:.1} s",
         cell.tetrahedra(),
         truth.live().len(),
-        settled - start
+        start.elapsed().as_secs_f64()
     );
     let volume = cell.volume();
-    turn.look(&mut cell, &truth)?;
-    println!("seen before: {:.1} %", 100.0 * turn.share(&truth));
-    turn.turn_over(&mut cell, &truth, speed)?;
-    for _ in 0..10 {
-        turn.look(&mut cell, &truth)?;
-    }
-    println!("seen after:  {:.1} %", 100.0 * turn.share(&truth));
-    println!("turned by:   {:.0} deg", turned_deg(&truth));
-    println!("volume kept: {:.2} %", 100.0 * cell.volume() / volume);
+    let mut session = SessionWriter::create(&arguments.session)?;
+    let table = cell.info().table;
+    session.table(0.0, &table.normal, table.offset)?;
+    let mut turn = Turn {
+        cell,
+        seen: vec![false; truth.live().len()],
+        truth,
+        session,
+        pictures: arguments.pictures.clone(),
+        frames: 0,
+    };
+    turn.watch(LOOK)?;
+    println!("seen before: {:.1} %", 100.0 * turn.share());
+    turn.turn_over(arguments.speed, arguments.arc)?;
+    turn.watch(LOOK)?;
+    println!("seen after:  {:.1} %", 100.0 * turn.share());
+    println!("turned by:   {:.0} deg", turned_deg(&turn.truth));
+    println!("volume kept: {:.1} %", 100.0 * turn.cell.volume() / volume);
     println!(
-        "CPU:         {:.1} ms a frame of 100 ms, slowest {:.1}",
-        1000.0 * turn.cpu / turn.frames as f64,
-        1000.0 * turn.slowest
+        "{} frames, {:.2} s each",
+        turn.frames,
+        start.elapsed().as_secs_f64() / turn.frames as f64
     );
+    turn.session.finish()?;
     Ok(())
 }
 
 struct Turn {
+    cell: SimCell,
+    truth: Truth,
+    session: SessionWriter,
     seen: Vec<bool>,
-    pictures: Option<String>,
+    pictures: Option<PathBuf>,
     frames: usize,
-    slowest: f64,
-    cpu: f64,
 }
 
 impl Turn {
-    /// Grips the long side that faces the third arm, swings it over the far foot, and lays it down beyond.
+    /// Grips the long side that faces the third arm, swings it over the far side, and lays it down beyond.
     ///
-    /// The tips run on a half circle about a line on the table, `RADIUS` half widths beyond the grips, and turn with it
+    /// The tips run on a half circle about a line on the table, `arc` half widths beyond the grips, and turn with it
     /// until the shafts are about to point up from below; the rest of the way they only go down.
-    fn turn_over(&mut self, cell: &mut SimCell, truth: &Truth, speed: f64) -> Result<(), Error> {
-        let table = cell.info().table;
+    fn turn_over(&mut self, speed: f64, arc: f64) -> Result<(), Error> {
+        let table = self.cell.info().table;
         let up = table.normal.into_inner();
-        let object = Footprint::of(&truth.live(), up);
-        let starts = self.reach(cell, truth, &object)?;
+        let object = Footprint::of(&self.truth.live(), up);
+        let starts = self.reach(&object)?;
         for arm in 0..2 {
-            cell.close_jaw(arm)?;
+            self.cell.close_jaw(arm)?;
         }
         let grip = nalgebra::center(
             &starts[0].translation.vector.into(),
             &starts[1].translation.vector.into(),
         );
-        let pivot = grip - up * table.height(&grip) - object.side * (RADIUS * object.half_width);
+        let pivot = grip - up * table.height(&grip) - object.side * (arc * object.half_width);
         let axis = Unit::new_normalize(object.side.cross(&up));
         for step in 1..=STEPS {
             let angle = PI * f64::from(step) / f64::from(STEPS);
@@ -106,75 +168,97 @@ impl Turn {
             for (arm, start) in starts.iter().enumerate() {
                 let mut to = pivot + turn * (Point3::from(start.translation.vector) - pivot);
                 to += up * (LOWEST - table.height(&to)).max(0.0);
-                cell.move_arm(
-                    arm,
-                    Isometry3::from_parts(to.into(), held * start.rotation),
-                    speed,
-                )?;
+                let to = Isometry3::from_parts(to.into(), held * start.rotation);
+                self.cell.move_arm(arm, to, speed)?;
             }
-            self.wait(cell, truth)?;
+            self.wait()?;
         }
-        for _ in 0..5 {
-            self.look(cell, truth)?;
+        self.watch(5)?;
+        self.let_go(up)
+    }
+
+    /// Opens the jaws, backs out, rises and goes home, watched all the way.
+    fn let_go(&mut self, up: Vector3<f64>) -> Result<(), Error> {
+        let last = self.watch(1)?;
+        for arm in 0..2 {
+            self.cell.open_jaw(arm)?;
         }
-        cell.home()?;
-        Ok(())
+        self.watch(REST)?;
+        for (back, rise) in [(0.03, 0.005), (0.03, 0.06)] {
+            for arm in 0..2 {
+                let mut clear = last.arms[arm].camera_from_tip;
+                clear.translation.vector += up * rise - clear.rotation * Vector3::z() * back;
+                self.cell.move_arm(arm, clear, 0.1)?;
+            }
+            self.wait()?;
+        }
+        for arm in 0..2 {
+            let home = self.cell.info().arms[arm].camera_from_home;
+            self.cell.move_arm(arm, home, 0.2)?;
+        }
+        self.wait()
     }
 
     /// Brings two open jaws over the rim, from the side and a little from above; returns the poses of the tips.
-    fn reach(
-        &mut self,
-        cell: &mut SimCell,
-        truth: &Truth,
-        object: &Footprint,
-    ) -> Result<Vec<Isometry3<f64>>, Error> {
-        let table = cell.info().table;
+    fn reach(&mut self, object: &Footprint) -> Result<Vec<Isometry3<f64>>, Error> {
+        let table = self.cell.info().table;
         let up = table.normal.into_inner();
         let approach = -(object.side * 2.0 + up);
         let rotation = UnitQuaternion::face_towards(&approach, &up);
         let spread = object.long * (SPREAD * object.half_length);
         let mut tips = Vec::new();
         for (arm, along) in [spread, -spread].into_iter().enumerate() {
-            let edge = object.rim(&truth.live(), along);
+            let edge = object.rim(&self.truth.live(), along);
             let grip = edge - object.side * 0.004 + up * (0.008 - table.height(&edge)).max(0.0);
             let tip = Isometry3::from_parts(grip.into(), rotation);
             let ready =
                 Isometry3::from_parts((grip + object.side * 0.05 + up * 0.03).into(), rotation);
-            cell.move_arm(arm, ready, 0.2)?;
-            self.wait(cell, truth)?;
-            cell.move_arm(arm, tip, 0.05)?;
+            self.cell.move_arm(arm, ready, 0.2)?;
+            self.wait()?;
+            self.cell.move_arm(arm, tip, 0.05)?;
             tips.push(tip);
         }
-        self.wait(cell, truth)?;
+        self.wait()?;
         Ok(tips)
     }
 
-    fn wait(&mut self, cell: &mut SimCell, truth: &Truth) -> Result<(), Error> {
-        while self.look(cell, truth)?.arms.iter().any(|a| a.moving) {}
+    fn wait(&mut self) -> Result<(), Error> {
+        while self.watch(1)?.arms.iter().any(|a| a.moving) {}
         Ok(())
     }
 
-    fn look(&mut self, cell: &mut SimCell, truth: &Truth) -> Result<Observation, Error> {
-        let start = cpu_seconds();
-        let observation = cell.observe()?;
-        let cpu = cpu_seconds() - start;
+    /// Records some frames and returns the last.
+    fn watch(&mut self, frames: usize) -> Result<Observation, Error> {
+        let mut last = self.look()?;
+        for _ in 1..frames {
+            last = self.look()?;
+        }
+        Ok(last)
+    }
+
+    fn look(&mut self) -> Result<Observation, Error> {
+        let observation = self.cell.observe()?;
         self.frames += 1;
-        self.cpu += cpu;
-        self.slowest = self.slowest.max(cpu);
-        mark_seen(&mut self.seen, &truth.live(), &observation.points);
+        let live = self.truth.live();
+        mark_seen(&mut self.seen, &live, &observation.points);
+        self.session
+            .points(observation.stamp, &observation.points)?;
+        for (info, arm) in self.cell.info().arms.iter().zip(&observation.arms) {
+            self.session
+                .pose(observation.stamp, &info.name, &arm.camera_from_tip)?;
+            self.session.jaw(observation.stamp, &info.name, arm.jaw)?;
+        }
+        self.session.truth(observation.stamp, &live)?;
         if let (1, Some(directory)) = (self.frames % 10, &self.pictures) {
-            picture(
-                &Path::new(directory).join(format!("turn_{:03}.ppm", self.frames / 10)),
-                truth,
-                &observation,
-            )?;
+            let name = format!("turn_{:03}.ppm", self.frames / 10);
+            picture(&directory.join(name), &self.truth, &observation)?;
         }
         Ok(observation)
     }
 
-    /// Area-free share: the vertices are spread evenly.
-    fn share(&self, truth: &Truth) -> f64 {
-        self.seen.iter().filter(|&&s| s).count() as f64 / truth.live().len() as f64
+    /// Share of the vertices that were seen; they are spread evenly.
+    fn share(&self) -> f64 {
+        self.seen.iter().filter(|&&s| s).count() as f64 / self.seen.len() as f64
     }
 }
 
@@ -362,15 +446,4 @@ impl Image {
             }
         }
     }
-}
-
-/// Processor time of this thread.
-fn cpu_seconds() -> f64 {
-    let schedule = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    schedule
-        .split(' ')
-        .next()
-        .and_then(|ns| ns.parse::<f64>().ok())
-        .unwrap_or(0.0)
-        * 1e-9
 }

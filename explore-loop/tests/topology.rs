@@ -1,0 +1,219 @@
+//! When the surface of a model counts as closed, against bodies and faults known by construction.
+#![allow(missing_docs, clippy::unwrap_used)]
+
+mod common;
+
+use common::{AXES, COUNT, Normal, SPACING, at_rest, ellipsoid, net};
+use explore_loop::canonical::topology::{Obstacle, Topology, analyse};
+use explore_loop::measure::MeshReport;
+use nalgebra::{Point3, Rotation3, Vector3};
+use proptest::prelude::*;
+use std::sync::OnceLock;
+
+type Net = (Vec<Point3<f64>>, Vec<Normal>);
+
+/// Judges a net, and checks what holds for every one: the mesh of a closed surface is watertight, and that of one that is not wholly
+/// seen is not. (Wholly seen but not closed is a ring, or a surface with strays beside it.)
+fn judge((points, normals): &Net) -> Topology {
+    let topology = analyse(&at_rest(points, normals), SPACING).unwrap();
+    assert_eq!(topology.is_closed(), topology.obstacle().is_none());
+    assert_eq!(topology.boundary.len(), points.len());
+    if let Some(surface) = &topology.surface {
+        let report = MeshReport::of(&surface.vertices, &surface.triangles);
+        let wholly_seen = topology.bare < 0.001;
+        assert_eq!(
+            report.watertight,
+            wholly_seen,
+            "{report:?} {:?}",
+            topology.obstacle()
+        );
+        assert!(wholly_seen || !topology.is_closed());
+        assert_eq!(report.non_manifold_edges + report.misoriented_edges, 0);
+        if topology.is_closed() {
+            assert_eq!((report.euler, report.components), (2, 1));
+        }
+    } else {
+        assert!(!topology.is_closed());
+    }
+    topology
+}
+
+/// The vertices nearest to vertex `centre` on its own sheet, as many as `share` of all.
+fn patch((points, normals): &Net, centre: usize, share: f64) -> Vec<usize> {
+    let mut near: Vec<usize> = (0..points.len())
+        .filter(|&i| normals[i].dot(&normals[centre]) > 0.0)
+        .collect();
+    let away = |i: usize| (points[i] - points[centre]).norm();
+    near.sort_by(|a, b| away(*a).total_cmp(&away(*b)));
+    near.truncate((share * points.len() as f64).ceil() as usize);
+    near
+}
+
+fn without(net: &Net, gone: &[usize]) -> Net {
+    let kept = (0..net.0.len()).filter(|i| !gone.contains(i));
+    kept.map(|i| (net.0[i], net.1[i])).unzip()
+}
+
+/// A second sheet over some vertices, `off` metres outside.
+fn with_sheet(net: &Net, over: &[usize], off: f64) -> Net {
+    let (mut points, mut normals) = net.clone();
+    for &i in over {
+        points.push(net.0[i] + net.1[i].into_inner() * off);
+        normals.push(net.1[i]);
+    }
+    (points, normals)
+}
+
+/// 100 × 80 × 8 mm, its margin half round.
+fn slab() -> &'static Net {
+    static SLAB: OnceLock<Net> = OnceLock::new();
+    SLAB.get_or_init(thin)
+}
+
+fn thin() -> Net {
+    let half = Vector3::new(0.05, 0.04, 0.004);
+    let value = |p: &Point3<f64>| {
+        let beyond = p.coords.abs() - (half - Vector3::repeat(0.0039));
+        beyond.sup(&Vector3::zeros()).norm() + beyond.max().min(0.0) - 0.0039
+    };
+    net(value, half, 0.85 * SPACING)
+}
+
+fn torus() -> Net {
+    let value = |p: &Point3<f64>| (p.x.hypot(p.y) - 0.045).hypot(p.z) - 0.018;
+    net(value, Vector3::new(0.063, 0.063, 0.018), 0.85 * SPACING)
+}
+
+#[test]
+fn a_net_of_an_ellipsoid_is_closed() {
+    let topology = judge(&ellipsoid(COUNT, AXES));
+    assert_eq!(topology.persistent, [1, 0, 1]);
+    assert!(topology.is_closed());
+    assert!(topology.missing < 1e-9, "{}", topology.missing);
+    assert!(topology.loops.is_empty());
+    assert!(!topology.boundary.contains(&true));
+}
+
+#[test]
+fn a_slab_of_8_mm_is_closed() {
+    let topology = judge(slab());
+    assert_eq!(topology.obstacle(), None);
+}
+
+/// Wholly seen, but not the surface of a ball.
+#[test]
+fn a_ring_is_not_closed() {
+    let topology = judge(&torus());
+    assert_eq!(topology.obstacle(), Some(Obstacle::Betti([1, 2, 1])));
+}
+
+#[test]
+fn nothing_is_not_closed() {
+    let topology = judge(&(Vec::new(), Vec::new()));
+    assert!(!topology.is_closed());
+    assert!(topology.surface.is_none());
+}
+
+/// Whichever end is missing, the surface is open there and only there, and the vector area says how much is missing.
+#[test]
+fn without_a_cap_it_is_open() {
+    let whole = ellipsoid(COUNT, AXES);
+    for (axis, sign) in [
+        (0, 1.0),
+        (0, -1.0),
+        (1, 1.0),
+        (1, -1.0),
+        (2, 1.0),
+        (2, -1.0),
+    ] {
+        let limit = 0.8 * AXES[axis];
+        let gone: Vec<usize> = (0..COUNT)
+            .filter(|&i| sign * whole.0[i][axis] >= limit)
+            .collect();
+        let open = without(&whole, &gone);
+        let topology = judge(&open);
+        assert_eq!(topology.persistent, [1, 0, 0], "axis {axis}");
+        assert!(topology.missing > 0.0);
+        assert_eq!(topology.loops.len(), 1);
+        for (p, boundary) in open.0.iter().zip(&topology.boundary) {
+            // Within two and a half spacings of where the cap was taken off.
+            let far = sign * p[axis] < limit - 2.5 * SPACING;
+            assert!(!(far && *boundary), "{p} is not at the rim");
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 12, ..ProptestConfig::default() })]
+
+    /// How the body lies does not matter.
+    #[test]
+    fn a_turned_net_is_closed(turn in common::rotation(), shift in [-0.5..0.5, -0.5..0.5, 0.2..0.8f64]) {
+        let (points, normals) = ellipsoid(COUNT, AXES);
+        let points = points.iter().map(|p| turn * p + Vector3::from(shift)).collect();
+        let normals = normals.iter().map(|n| turn * n).collect();
+        prop_assert_eq!(judge(&(points, normals)).obstacle(), None);
+    }
+
+    /// Wherever 2 to 3 % are missing, it is open.
+    #[test]
+    fn a_patch_of_two_percent_is_missed(centre in 0..COUNT, share in 0.02..0.03f64) {
+        let whole = ellipsoid(COUNT, AXES);
+        let gone = patch(&whole, centre, share);
+        prop_assert!(!judge(&without(&whole, &gone)).is_closed());
+    }
+
+    /// The same on a flat side of a slab.
+    #[test]
+    fn a_patch_of_a_slab_is_missed(centre in 0..1000usize, share in 0.02..0.03f64) {
+        let whole = slab();
+        let gone = patch(whole, centre % whole.0.len(), share);
+        prop_assert!(!judge(&without(whole, &gone)).is_closed());
+    }
+
+    /// A second sheet over a tenth of the surface, 2 to 4 spacings off it: what a slip of the tracking leaves.
+    #[test]
+    fn a_second_sheet_is_not_closed(centre in 0..COUNT, off in 2.0..4.0f64) {
+        let whole = ellipsoid(COUNT, AXES);
+        let over = patch(&whole, centre, 0.1);
+        let topology = judge(&with_sheet(&whole, &over, off * SPACING));
+        prop_assert!(!topology.is_closed(), "strays {}", topology.strays);
+    }
+
+    /// A blister encloses a cavity of its own; it does not make up for a hole on the other side.
+    #[test]
+    fn a_blister_does_not_close_what_is_open(centre in 0..COUNT, off in 0.8..3.0f64) {
+        let whole = ellipsoid(COUNT, AXES);
+        let opposite = (0..COUNT)
+            .min_by(|a, b| whole.0[*a].coords.dot(&whole.0[centre].coords).total_cmp(&whole.0[*b].coords.dot(&whole.0[centre].coords)))
+            .unwrap();
+        let blistered = with_sheet(&whole, &patch(&whole, centre, 0.1), off * SPACING);
+        let open = without(&blistered, &patch(&whole, opposite, 0.05));
+        prop_assert!(!judge(&open).is_closed());
+    }
+}
+
+/// A sheet that stands off is called by its name.
+#[test]
+fn strays_are_named() {
+    let whole = ellipsoid(COUNT, AXES);
+    let over = patch(&whole, 100, 0.08);
+    let topology = judge(&with_sheet(&whole, &over, 3.0 * SPACING));
+    assert!(topology.strays > 0.03, "{}", topology.strays);
+    assert!(matches!(
+        topology.obstacle(),
+        Some(Obstacle::Strays(_) | Obstacle::Betti(_))
+    ));
+}
+
+/// Turning a model over changes no verdict.
+#[test]
+fn reflections_keep_the_verdict() {
+    let flip = Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let (points, normals) = slab();
+    let turned = (
+        points.iter().map(|p| flip * p).collect(),
+        normals.iter().map(|n| flip * n).collect(),
+    );
+    assert!(judge(&turned).is_closed());
+}
