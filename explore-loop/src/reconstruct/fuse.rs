@@ -10,6 +10,7 @@
 //! material as an old vertex keeps its identity and history.
 
 use super::fill::Columns;
+use super::ReconstructOptions;
 use super::keyframe::Keyframe;
 use super::matching::Posed;
 use super::track::{Track, cell_tree, to_rest};
@@ -57,13 +58,26 @@ struct Fused {
     weight: f64,
 }
 
-/// Fuses the rest shape of a track anew.
-pub(crate) fn refuse(track: &mut Track, table: &Plane, spacing: f64) {
+/// Fuses the rest shape of a track anew: once from the poses as they were tracked, and again from poses fitted to that shape.
+pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOptions) {
+    let rounds: usize = std::env::var("ROUNDS").ok().and_then(|v| v.parse().ok()).unwrap_or(2);
+    for round in 0..rounds {
+        if round > 0 {
+            track.refit_keyframes(options);
+        }
+        if !refuse_once(track, table, options.spacing) {
+            return;
+        }
+    }
+}
+
+/// One round; false when too little came of it.
+fn refuse_once(track: &mut Track, table: &Plane, spacing: f64) -> bool {
     track.keyframes.extend(track.body.lattice());
     let samples = samples(track);
     let fused = fuse(&samples, table, spacing);
     if fused.len() < super::view::FEWEST {
-        return;
+        return false;
     }
     adopt(track, &fused, spacing);
     let keep = supported(track, spacing);
@@ -71,6 +85,7 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, spacing: f64) {
     track.settle_edges(spacing);
     track.pose();
     refill(track, spacing);
+    true
 }
 
 /// Fills the lattice anew from the closed surface through the fused vertices, if one can be drawn.

@@ -3,7 +3,8 @@
 use super::view::FrameView;
 use crate::cell::ArmState;
 use std::sync::Arc;
-use topo_ekf::body::{Lattice, Pose};
+use nalgebra::Point3;
+use topo_ekf::body::{Embedding, Lattice, Pose};
 
 /// Most keyframes kept.
 const MOST: usize = 26;
@@ -14,6 +15,8 @@ pub(crate) struct Keyframe {
     pub view: Arc<FrameView>,
     pub pose: Pose,
     pub arms: Vec<ArmState>,
+    /// Places held, and where they were.
+    pub grips: Vec<(Embedding, Point3<f64>)>,
     /// Whether the object rested.
     pub at_rest: bool,
     pub frame: u32,
@@ -50,6 +53,11 @@ impl Keyframes {
     /// All of them.
     pub fn all(&self) -> &[Keyframe] {
         &self.kept
+    }
+
+    /// All of them, to be changed.
+    pub fn all_mut(&mut self) -> &mut [Keyframe] {
+        &mut self.kept
     }
 
     /// Brings the poses up to a lattice that has grown.

@@ -47,6 +47,15 @@ impl Gates {
         }
     }
 
+    /// For a frame that was fitted before.
+    pub fn again(progress: Progress) -> Self {
+        let t = progress.share;
+        Self {
+            gate: 0.012 * (1.0 - t) + 0.008 * t,
+            tukey: 0.008 * (1.0 - t) + 0.005 * t,
+        }
+    }
+
     /// For judging a finished frame.
     pub const JUDGE: Self = Self {
         gate: 0.008,

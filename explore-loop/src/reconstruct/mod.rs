@@ -203,7 +203,7 @@ impl Reconstructor {
     /// None today; a fusion that cannot be made leaves the model as it was.
     pub fn consolidate(&mut self, table: &Plane) -> Result<(), Error> {
         if let Some(track) = self.track.as_mut().filter(|_| self.handled) {
-            fuse::refuse(track, table, self.options.spacing);
+            fuse::refuse(track, table, &self.options);
             self.handled = track.is_held();
         }
         Ok(())
@@ -284,7 +284,7 @@ impl Reconstructor {
         }
         if self.handled && (rests || (takes_hold && self.free)) && track.keyframes.all().len() > 3 {
             let started = Instant::now();
-            fuse::refuse(track, table, options.spacing);
+            fuse::refuse(track, table, options);
             report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
             report.fused = true;
             self.handled = false;

@@ -355,9 +355,30 @@ impl Track {
             view,
             pose: self.body.pose().clone(),
             arms: arms.to_vec(),
+            grips: self.grips_now(arms),
             at_rest,
             frame: self.frame,
         });
+    }
+
+    /// Fits the poses of the keyframes anew to their clouds, now that the shape is known better. A pose that cannot be fitted stays.
+    pub fn refit_keyframes(&mut self, options: &ReconstructOptions) {
+        let mut keyframes = std::mem::take(&mut self.keyframes);
+        for keyframe in keyframes.all_mut().iter_mut().filter(|k| k.frame > 0) {
+            let (model, embeddings, view) = (&self.model, &self.embeddings, &keyframe.view);
+            let frame = BodyFrame::new(&keyframe.grips, embeddings);
+            let refitted = self.body.refit(&keyframe.pose, &frame, &mut |lattice, pose, progress| {
+                let posed = Posed::new(model, embeddings, lattice, pose);
+                let gates = Gates::again(progress);
+                let (facing, spacing) = (options.min_facing, options.spacing);
+                let found = matches(&posed, &model.times_seen, view, gates, facing, spacing);
+                rows(&found, embeddings, view)
+            });
+            if let Ok(pose) = refitted {
+                keyframe.pose = pose;
+            }
+        }
+        self.keyframes = keyframes;
     }
 
     /// Fills every cell as far as the columns say, and lets the body stand where they do.

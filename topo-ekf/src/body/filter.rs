@@ -247,6 +247,40 @@ impl BodyFilter {
         }
     }
 
+    /// Fits an earlier pose anew to its frame, after the lattice has learnt its shape; the body itself stays as it is.
+    ///
+    /// # Errors
+    /// As [`Self::step`]; a pose of another lattice.
+    pub fn refit(
+        &mut self,
+        pose: &Pose,
+        frame: &BodyFrame<'_>,
+        observe: &mut dyn FnMut(&Lattice, &Pose, Progress) -> Vec<Row>,
+    ) -> Result<Pose, Error> {
+        let mut earlier = pose.clone();
+        earlier.extend(&self.lattice);
+        let nodes = self.lattice.rest().len();
+        if earlier.live.len() != nodes {
+            return Err(Error::Length {
+                what: "nodes of the pose",
+                found: earlier.live.len(),
+                expected: nodes,
+            });
+        }
+        let kept = self.state.clone();
+        self.state = State {
+            pose: earlier,
+            velocity: vec![Vector3::zeros(); nodes],
+            raised: vec![Vector3::zeros(); nodes],
+            falling: 0,
+            held: false,
+            idle: false,
+        };
+        let outcome = self.step(frame, observe, &mut |_, _| {});
+        let fitted = std::mem::replace(&mut self.state, kept);
+        outcome.map(|_| fitted.pose)
+    }
+
     fn check(&self, frame: &BodyFrame<'_>) -> Result<(), Error> {
         for (index, foot) in self.feet.iter().enumerate() {
             foot.check(index, &self.lattice)?;
