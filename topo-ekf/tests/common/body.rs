@@ -1,6 +1,13 @@
 //! A dense oracle for the body filter, written from the definitions: stiffness by quadrature, rotations by singular values, Newton's
 //! method with a dense factor. It shares no code with the crate.
 
+#![allow(
+    dead_code,
+    missing_docs,
+    clippy::unwrap_used,
+    reason = "each test file uses its own part"
+)]
+
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 use topo_ekf::Plane;
 use topo_ekf::body::{Embedding, Lattice};
