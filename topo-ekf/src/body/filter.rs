@@ -164,7 +164,11 @@ impl BodyFilter {
 
     /// The cell at a place, made if there is none; its fill is at least `fill` (held within 0 and 1), since surface was seen in it.
     pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
-        let fill = fill.max(0.0).min(1.0);
+        let fill = if fill.is_nan() {
+            0.0
+        } else {
+            fill.clamp(0.0, 1.0)
+        };
         let known = self.lattice.cell_at(place);
         let cell = known.unwrap_or_else(|| {
             let cell = self.lattice.ensure(place);
@@ -709,6 +713,7 @@ impl BodyFilter {
 }
 
 /// What to give back if a step fails.
+#[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 enum Kept {
     /// The normal equations of the last step; the pattern serves again.
     Same(Solved),

@@ -32,7 +32,7 @@ pub fn skin(lattice: &Lattice) -> Vec<(Embedding, usize)> {
     let mut skin = vec![];
     for (c, cell) in lattice.cells().iter().enumerate() {
         for face in 0..6 {
-            let (axis, side) = (face / 2, (face % 2) as i32);
+            let (axis, side) = (face / 2, i32::from(face % 2 == 1));
             let mut beside = cell.place;
             beside[axis] += 2 * side - 1;
             if lattice.cell_at(beside).is_none() {
