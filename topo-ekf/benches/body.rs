@@ -1,10 +1,11 @@
-//! Frames of the body filter.
+//! Parts of a frame of the body filter at 140, 600 and 2,057 nodes: one step and nothing else, four steps, contact with the table and its
+//! projection, fitting of rotations, covariances.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a benchmark")]
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use topo_ekf::Plane;
-use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Row};
+use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Pose, Row};
 
 const SIZE: f64 = 0.016;
 /// Cells of a block along each axis: 140, 600 and 2,057 nodes.
@@ -44,56 +45,67 @@ fn block([nx, ny, nz]: [i32; 3]) -> (Lattice, Vec<Embedding>) {
     (lattice, surface)
 }
 
-fn steps(c: &mut Criterion) {
+fn parts(c: &mut Criterion) {
     let mut group = c.benchmark_group("body");
-    let table = Plane {
-        normal: UnitVector3::new_unchecked(Vector3::z()),
-        offset: 0.0,
-    };
+    let up = UnitVector3::new_unchecked(Vector3::z());
     for of in BLOCKS {
         let (lattice, surface) = block(of);
         let nodes = lattice.rest().len();
-        let up = UnitVector3::new_normalize(Vector3::new(0.3, 0.2, 1.0));
-        for (name, steps) in [("one", 1), ("four", 4)] {
+        let askew = UnitVector3::new_normalize(Vector3::new(0.3, 0.2, 1.0));
+        // Under the body there is nothing, or it is pressed onto the table so that a good many points lie lower.
+        for (name, steps, offset) in [
+            ("one_step", 1, 1.0),
+            ("four_steps", 4, 1.0),
+            ("four_steps_table_and_projection", 4, 0.0),
+        ] {
+            let table = Plane { normal: up, offset };
             let options = BodyOptions::default()
                 .with_steps(steps)
                 .with_presteps(0)
                 .with_tolerance(0.0);
             let mut filter = BodyFilter::new(lattice.clone(), table, &options).unwrap();
+            if offset > 0.0 {
+                filter.set_feet(vec![]);
+            }
             let grip = Embedding::new(0, [0.5; 3]);
             let mut k = 0;
             group.bench_function(BenchmarkId::new(name, nodes), |b| {
                 b.iter(|| {
-                    let lift = 1e-3 * f64::from((k % 40) as i32 - 20).abs();
+                    let lift = 1e-3 * f64::from(k % 40 - 20).abs();
                     k += 1;
                     let held = [(grip, Point3::new(0.008, 0.008, 0.008 + lift))];
-                    let frame = BodyFrame::new(&held, &surface);
+                    let observe = |lattice: &Lattice, pose: &Pose| {
+                        let seen = |at: &Embedding| {
+                            let target = pose.position(lattice, at) + Vector3::new(1e-4, 0.0, 1e-4);
+                            Row::along(*at, target, askew, 1e6)
+                        };
+                        surface.iter().map(seen).collect()
+                    };
                     filter
                         .step(
-                            &frame,
-                            &mut |lattice, pose, _| {
-                                surface
-                                    .iter()
-                                    .map(|at| {
-                                        Row::along(
-                                            *at,
-                                            pose.position(lattice, at)
-                                                + Vector3::new(1e-4, 0.0, 1e-4),
-                                            up,
-                                            1e6,
-                                        )
-                                    })
-                                    .collect()
-                            },
+                            &BodyFrame::new(&held, &surface),
+                            &mut |lattice, pose, _| observe(lattice, pose),
                             &mut |_, _| {},
                         )
                         .unwrap()
                 });
             });
+            if steps == 1 {
+                let mut pose = filter.pose().clone();
+                group.bench_function(BenchmarkId::new("fit_rotations", nodes), |b| {
+                    b.iter(|| pose.fit_turns(&lattice));
+                });
+                let few = &surface[..surface.len().min(20)];
+                for (name, points) in [("sigmas_20_points", few), ("sigmas_surface", &surface)] {
+                    group.bench_function(BenchmarkId::new(name, nodes), |b| {
+                        b.iter(|| filter.marginal_sigmas(points).unwrap());
+                    });
+                }
+            }
         }
     }
     group.finish();
 }
 
-criterion_group!(benches, steps);
+criterion_group!(benches, parts);
 criterion_main!(benches);

@@ -165,7 +165,11 @@ impl BodyFilter {
 
     /// The cell at a place, made with the given fill (held within 0 and 1) if there is none: surface was seen in it.
     pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
-        let fill = fill.max(0.0).min(1.0);
+        let fill = if fill.is_nan() {
+            0.0
+        } else {
+            fill.clamp(0.0, 1.0)
+        };
         let known = self.lattice.cell_at(place);
         known.unwrap_or_else(|| {
             let cell = self.lattice.ensure(place);
@@ -740,6 +744,7 @@ impl BodyFilter {
 }
 
 /// What to give back if a step fails.
+#[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 enum Kept {
     /// The normal equations of the last step; the pattern serves again.
     Same(Solved),

@@ -1,6 +1,13 @@
 //! A dense oracle for the body filter, written from the definitions: stiffness by quadrature, rotations by singular values, Newton's
 //! method with a dense factor. It shares no code with the crate.
 
+#![allow(
+    dead_code,
+    missing_docs,
+    clippy::unwrap_used,
+    reason = "each test file uses its own part"
+)]
+
 use nalgebra::{DMatrix, DVector, Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 use topo_ekf::Plane;
 use topo_ekf::body::{Embedding, Lattice};
@@ -25,7 +32,7 @@ pub fn skin(lattice: &Lattice) -> Vec<(Embedding, usize)> {
     let mut skin = vec![];
     for (c, cell) in lattice.cells().iter().enumerate() {
         for face in 0..6 {
-            let (axis, side) = (face / 2, (face % 2) as i32);
+            let (axis, side) = (face / 2, i32::from(face % 2 == 1));
             let mut beside = cell.place;
             beside[axis] += 2 * side - 1;
             if lattice.cell_at(beside).is_none() {
