@@ -142,6 +142,16 @@ impl CanonicalModel {
         heir
     }
 
+    /// Gives all vertices but those of the first frame identities that `other` never used.
+    pub(crate) fn rename_after(&mut self, other: &Self) {
+        let first = self.born.iter().take_while(|b| **b == 0).count();
+        let shift = other.next_id;
+        for id in &mut self.ids[first..] {
+            *id += shift;
+        }
+        self.next_id += shift;
+    }
+
     /// Mean of the live positions, or the origin when empty.
     pub fn live_centre(&self) -> Point3<f64> {
         let sum: Vector3<f64> = self.live.iter().map(|p| p.coords).sum();

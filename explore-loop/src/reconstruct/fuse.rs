@@ -9,8 +9,8 @@
 //! The window, not the mean: one view that was tracked out of place makes a second peak, not a compromise. What is the same
 //! material as an old vertex keeps its identity and history.
 
-use super::fill::Columns;
 use super::ReconstructOptions;
+use super::fill::Columns;
 use super::keyframe::Keyframe;
 use super::matching::Posed;
 use super::track::{Track, cell_tree, to_rest};
@@ -41,6 +41,9 @@ const SUNK: f64 = 0.004;
 /// Evidence below which a vertex goes.
 const REFUTED: f64 = -1.5;
 
+/// Rounds of fitting the poses and fusing.
+const ROUNDS: usize = 2;
+
 /// A point of a keyframe at rest.
 struct Sample {
     place: Point3<f64>,
@@ -60,8 +63,7 @@ struct Fused {
 
 /// Fuses the rest shape of a track anew: once from the poses as they were tracked, and again from poses fitted to that shape.
 pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOptions) {
-    let rounds: usize = std::env::var("ROUNDS").ok().and_then(|v| v.parse().ok()).unwrap_or(2);
-    for round in 0..rounds {
+    for round in 0..ROUNDS {
         if round > 0 {
             track.refit_keyframes(options);
         }

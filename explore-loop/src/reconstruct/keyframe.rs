@@ -2,8 +2,8 @@
 
 use super::view::FrameView;
 use crate::cell::ArmState;
-use std::sync::Arc;
 use nalgebra::Point3;
+use std::sync::Arc;
 use topo_ekf::body::{Embedding, Lattice, Pose};
 
 /// Most keyframes kept.

@@ -102,11 +102,20 @@ const STILL: usize = 3;
 const LOST: f64 = 0.004;
 const LOST_SHARE: f64 = 0.3;
 
+/// Share of the inside that a hollow body is taken to be filled with.
+const HOLLOW: f64 = 0.02;
+/// Held frames and motion, metres, before one of the hypotheses is chosen, and how much better the hollow one has to be.
+const DECIDE_FRAMES: usize = 12;
+const DECIDE_MOTION: f64 = 0.035;
+const CLEARLY: f64 = 0.65;
+
 /// Builds the canonical model frame by frame.
 pub struct Reconstructor {
     options: ReconstructOptions,
     empty: CanonicalModel,
     track: Option<Track>,
+    /// The same frames followed as a hollow body, until one of the two has predicted them better.
+    rival: Option<Track>,
     first: Option<DepthGrid>,
     frame: u32,
     /// Whether the body was held since the shape was last fused.
@@ -128,6 +137,7 @@ impl Reconstructor {
             options,
             empty: CanonicalModel::default(),
             track: None,
+            rival: None,
             first: None,
             frame: 0,
             handled: false,
@@ -234,12 +244,18 @@ impl Reconstructor {
     ) -> Result<Track, Error> {
         let mut track = Track::begin(&view, table, &self.options, Fill { inner: 1.0 })?;
         self.first = Some(view.depth.clone());
-        track.keep_keyframe(Arc::new(view), &observation.arms, true);
-        track.take_grips(&observation.arms, self.options.grip_radius);
+        let hollow = Fill { inner: HOLLOW };
+        let mut rival = Track::begin(&view, table, &self.options, hollow)?;
+        let view = Arc::new(view);
+        for hypothesis in [&mut track, &mut rival] {
+            hypothesis.keep_keyframe(Arc::clone(&view), &observation.arms, true);
+            hypothesis.take_grips(&observation.arms, self.options.grip_radius);
+        }
+        self.rival = Some(rival);
         Ok(track)
     }
 
-    /// Every later frame.
+    /// Every later frame: both hypotheses, for as long as there are two.
     fn follow(
         &mut self,
         track: &mut Track,
@@ -248,12 +264,34 @@ impl Reconstructor {
         table: &Plane,
         report: &mut FrameReport,
     ) -> Result<(), Error> {
-        let options = &self.options;
+        let view = Arc::new(view);
+        let frame = Frame {
+            view: &view,
+            observation,
+            table,
+            first: self.first.as_ref(),
+            options: &self.options,
+        };
         let started = Instant::now();
-        track.follow(&view, &observation.arms, options)?;
+        let rival = &mut self.rival;
+        // Two hypotheses, two threads: each sees only its own, so the bits do not depend on it.
+        let (own, other) = std::thread::scope(|scope| {
+            let other = rival
+                .as_mut()
+                .map(|rival| scope.spawn(|| follow_one(rival, &frame)));
+            let own = follow_one(track, &frame);
+            let other = other.map(|handle| handle.join());
+            (own, other)
+        });
         report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
+        report.added = own?;
+        // A hypothesis that cannot follow is refuted.
+        if !matches!(other, Some(Ok(Ok(_)))) {
+            self.rival = None;
+        }
+        self.decide(track);
         report.residual = track.residual;
-        report.overlap = track.share;
+        report.overlap = track.share.min(1.0);
         if track.residual > LOST || track.share < LOST_SHARE {
             report.failure = Some(format!(
                 "lost: {:.1} mm off, {:.0} % of what should be seen is",
@@ -261,38 +299,70 @@ impl Reconstructor {
                 100.0 * track.share
             ));
         }
-        if let Some(first) = &self.first
-            && track.fits()
-            && !track.body.is_falling()
-        {
-            for vertex in grow::grown(track, &view, &track.seen, first, table, options.spacing) {
-                track.push(vertex);
-                report.added += 1;
-            }
-            if report.added > 0 {
-                track.settle_edges(options.spacing);
-            }
-        }
         let takes_hold = track.takes_hold(&observation.arms);
         let rests = track.still == STILL;
-        let view = Arc::new(view);
-        let travelled = track.keyframes.travel(track.moved);
-        let moved_on =
-            track.fits() && !track.body.is_falling() && travelled > options.keyframe_motion;
-        if rests || (track.still < STILL && moved_on) {
-            track.keep_keyframe(Arc::clone(&view), &observation.arms, track.still >= STILL);
-        }
         if self.handled && (rests || (takes_hold && self.free)) && track.keyframes.all().len() > 3 {
             let started = Instant::now();
-            fuse::refuse(track, table, options);
+            fuse::refuse(track, table, &self.options);
             report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
             report.fused = true;
             self.handled = false;
+            // What has been turned over and seen from both sides is no hypothesis any more.
+            self.rival = None;
         }
-        track.take_grips(&observation.arms, options.grip_radius);
+        for hypothesis in std::iter::once(&mut *track).chain(self.rival.as_mut()) {
+            hypothesis.take_grips(&observation.arms, self.options.grip_radius);
+        }
         self.free = !track.is_held();
         self.handled |= track.is_held();
         report.measured.clone_from(&track.seen);
         Ok(())
     }
+
+    /// Once the body was carried far enough, keeps the hypothesis that predicted the frames better from grips, table and weight alone; the
+    /// hollow one has to be clearly better.
+    fn decide(&mut self, track: &mut Track) {
+        let Some(rival) = &self.rival else { return };
+        if rival.held_frames() < DECIDE_FRAMES || track.carried() < DECIDE_MOTION {
+            return;
+        }
+        let better = rival.mean_innovation() < CLEARLY * track.mean_innovation();
+        if let Some(rival) = self.rival.take().filter(|_| better) {
+            let old = std::mem::replace(track, rival);
+            track.renamed_after(&old);
+        }
+    }
+}
+
+/// What both hypotheses are given.
+struct Frame<'a> {
+    view: &'a Arc<FrameView>,
+    observation: &'a Observation,
+    table: &'a Plane,
+    first: Option<&'a DepthGrid>,
+    options: &'a ReconstructOptions,
+}
+
+/// Brings one hypothesis to a frame, grows it, keeps the frame if it is worth it; how many vertices were added.
+fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
+    let (options, arms) = (frame.options, &frame.observation.arms);
+    track.follow(frame.view, arms, options)?;
+    let learns = track.fits() && !track.body.is_falling();
+    let mut added = 0;
+    if let Some(first) = frame.first.filter(|_| learns) {
+        let (seen, spacing) = (&track.seen, options.spacing);
+        for vertex in grow::grown(track, frame.view, seen, first, frame.table, spacing) {
+            track.push(vertex);
+            added += 1;
+        }
+        if added > 0 {
+            track.settle_edges(spacing);
+        }
+    }
+    let travelled = track.keyframes.travel(track.moved);
+    let moved_on = learns && travelled > options.keyframe_motion;
+    if track.still == STILL || (track.still < STILL && moved_on) {
+        track.keep_keyframe(Arc::clone(frame.view), arms, track.still >= STILL);
+    }
+    Ok(added)
 }

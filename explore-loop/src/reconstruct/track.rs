@@ -48,16 +48,15 @@ pub(crate) struct Track {
     pub residual: f64,
     /// Share of the vertices that face the camera and are seen.
     pub share: f64,
-    /// Mean distance of the data from what grips, table and weight predicted, metres; `None` when nothing is held.
-    pub innovation: Option<f64>,
     /// Mean move of the nodes in the last frame, metres.
     pub moved: f64,
     /// Frames in a row without motion and without grips.
     pub still: usize,
-    /// Steps of the filter in the last frame.
-    pub solves: usize,
     grips: Vec<Option<Grip>>,
     frame: u32,
+    /// Innovation of every frame in which the body was held, metres.
+    innovations: Vec<f64>,
+    carried: f64,
 }
 
 impl Track {
@@ -83,12 +82,12 @@ impl Track {
             seen: Vec::new(),
             residual: 0.0,
             share: 1.0,
-            innovation: None,
             moved: 0.0,
             still: 0,
-            solves: 0,
             grips: Vec::new(),
             frame: 0,
+            innovations: Vec::new(),
+            carried: 0.0,
         };
         // Poisson-disc thinning keeps the spacing even where the voxel grid does not.
         let apart = 0.85 * options.spacing;
@@ -157,8 +156,10 @@ impl Track {
             },
         )?;
         let found = look(self.body.lattice(), self.body.pose(), Gates::JUDGE);
-        self.innovation = innovation;
-        self.solves = report.solves;
+        if let Some(innovation) = innovation {
+            self.innovations.push(innovation);
+            self.carried += report.moved;
+        }
         self.moved = report.moved;
         self.pose();
         self.judge(&found, view, options.spacing);
@@ -239,8 +240,15 @@ impl Track {
     pub fn take_grips(&mut self, arms: &[ArmState], radius: f64) {
         self.grips.resize_with(arms.len(), || None);
         for (k, arm) in arms.iter().enumerate() {
+            let finite = arm
+                .camera_from_tip
+                .to_homogeneous()
+                .iter()
+                .all(|x| x.is_finite());
             if !arm.holding {
                 self.grips[k] = None;
+            } else if !finite {
+                // Taken as soon as the arm says where it is.
             } else if self.grips[k].is_none() {
                 let tip = Point3::from(arm.camera_from_tip.translation.vector);
                 let mut near: Vec<(f64, usize)> = self
@@ -268,6 +276,22 @@ impl Track {
         arms.iter()
             .enumerate()
             .any(|(k, a)| a.holding && unknown(k))
+    }
+
+    /// Frames in which the body was held, so that grips, table and weight alone predicted it.
+    pub fn held_frames(&self) -> usize {
+        self.innovations.len()
+    }
+
+    /// Mean innovation over the later half of the held frames, metres.
+    pub fn mean_innovation(&self) -> f64 {
+        let late = &self.innovations[self.innovations.len() / 2..];
+        late.iter().sum::<f64>() / late.len().max(1) as f64
+    }
+
+    /// How far the body has moved while held, metres.
+    pub fn carried(&self) -> f64 {
+        self.carried
     }
 
     /// Whether some arm holds the body, as far as is known.
@@ -367,13 +391,16 @@ impl Track {
         for keyframe in keyframes.all_mut().iter_mut().filter(|k| k.frame > 0) {
             let (model, embeddings, view) = (&self.model, &self.embeddings, &keyframe.view);
             let frame = BodyFrame::new(&keyframe.grips, embeddings);
-            let refitted = self.body.refit(&keyframe.pose, &frame, &mut |lattice, pose, progress| {
-                let posed = Posed::new(model, embeddings, lattice, pose);
-                let gates = Gates::again(progress);
-                let (facing, spacing) = (options.min_facing, options.spacing);
-                let found = matches(&posed, &model.times_seen, view, gates, facing, spacing);
-                rows(&found, embeddings, view)
-            });
+            let refitted =
+                self.body
+                    .refit(&keyframe.pose, &frame, &mut |lattice, pose, progress| {
+                        let posed = Posed::new(model, embeddings, lattice, pose);
+                        let gates = Gates::again(progress);
+                        let (facing, spacing) = (options.min_facing, options.spacing);
+                        let found =
+                            matches(&posed, &model.times_seen, view, gates, facing, spacing);
+                        rows(&found, embeddings, view)
+                    });
             if let Ok(pose) = refitted {
                 keyframe.pose = pose;
             }
@@ -392,6 +419,11 @@ impl Track {
         if !feet.is_empty() {
             self.body.set_feet(feet);
         }
+    }
+
+    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.
+    pub fn renamed_after(&mut self, other: &Self) {
+        self.model.rename_after(&other.model);
     }
 
     /// Keeps the vertices marked.
