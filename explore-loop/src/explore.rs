@@ -134,6 +134,8 @@ pub struct Outcome {
     pub manipulations: usize,
     /// Topology at the end.
     pub topology: Topology,
+    /// Stiffness over weight `E / (ρ g)` of the object as it was estimated from how it sags, m, once something was lifted.
+    pub stiffness_over_weight: Option<f64>,
 }
 
 /// Explores the object in a cell.
@@ -157,7 +159,7 @@ enum State {
     Manipulate(ManipulationPlan),
     Lower(ManipulationPlan),
     Release(ManipulationPlan),
-    Done(Outcome),
+    Done(Box<Outcome>),
 }
 
 /// Most frames to wait for the object to rest.
@@ -227,7 +229,7 @@ impl<'a> Explorer<'a> {
                 State::Manipulate(plan) => self.manipulate(plan)?,
                 State::Lower(plan) => self.lower(plan)?,
                 State::Release(plan) => self.release(&plan)?,
-                State::Done(outcome) => return Ok(outcome),
+                State::Done(outcome) => return Ok(*outcome),
             };
         }
     }
@@ -538,11 +540,12 @@ impl<'a> Explorer<'a> {
     }
 
     fn done(&self, stop: Stop, topology: Topology) -> State {
-        State::Done(Outcome {
+        State::Done(Box::new(Outcome {
             stop,
             manipulations: self.manipulations,
             topology,
-        })
+            stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
+        }))
     }
 }
 

@@ -158,9 +158,10 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         simplices: complex.simplices,
         surface: None,
     };
-    topology.surface = match topology.is_closed() {
-        true => drawn,
-        false => drawn.map(|s| s.trimmed()),
+    topology.surface = if topology.is_closed() {
+        drawn
+    } else {
+        drawn.map(|s| s.trimmed())
     };
     Ok(topology)
 }

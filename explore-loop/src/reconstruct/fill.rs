@@ -128,6 +128,8 @@ impl Columns {
     pub fn occupancy(&self, place: [i32; 3]) -> Occupancy {
         let part = 1.0 / f64::from(ALONG);
         std::array::from_fn(|k| {
+            // One of 64 parts.
+            #[allow(clippy::cast_possible_wrap)]
             let k = k as i32;
             let key = [
                 place[0] * ALONG + k % ALONG,

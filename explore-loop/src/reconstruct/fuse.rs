@@ -120,8 +120,8 @@ fn samples(track: &Track) -> Vec<Sample> {
             if turned < FACING {
                 continue;
             }
-            let Some(at) =
-                to_rest(lattice, &keyframe.pose, point, &cells).filter(|at| at.outside <= OUTSIDE)
+            let Some(at) = to_rest(lattice, &keyframe.pose, point, cells.as_ref())
+                .filter(|at| at.outside <= OUTSIDE)
             else {
                 continue;
             };

@@ -67,7 +67,7 @@ pub(crate) fn grown(
             continue;
         }
         let Some(at) = track
-            .to_rest(point, &cells)
+            .to_rest(point, cells.as_ref())
             .filter(|a| a.outside <= OUTSIDE)
         else {
             continue;

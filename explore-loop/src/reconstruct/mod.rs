@@ -159,6 +159,12 @@ impl Reconstructor {
         ))
     }
 
+    /// Stiffness over weight `E / (ρ g)` of the object, m, as estimated from how it sags; `None` before it was lifted.
+    pub fn stiffness_over_weight(&self) -> Option<f64> {
+        let body = &self.track.as_ref().filter(|t| t.held_frames() > 0)?.body;
+        Some(1.0 / body.weight_over_stiffness())
+    }
+
     /// Volume of the material that is taken to be there, m³: filled under the first view, and from the closed surface since that is known.
     pub fn volume(&self) -> f64 {
         self.track.as_ref().map_or(0.0, |t| {
@@ -187,7 +193,7 @@ impl Reconstructor {
             (Some(view), None) => {
                 let track = self.begin(view, observation, table)?;
                 report.added = track.model.len();
-                report.measured = track.seen.clone();
+                report.measured.clone_from(&track.seen);
                 self.track = Some(track);
             }
             (Some(view), Some(mut track)) => {
@@ -280,7 +286,7 @@ impl Reconstructor {
                 .as_mut()
                 .map(|rival| scope.spawn(|| follow_one(rival, &frame)));
             let own = follow_one(track, &frame);
-            let other = other.map(|handle| handle.join());
+            let other = other.map(std::thread::ScopedJoinHandle::join);
             (own, other)
         });
         report.registration_ms = started.elapsed().as_secs_f64() * 1e3;

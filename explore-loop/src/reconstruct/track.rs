@@ -313,7 +313,7 @@ impl Track {
     pub fn to_rest(
         &self,
         point: &Point3<f64>,
-        cells: &Option<ImmutableKdTree<f64, 3>>,
+        cells: Option<&ImmutableKdTree<f64, 3>>,
     ) -> Option<AtRest> {
         to_rest(self.body.lattice(), self.body.pose(), point, cells)
     }
@@ -335,9 +335,9 @@ pub(crate) fn to_rest(
     lattice: &Lattice,
     pose: &topo_ekf::body::Pose,
     point: &Point3<f64>,
-    cells: &Option<ImmutableKdTree<f64, 3>>,
+    cells: Option<&ImmutableKdTree<f64, 3>>,
 ) -> Option<AtRest> {
-    let near = graph::near(cells.as_ref()?, point, 3.0 * lattice.size(), CELLS_TRIED);
+    let near = graph::near(cells?, point, 3.0 * lattice.size(), CELLS_TRIED);
     let firm = near
         .into_iter()
         .map(|(c, _)| c as u32)

@@ -2,6 +2,7 @@
 
 use crate::Failure;
 use explore_loop::Error;
+use explore_loop::canonical::closed_surface::ClosedSurface;
 use explore_loop::canonical::topology::Topology;
 use explore_loop::canonical::{CanonicalModel, surface};
 use explore_loop::measure::{MeasureError, MeshMeasures, Sampling, Spread, Surface, TrueSurface};
@@ -61,10 +62,21 @@ impl OutputFolder {
         self.write("frames.csv", [frames::HEADER, lines].concat().as_bytes())
     }
 
-    /// Writes `canonical.ply`: the mesh of the model at rest, with normals.
+    /// Writes `canonical.ply`: the mesh of the model at rest, with normals and what is known of each vertex ([`FinalMesh`]).
     pub fn mesh(&self, mesh: &FinalMesh) -> Result<(), Failure> {
         let mut text = Vec::new();
-        ply::write_mesh(&mut text, &mesh.vertices, &mesh.normals, &mesh.triangles)?;
+        let further: Vec<(&str, &[f64])> = mesh
+            .further
+            .iter()
+            .map(|(name, values)| (*name, &values[..]))
+            .collect();
+        ply::write_mesh_with(
+            &mut text,
+            &mesh.vertices,
+            &mesh.normals,
+            &mesh.triangles,
+            &further,
+        )?;
         Ok(self.write("canonical.ply", &text)?)
     }
 
@@ -116,7 +128,11 @@ impl OutputFolder {
 }
 
 /// The mesh that is written, measured and drawn: the only place that says how the model becomes a surface.
+///
+/// With each vertex goes, from the nearest vertex of the model that faces alike: `support`, its distance, m; `first_seen`, the frame in which it
+/// entered the model; `confidence`, 0 to 1, by how often it was seen and how near it is.
 pub struct FinalMesh {
+    further: Vec<(&'static str, Vec<f64>)>,
     vertices: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     triangles: Vec<[u32; 3]>,
@@ -127,11 +143,13 @@ impl FinalMesh {
     pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         match &topology.surface {
             Some(surface) => Self {
+                further: known(model, surface, spacing),
                 vertices: surface.vertices.clone(),
                 normals: surface.normals.clone(),
                 triangles: surface.triangles.clone(),
             },
             None => Self {
+                further: Vec::new(),
                 vertices: model.rest.clone(),
                 normals: model.rest_normals.clone(),
                 triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
@@ -155,6 +173,41 @@ impl FinalMesh {
             Sampling::default(),
         )
     }
+}
+
+/// Frames after which a vertex counts as well seen.
+const OFTEN: f64 = 10.0;
+
+/// What the model knows of the vertices of its surface.
+fn known(
+    model: &CanonicalModel,
+    surface: &ClosedSurface,
+    spacing: f64,
+) -> Vec<(&'static str, Vec<f64>)> {
+    let at = |v: &u32| (*v as usize) < model.len();
+    let born = |v: &u32| {
+        if at(v) {
+            f64::from(model.born[*v as usize])
+        } else {
+            f64::NAN
+        }
+    };
+    let trust = |(v, distance): (&u32, &f64)| {
+        if !at(v) {
+            return 0.0;
+        }
+        let times = f64::from(model.times_seen[*v as usize]);
+        (times / (times + OFTEN)) * (-(distance / spacing).powi(2)).exp()
+    };
+    let (nearest, distance) = (&surface.nearest, &surface.distance);
+    vec![
+        ("support", distance.clone()),
+        ("first_seen", nearest.iter().map(born).collect()),
+        (
+            "confidence",
+            nearest.iter().zip(distance).map(trust).collect(),
+        ),
+    ]
 }
 
 /// First seen early: blue; late: yellow.
@@ -255,6 +308,12 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
             },
         ),
         ("slide", metrics.slide_m.map_or_else(unknown, mm)),
+        (
+            "stiffness over weight",
+            metrics
+                .stiffness_over_weight
+                .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
+        ),
     ]
 }
 

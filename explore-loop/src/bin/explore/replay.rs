@@ -199,6 +199,7 @@ fn metrics(
         registration_ms: Timing::of(&log.registration),
         frame_ms: Timing::of(&log.frames),
         vertices: reconstructor.model().len(),
+        stiffness_over_weight: reconstructor.stiffness_over_weight(),
         robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
         wall_s: started.elapsed().as_secs_f64(),
         ..Metrics::default()

@@ -240,6 +240,7 @@ impl<'a> Recorder<'a> {
             registration_ms: Timing::of(&self.registration),
             frame_ms: Timing::of(&self.frames),
             vertices: self.model.len(),
+            stiffness_over_weight: outcome.stiffness_over_weight,
             robot_time_s: self.last_stamp,
             wall_s: started.elapsed().as_secs_f64(),
             ..Metrics::default()
