@@ -29,9 +29,6 @@ pub enum Error {
     /// The filter refused its input.
     #[error("filter: {0}")]
     Filter(#[from] topo_ekf::Error),
-    /// The deformation field refused its input.
-    #[error("deformation field: {0}")]
-    Field(#[from] gpwrm::Error),
     /// The complex could not be built.
     #[error("topology: {0}")]
     Complex(#[from] cech_complex::Error),

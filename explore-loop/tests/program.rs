@@ -246,7 +246,7 @@ fn the_mesh_is_measured() {
     for key in ["slide_m", "prediction_error_m", "prediction_error_held_m"] {
         assert!(metrics[key].as_f64().unwrap() > 0.0);
     }
-    assert!(metrics["stiffness_over_weight"].is_null());
+    assert!(metrics["stiffness_over_weight"].as_f64().unwrap() > 0.0);
     let mesh = &metrics["mesh"];
     assert!(mesh["watertight"].is_boolean() && mesh["euler"].is_i64());
     for key in ["open_edges", "non_manifold_edges", "components"] {
@@ -351,10 +351,13 @@ fn the_model_is_a_watertight_mesh_with_unit_normals() {
     let run = &twice()[0];
     let ply = Ply::parse(&run.files["canonical.ply"]);
     for vertex in &ply.vertices {
-        let [x, y, z, nx, ny, nz] = vertex[..] else {
-            panic!("{vertex:?} is not a position and a normal")
+        let [x, y, z, nx, ny, nz, support, first_seen, confidence] = vertex[..] else {
+            panic!("{vertex:?} is not a position, a normal and what is known of it")
         };
         assert!([x, y, z].iter().all(|v| v.is_finite()));
+        // A closed surface: all of it within reach of a point that was seen.
+        assert!((0.0..0.01).contains(&support), "{support}");
+        assert!(first_seen >= 0.0 && (0.0..=1.0).contains(&confidence));
         // Six decimals a component: the length is off by at most √3 · 0.5e-6.
         assert!(((nx * nx + ny * ny + nz * nz).sqrt() - 1.0).abs() < 1e-6);
     }

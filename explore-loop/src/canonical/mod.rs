@@ -122,15 +122,22 @@ impl CanonicalModel {
     }
 
     /// A model of other vertices that takes over identities, history and cuts: each vertex with the index of the one whose material it
-    /// is, if any, those in ascending order and the new ones behind them.
-    pub(crate) fn inherited(&self, vertices: &[(NewVertex, Option<usize>)], frame: u32) -> Self {
+    /// is, if any, those in ascending order and the new ones behind them; and the frame in which surface was first seen there.
+    pub(crate) fn inherited(
+        &self,
+        vertices: &[(NewVertex, Option<usize>, u32)],
+        frame: u32,
+    ) -> Self {
         let mut heir = Self {
             cuts: self.cuts.clone(),
             next_id: self.next_id,
             ..Self::default()
         };
-        for (vertex, from) in vertices {
+        for (vertex, from, first_seen) in vertices {
             heir.push(*vertex, frame);
+            if let Some(born) = heir.born.last_mut() {
+                *born = *first_seen;
+            }
             if let (Some(from), Some(at)) = (*from, heir.len().checked_sub(1)) {
                 heir.next_id -= 1;
                 heir.ids[at] = self.ids[from];

@@ -280,7 +280,16 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     }
     // Identities ascend along the model: heirs in their order, then the new ones.
     heirs.sort_by_key(|(k, from)| (from.map_or(usize::MAX, |i| i), *k));
-    let order: Vec<(NewVertex, Option<usize>)> = heirs
+    // Surface that was known is not new because its vertices stand elsewhere.
+    let first_seen = |vertex: &Fused| -> u32 {
+        let near = tree.as_ref().map_or_else(Vec::new, |tree| {
+            graph::near(tree, &vertex.place, 1.5 * spacing, 12)
+        });
+        let same = |i: &usize| old.rest_normals[*i].dot(&vertex.normal) > 0.3;
+        let known = near.into_iter().map(|(i, _)| i).find(same);
+        known.map_or(track.frame(), |i| old.born[i])
+    };
+    let order: Vec<(NewVertex, Option<usize>, u32)> = heirs
         .into_iter()
         .map(|(k, from)| {
             let vertex = NewVertex {
@@ -289,7 +298,7 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
                 live: fused[k].place,
                 rotation: nalgebra::Matrix3::identity(),
             };
-            (vertex, from)
+            (vertex, from, first_seen(&fused[k]))
         })
         .collect();
     track.model = old.inherited(&order, track.frame());

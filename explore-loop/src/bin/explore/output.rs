@@ -92,9 +92,36 @@ impl OutputFolder {
         Ok(self.write("truth.ply", &text)?)
     }
 
-    /// Writes a picture of the model at rest from six sides, coloured by when each part was first seen.
+    /// Writes a picture of the model's vertices at rest from six sides, coloured by when each part was first seen.
     pub fn picture(&self, name: &str, model: &CanonicalModel, spacing: f64) -> Result<(), Error> {
         self.draw(name, model, &model.rest, spacing)
+    }
+
+    /// The same of the surface that is written.
+    pub fn surface_picture(&self, name: &str, mesh: &FinalMesh) -> Result<(), Error> {
+        let first_seen = mesh.further.iter().find(|(name, _)| *name == "first_seen");
+        let born: Vec<f64> = first_seen.map_or_else(Vec::new, |(_, values)| values.clone());
+        let last = born
+            .iter()
+            .copied()
+            .filter(|b| b.is_finite())
+            .fold(1.0, f64::max);
+        let at = |i: usize| {
+            born.get(i)
+                .copied()
+                .filter(|b| b.is_finite())
+                .unwrap_or(0.0)
+        };
+        let colours: Vec<picture::Rgb> = (0..mesh.vertices.len())
+            .map(|i| mix(at(i) / last))
+            .collect();
+        let drawing = picture::Drawing {
+            points: &mesh.vertices,
+            triangles: &mesh.triangles,
+            colours: &colours,
+        };
+        let path = self.file(name);
+        picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
     }
 
     /// The same in the live frame.
@@ -211,16 +238,17 @@ fn known(
 }
 
 /// First seen early: blue; late: yellow.
-fn colours(model: &CanonicalModel) -> Vec<picture::Rgb> {
-    let last = model.born.iter().copied().max().unwrap_or(0).max(1);
+fn mix(share: f64) -> picture::Rgb {
     let early = [60.0, 110.0, 200.0];
     let late = [250.0, 200.0, 60.0];
-    let mix = |share: f64| std::array::from_fn(|c| (early[c] + share * (late[c] - early[c])) as u8);
-    model
-        .born
-        .iter()
-        .map(|b| mix(f64::from(*b) / f64::from(last)))
-        .collect()
+    std::array::from_fn(|c| (early[c] + share * (late[c] - early[c])) as u8)
+}
+
+/// Colours of the vertices of a model by when they were first seen.
+fn colours(model: &CanonicalModel) -> Vec<picture::Rgb> {
+    let last = model.born.iter().copied().max().unwrap_or(0).max(1);
+    let share = |b: &u32| f64::from(*b) / f64::from(last);
+    model.born.iter().map(|b| mix(share(b))).collect()
 }
 
 /// Prints the closing table: a name and a value a line.

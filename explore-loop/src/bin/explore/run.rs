@@ -192,7 +192,8 @@ impl<'a> Recorder<'a> {
         ));
         if self.args.pictures {
             let k = self.shapes.len() - 1;
-            self.out.picture(&format!("rest_{k}.png"), model, spacing)?;
+            let mesh = FinalMesh::of(model, topology, spacing);
+            self.out.surface_picture(&format!("rest_{k}.png"), &mesh)?;
             self.out
                 .live_picture(&format!("live_{k}.png"), model, spacing)?;
         }
