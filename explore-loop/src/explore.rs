@@ -168,7 +168,7 @@ const SETTLE: usize = 25;
 const MISSES: usize = 4;
 
 impl<'a> Explorer<'a> {
-    /// An exploration of what lies in `cell`, with our stages.
+    /// An exploration of what lies in `cell`, with the default reconstruction.
     ///
     /// # Errors
     /// A spacing that is not a length.
@@ -188,7 +188,7 @@ impl<'a> Explorer<'a> {
         ))
     }
 
-    /// The same with a reconstruction of the caller's, made of stages of the caller's.
+    /// The same with a reconstruction of the caller's, with settings of the caller's.
     pub fn with_reconstructor(
         cell: &'a mut dyn Cell,
         planner: &'a mut dyn Planner,

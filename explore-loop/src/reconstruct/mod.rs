@@ -124,7 +124,7 @@ pub struct Reconstructor {
 }
 
 impl Reconstructor {
-    /// With our stages.
+    /// Nothing seen yet.
     ///
     /// # Errors
     /// A spacing that is not positive and finite.
@@ -290,11 +290,11 @@ impl Reconstructor {
             (own, other)
         });
         report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
-        report.added = own?;
-        // A hypothesis that cannot follow is refuted.
-        if !matches!(other, Some(Ok(Ok(_)))) {
+        // A hypothesis that cannot follow is refuted, and one that went on alone is a frame ahead.
+        if own.is_err() || !matches!(other, Some(Ok(Ok(_)))) {
             self.rival = None;
         }
+        report.added = own?;
         self.decide(track);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
