@@ -144,6 +144,12 @@ impl Columns {
         })
     }
 
+    /// Volume of the material, in cells.
+    pub fn volume(&self) -> f64 {
+        let heights = self.spans.values().flatten().map(|s| s[1] - s[0]);
+        heights.sum::<f64>() / f64::from(ALONG * ALONG)
+    }
+
     /// Places of all cells that have material in them.
     pub fn places(&self) -> std::collections::BTreeSet<[i32; 3]> {
         let mut places = std::collections::BTreeSet::new();

@@ -40,7 +40,7 @@ mod view;
 pub struct ReconstructOptions {
     /// Spacing ε of the model, metres.
     pub spacing: f64,
-    /// Edge of the cells that carry the body, metres.
+    /// Edge of the cells that carry the body, metres; larger for a body of more than 300 cells.
     pub cell: f64,
     /// Vertices within this distance of a tip when its jaw closes move with it, metres.
     pub grip_radius: f64,

@@ -22,6 +22,8 @@ const SEEN_ASIDE: f64 = 1.2;
 const WEIGH_EVERY: u32 = 4;
 /// Cells whose inverse map is tried for a point.
 const CELLS_TRIED: usize = 24;
+/// Most cells' worth of material in a body.
+const MOST_CELLS: f64 = 300.0;
 /// Fewest vertices a jaw is taken to hold.
 const LEAST_HELD: usize = 4;
 
@@ -366,7 +368,13 @@ fn filled(
     let centre = Point3::from(sum / view.points.len().max(1) as f64);
     let origin = centre - normal.into_inner() * table.height(&centre);
     let mut lattice = Lattice::new(options.cell, origin, axes);
-    let columns = Columns::under(view, &lattice, options.spacing);
+    let mut columns = Columns::under(view, &lattice, options.spacing);
+    // A large body gets larger cells: the time of a frame grows faster than their number.
+    let crowd = columns.volume() / MOST_CELLS;
+    if crowd > 1.0 {
+        lattice = Lattice::new(options.cell * crowd.cbrt(), origin, axes);
+        columns = Columns::under(view, &lattice, options.spacing);
+    }
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
     columns.fill(&mut lattice, &surface, fill.inner);
     let feet = columns.feet(&lattice);
