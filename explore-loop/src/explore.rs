@@ -1,4 +1,4 @@
-//! The exploration as a state machine (METHOD §9).
+//! The exploration as a state machine.
 //!
 //! ```text
 //!   Home ─► Look ─► Decide ─┬─► Reach ─► Grasp ─► Manipulate ─► Lower ─► Release ─┐
@@ -275,7 +275,7 @@ impl<'a> Explorer<'a> {
     fn decide(&mut self) -> Result<State, Error> {
         self.enter(Phase::Decide)?;
         let table = self.cell.info().table;
-        self.reconstructor.consolidate(&table)?;
+        self.reconstructor.consolidate(&table);
         let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
         self.tell(Event::Topology(&topology))?;
         if topology.is_closed() {
@@ -549,7 +549,7 @@ impl<'a> Explorer<'a> {
     }
 }
 
-/// Ramps up to full pace, and down while the residual is high or registration fails (METHOD §9).
+/// Ramps up to full pace, and down while the residual is high or registration fails.
 fn next_pace(pace: f64, report: &FrameReport, spacing: f64) -> f64 {
     if report.failure.is_some() || report.residual > 0.4 * spacing {
         (0.5 * pace).max(0.15)

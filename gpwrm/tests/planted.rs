@@ -18,7 +18,7 @@ fn saddle() -> Vec<Point3<f64>> {
 }
 
 /// A bend of 20 mm over 110 mm, with its gradient: on the surface the field is right to some hundredths of a mm, a
-/// spacing off it to half a mm (FINDINGS: .023 and .48 to .52 mm at the same spacing and size of motion).
+/// spacing off it to half a mm (measured before: .023 and .48 to .52 mm at the same spacing and size of motion).
 #[test]
 fn a_bend_is_followed_on_and_off_the_surface() {
     let nodes = saddle();

@@ -1,8 +1,8 @@
-//! Cutting distorted edges (METHOD §6).
+//! Cutting distorted edges: those that glue places which only touched.
 //!
 //! Two places that touch look like one surface: an edge glues them. When the object opens, the ends of such an edge move
 //! apart. With the turn of the surface taken out (a rigid turn moves the ends differently, too), the first
-//! measure of METHOD §6 is
+//! measure of the paper (section on homeomorphic reconstruction, eq. 19) is
 //!
 //! ```text
 //! A1(i, j) = ‖ (x_j − x_i) − R_i (X_j − X_i) ‖ ,        cut where A1 > 3 ε and both ends are measured

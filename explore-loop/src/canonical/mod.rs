@@ -20,7 +20,7 @@ pub mod graph;
 pub mod surface;
 pub mod topology;
 
-/// The canonical model of the object (METHOD §7): parallel arrays, one entry a vertex.
+/// The canonical model of the object: parallel arrays, one entry a vertex.
 #[derive(Debug, Clone, Default)]
 pub struct CanonicalModel {
     /// Stable identity of each vertex: never reused, survives removals of others.

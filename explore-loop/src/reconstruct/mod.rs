@@ -1,4 +1,4 @@
-//! The canonical model from a stream of frames (METHOD §5, §7).
+//! The canonical model from a stream of frames.
 //!
 //! ```text
 //! cloud ─► view ─► body from rest to frame ─► judge ─► grow at rest ─► keyframes ─► at rest: fuse all of them anew
@@ -213,16 +213,13 @@ impl Reconstructor {
         Ok(report)
     }
 
-    /// Fuses the rest shape anew if the object was handled since that was last done: before a decision, and at the end of a recording.
-    ///
-    /// # Errors
-    /// None today; a fusion that cannot be made leaves the model as it was.
-    pub fn consolidate(&mut self, table: &Plane) -> Result<(), Error> {
+    /// Fuses the rest shape anew if the object was handled since that was last done: before a decision, and at the end of a recording. A fusion
+    /// that cannot be made leaves the model as it was.
+    pub fn consolidate(&mut self, table: &Plane) {
         if let Some(track) = self.track.as_mut().filter(|_| self.handled) {
             fuse::refuse(track, table, &self.options);
             self.handled = track.is_held();
         }
-        Ok(())
     }
 
     /// Vertices that the camera can see now, judged by the model alone (for planning).

@@ -1,4 +1,4 @@
-//! `metrics.json`: what a run measured, under the names of METHOD §10.
+//! `metrics.json`: what a run measured, under the names of [`crate::measure`].
 
 use crate::measure::{
     FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackingMeasures, TruthMeasures,

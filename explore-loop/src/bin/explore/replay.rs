@@ -74,7 +74,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    reconstructor.consolidate(&cell.info().table)?;
+    reconstructor.consolidate(&cell.info().table);
     let topology = topology::analyse(reconstructor.model(), spacing)?;
     let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
     out.frames(&log.lines)?;
