@@ -82,6 +82,20 @@ pub enum Error {
         /// The first cell that is no longer as it was.
         cell: usize,
     },
+    /// A cell of the lattice is at a place for which no piece was given.
+    #[error("no piece is given for the cell at {place:?}; every cell needs one")]
+    PlaceWithoutPiece {
+        /// The place.
+        place: [i32; 3],
+    },
+    /// Joined pieces that are none, or whose cells share no corner.
+    #[error("joined pair {index}: {pair:?} are not two pieces whose cells share a corner")]
+    NotJoined {
+        /// Position in the list of pairs.
+        index: usize,
+        /// The pair.
+        pair: [usize; 2],
+    },
     /// An edge joins a vertex with itself.
     #[error("edge {index} joins vertex {vertex} with itself")]
     Loop {

@@ -4,37 +4,40 @@
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
 //! outline    at height z the surface turns under; the hidden side is taken to mirror the seen one there, and not to be blunter than a circle:
 //!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
+//! later      sides that come into view lower z, and where the bottom itself was seen it is the bottom
 //! cell       fill = share of its volume that lies in columns
 //! feet       columns whose bottom is on the table, each bearing its own weight
 //! ```
 //! It is the paper's assumption of a solid object, for as long as nobody has seen the other side; once the surface is closed, the columns
 //! come from it ([`Columns::of_mesh`]).
 
-use super::view::FrameView;
 use crate::canonical::graph;
 use nalgebra::{Point3, UnitVector3};
 use std::collections::BTreeMap;
-use topo_ekf::body::{Embedding, Foot, Lattice, Occupancy};
+use topo_ekf::body::{Embedding, Foot, Lattice};
 
 /// Columns along the edge of a cell.
-const ALONG: i32 = 4;
+pub(crate) const ALONG: i32 = 4;
 /// A column is under the seen surface when a point of the cloud lies this close beside it, in spacings.
 const BESIDE: f64 = 0.85;
 /// Steepest slope that a point of the cloud continues with: rise over run.
 const STEEPEST: f64 = 1.5;
+/// Least vertical part of the normal of surface that is the top or the bottom of a column.
+const UPWARD: f64 = 0.3;
+/// Surface whose normal points down by less than this has not turned under yet.
+const SIDEWAYS: f64 = 0.1;
+/// How far beside a column at the outline the side of the body is looked for, in spacings, and at how many points most.
+const SIDE: f64 = 1.5;
+const SIDE_POINTS: usize = 40;
+const SKIN: i32 = 2;
 /// Columns whose bottom is lower than this stand on the table, metres.
 const STANDS: f64 = 0.0012;
 /// Fill of a cell of which nothing is known but that surface is in it.
 pub(crate) const LEAST: f64 = 0.12;
 /// Share that every part of a cell holds at least: the nodes of an empty cell must stay where something holds them.
-const EMPTY: f64 = 0.05;
+pub(crate) const EMPTY: f64 = 0.05;
 /// Cells with less material than this, and no surface, are left out.
-const SKIPPED: f64 = 0.02;
-
-/// Share of a cell that is filled.
-pub(crate) fn share(occupancy: &Occupancy) -> f64 {
-    occupancy.iter().sum::<f64>() / occupancy.len() as f64
-}
+pub(crate) const SKIPPED: f64 = 0.02;
 
 /// Spans of material above places on the table, in cells.
 pub(crate) struct Columns {
@@ -44,35 +47,32 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    /// Under the first view, in the frame of an (empty) lattice.
-    pub fn under(view: &FrameView, lattice: &Lattice, spacing: f64) -> Self {
+    /// Under what was seen: `first` are points and normals of the first view, `later` those that the surface has grown by, at rest.
+    pub fn under(first: Seen<'_>, later: Seen<'_>, lattice: &Lattice, spacing: f64) -> Self {
         let size = lattice.size();
-        let into = |p: &Point3<f64>| {
-            let (place, xi) = lattice.locate(p);
-            [0, 1, 2].map(|a| (f64::from(place[a]) + xi[a]) * size)
-        };
-        let local: Vec<[f64; 3]> = view.points.iter().map(into).collect();
-        let normals: Vec<UnitVector3<f64>> = view
-            .normals
-            .iter()
-            .map(|n| lattice.axes().inverse() * n)
-            .collect();
-        let flat: Vec<Point3<f64>> = local.iter().map(|p| Point3::new(p[0], p[1], 0.0)).collect();
-        let Some(tree) = graph::tree(&flat) else {
-            return Self {
-                size,
-                spans: BTreeMap::new(),
-            };
-        };
-        let tops = tops(&local, &normals, &tree, size, spacing);
-        let rim = rim(&tops);
+        let (first, later) = (Local::new(first, lattice), Local::new(later, lattice));
         let pitch = size / f64::from(ALONG);
+        let tops = first.heights(pitch, spacing, |_| true);
+        let rim = rim(&tops);
+        let mut bottoms: BTreeMap<[i32; 2], f64> = tops
+            .iter()
+            .map(|(key, top)| (*key, rounded(*key, *top, &rim, pitch).min(*top)))
+            .collect();
+        for (p, n) in later.points.iter().zip(&later.normals) {
+            let flat = n.xy().norm();
+            if n.z.abs() > 0.7 { continue; }
+            for k in 1..=SKIN {
+                let d = f64::from(k) * pitch;
+                let at = [p.x - n.x / flat * d, p.y - n.y / flat * d];
+                let key = at.map(|x| (x / pitch).floor() as i32);
+                if let Some(bottom) = bottoms.get_mut(&key) {
+                    *bottom = bottom.min(p.z.max(0.0));
+                }
+            }
+        }
         let spans = tops
             .iter()
-            .map(|(key, top)| {
-                let bottom = rounded(*key, *top, &rim, pitch);
-                (*key, vec![[bottom.min(*top) / size, top / size]])
-            })
+            .map(|(key, top)| (*key, vec![[bottoms[key] / size, top / size]]))
             .collect();
         Self { size, spans }
     }
@@ -124,67 +124,15 @@ impl Columns {
         Self { size, spans }
     }
 
-    /// Which parts of the cell at `place` are filled.
-    pub fn occupancy(&self, place: [i32; 3]) -> Occupancy {
-        let part = 1.0 / f64::from(ALONG);
-        std::array::from_fn(|k| {
-            // One of 64 parts.
-            #[allow(clippy::cast_possible_wrap)]
-            let k = k as i32;
-            let key = [
-                place[0] * ALONG + k % ALONG,
-                place[1] * ALONG + k / ALONG % ALONG,
-            ];
-            let low = f64::from(place[2]) + f64::from(k / (ALONG * ALONG)) * part;
-            let spans = self.spans.get(&key).into_iter().flatten();
-            let filled: f64 = spans
-                .map(|span| (span[1].min(low + part) - span[0].max(low)).max(0.0))
-                .sum();
-            filled / part
-        })
+    /// The spans of every column, ascending, in cells.
+    pub fn spans(&self) -> &BTreeMap<[i32; 2], Vec<[f64; 2]>> {
+        &self.spans
     }
 
     /// Volume of the material, in cells.
     pub fn volume(&self) -> f64 {
         let heights = self.spans.values().flatten().map(|s| s[1] - s[0]);
         heights.sum::<f64>() / f64::from(ALONG * ALONG)
-    }
-
-    /// Places of all cells that have material in them.
-    pub fn places(&self) -> std::collections::BTreeSet<[i32; 3]> {
-        let mut places = std::collections::BTreeSet::new();
-        for (key, spans) in &self.spans {
-            for span in spans {
-                let [low, high] = [span[0].floor() as i32, span[1].floor() as i32];
-                for k in low..=high {
-                    places.insert([key[0].div_euclid(ALONG), key[1].div_euclid(ALONG), k]);
-                }
-            }
-        }
-        places
-    }
-
-    /// Makes the cells that have material or are named, and fills all cells of the lattice: those in `surface` with what is in them, the others with
-    /// `inner` times that.
-    pub fn fill(
-        &self,
-        lattice: &mut Lattice,
-        surface: &std::collections::BTreeSet<[i32; 3]>,
-        inner: f64,
-    ) {
-        for place in self.places().union(surface) {
-            if surface.contains(place) || share(&self.occupancy(*place)) > SKIPPED {
-                lattice.ensure(*place);
-            }
-        }
-        for cell in 0..lattice.cells().len() as u32 {
-            let place = lattice.cells()[cell as usize].place;
-            let scale = if surface.contains(&place) { 1.0 } else { inner };
-            let occupancy = self.occupancy(place).map(|o| (o * scale).max(EMPTY));
-            lattice.set_fill(cell, 1.0, 1.0);
-            let full = occupancy.iter().all(|o| *o >= 1.0 - 1e-9);
-            lattice.set_occupancy(cell, (!full).then_some(occupancy));
-        }
     }
 
     /// Where the body stands on the table: the bottoms of the columns that reach it; the lowest when none does.
@@ -208,14 +156,18 @@ impl Columns {
                 at[1].floor() as i32,
                 bottom.floor() as i32,
             ];
-            let Some(cell) = lattice.cell_at(place) else {
-                continue;
-            };
             let xi = [
                 at[0] - f64::from(place[0]),
                 at[1] - f64::from(place[1]),
                 bottom - f64::from(place[2]),
             ];
+            // The copy whose material stands there.
+            let gap = |cell: u32| lattice.away(cell, &xi);
+            let copies = lattice.copies(place).iter().copied();
+            let Some(cell) = copies.min_by(|&a, &b| gap(a).total_cmp(&gap(b)).then(a.cmp(&b)))
+            else {
+                continue;
+            };
             let load: f64 = spans.iter().map(|s| s[1] - s[0]).sum();
             feet.push(Foot {
                 at: Embedding::new(cell, xi),
@@ -226,48 +178,107 @@ impl Columns {
     }
 }
 
-/// Heights of the seen surface over the columns, metres.
-fn tops(
-    local: &[[f64; 3]],
-    normals: &[UnitVector3<f64>],
-    tree: &kiddo::ImmutableKdTree<f64, 3>,
-    size: f64,
-    spacing: f64,
-) -> BTreeMap<[i32; 2], f64> {
-    let pitch = size / f64::from(ALONG);
-    let reach = BESIDE * spacing;
-    let mut near = std::collections::BTreeSet::new();
-    let cells = (reach / pitch).ceil() as i32;
-    for p in local {
-        let key = [(p[0] / pitch).floor() as i32, (p[1] / pitch).floor() as i32];
-        for x in -cells..=cells {
-            for y in -cells..=cells {
-                near.insert([key[0] + x, key[1] + y]);
-            }
-        }
-    }
-    let mut tops = BTreeMap::new();
-    for key in near {
-        let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
-        let at = Point3::new(middle[0], middle[1], 0.0);
-        let (mut sum, mut total) = (0.0, 0.0);
-        for (i, distance) in graph::near(tree, &at, reach, 4) {
-            let n = &normals[i];
-            let run = [middle[0] - local[i][0], middle[1] - local[i][1]];
-            let rise = -(n.x * run[0] + n.y * run[1]) / n.z.max(0.1);
-            let rise = rise.clamp(-STEEPEST * distance, STEEPEST * distance);
-            let weight = 1.0 / (distance + 0.1 * pitch);
-            sum += (local[i][2] + rise) * weight;
-            total += weight;
-        }
-        if total > 0.0 && sum > 0.0 {
-            tops.insert(key, sum / total);
-        }
-    }
-    tops
+/// Oriented points of the surface at rest.
+#[derive(Clone, Copy)]
+pub(crate) struct Seen<'a> {
+    pub points: &'a [Point3<f64>],
+    pub normals: &'a [UnitVector3<f64>],
 }
 
-/// Columns at the outline, and the height of the surface there, metres.
+impl Seen<'_> {
+    /// Nothing.
+    pub const NOTHING: Self = Self {
+        points: &[],
+        normals: &[],
+    };
+}
+
+/// The same in the frame of the lattice, metres.
+struct Local {
+    points: Vec<Point3<f64>>,
+    normals: Vec<UnitVector3<f64>>,
+    /// Over the table.
+    flat: Option<kiddo::ImmutableKdTree<f64, 3>>,
+}
+
+impl Local {
+    fn new(seen: Seen<'_>, lattice: &Lattice) -> Self {
+        let size = lattice.size();
+        let into = |p: &Point3<f64>| {
+            let (place, xi) = lattice.locate(p);
+            Point3::from([0, 1, 2].map(|a| (f64::from(place[a]) + xi[a]) * size))
+        };
+        let points: Vec<Point3<f64>> = seen.points.iter().map(into).collect();
+        let normals = seen.normals.iter();
+        let flat: Vec<Point3<f64>> = points.iter().map(|p| Point3::new(p.x, p.y, 0.0)).collect();
+        Self {
+            normals: normals.map(|n| lattice.axes().inverse() * n).collect(),
+            flat: graph::tree(&flat),
+            points,
+        }
+    }
+
+    /// Heights over the columns of the surface whose normal is `of_kind`, metres.
+    fn heights(
+        &self,
+        pitch: f64,
+        spacing: f64,
+        of_kind: impl Fn(&UnitVector3<f64>) -> bool,
+    ) -> BTreeMap<[i32; 2], f64> {
+        let Some(tree) = &self.flat else {
+            return BTreeMap::new();
+        };
+        let reach = BESIDE * spacing;
+        let mut near = std::collections::BTreeSet::new();
+        let cells = (reach / pitch).ceil() as i32;
+        for (p, n) in self.points.iter().zip(&self.normals) {
+            if !of_kind(n) {
+                continue;
+            }
+            let key = [(p.x / pitch).floor() as i32, (p.y / pitch).floor() as i32];
+            for x in -cells..=cells {
+                for y in -cells..=cells {
+                    near.insert([key[0] + x, key[1] + y]);
+                }
+            }
+        }
+        let mut heights = BTreeMap::new();
+        for key in near {
+            let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
+            let at = Point3::new(middle[0], middle[1], 0.0);
+            let (mut sum, mut total) = (0.0, 0.0);
+            for (i, distance) in graph::near(tree, &at, reach, 4) {
+                let (p, n) = (&self.points[i], &self.normals[i]);
+                if !of_kind(n) {
+                    continue;
+                }
+                let run = [middle[0] - p.x, middle[1] - p.y];
+                let steep = if n.z < 0.0 { n.z.min(-0.1) } else { n.z.max(0.1) };
+                let rise = -(n.x * run[0] + n.y * run[1]) / steep;
+                let rise = rise.clamp(-STEEPEST * distance, STEEPEST * distance);
+                let weight = 1.0 / (distance + 0.1 * pitch);
+                sum += (p.z + rise) * weight;
+                total += weight;
+            }
+            if total > 0.0 && sum > 0.0 {
+                heights.insert(key, sum / total);
+            }
+        }
+        heights
+    }
+
+    /// Height of the lowest point near a column whose normal does not point down, metres.
+    fn lowest_side(&self, key: [i32; 2], pitch: f64, spacing: f64) -> Option<f64> {
+        let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
+        let at = Point3::new(middle[0], middle[1], 0.0);
+        let near = graph::near(self.flat.as_ref()?, &at, SIDE * spacing, SIDE_POINTS);
+        let side = near.into_iter().filter(|(i, _)| self.normals[*i].z > -SIDEWAYS);
+        let lowest = side.map(|(i, _)| self.points[i].z).min_by(f64::total_cmp);
+        lowest.map(|z| z.max(0.0))
+    }
+}
+
+/// Columns at the outline, and the height at which the surface turns under there, as far down as it was seen, metres.
 fn rim(tops: &BTreeMap<[i32; 2], f64>) -> Vec<([i32; 2], f64)> {
     const BESIDE: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
     let ends = |key: &[i32; 2]| {

@@ -99,7 +99,7 @@ fn refill(track: &mut Track, spacing: f64) {
         return;
     };
     let columns = Columns::of_mesh(&surface.vertices, &surface.triangles, track.body.lattice());
-    track.refill(&columns);
+    track.refill(&columns, 1.0);
 }
 
 /// All points of all keyframes at rest.
@@ -304,8 +304,8 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     track.model = old.inherited(&order, track.frame());
     track.embeddings = (0..track.model.len())
         .map(|i| {
-            let rest = track.model.rest[i];
-            track.embed(&rest)
+            let (rest, normal) = (track.model.rest[i], track.model.rest_normals[i]);
+            track.embed(&rest, &normal)
         })
         .collect();
     track.seen = vec![false; track.model.len()];

@@ -11,6 +11,8 @@
 //! |---|---|
 //! | `view` | what does the frame show? |
 //! | `matching` | which point does each vertex meet? |
+//! | `fill` | where is its material? |
+//! | `pieces` | what of it is connected within a cell? |
 //! | `track` | where is the body now? |
 //! | `grow` | which points extend it, and where do they lie at rest? |
 //! | `keyframe` | which frames are kept? |
@@ -31,6 +33,7 @@ mod fuse;
 mod grow;
 mod keyframe;
 mod matching;
+mod pieces;
 mod track;
 mod view;
 
@@ -120,6 +123,8 @@ pub struct Reconstructor {
     frame: u32,
     /// Whether the body was held since the shape was last fused.
     handled: bool,
+    /// Whether the shape was ever fused.
+    fused: bool,
     free: bool,
 }
 
@@ -141,6 +146,7 @@ impl Reconstructor {
             first: None,
             frame: 0,
             handled: false,
+            fused: false,
             free: true,
         })
     }
@@ -218,6 +224,7 @@ impl Reconstructor {
     pub fn consolidate(&mut self, table: &Plane) {
         if let Some(track) = self.track.as_mut().filter(|_| self.handled) {
             fuse::refuse(track, table, &self.options);
+            self.fused = true;
             self.handled = track.is_held();
         }
     }
@@ -273,6 +280,7 @@ impl Reconstructor {
             observation,
             table,
             first: self.first.as_ref(),
+            fused: self.fused,
             options: &self.options,
         };
         let started = Instant::now();
@@ -309,6 +317,7 @@ impl Reconstructor {
             fuse::refuse(track, table, &self.options);
             report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
             report.fused = true;
+            self.fused = true;
             self.handled = false;
             // What has been turned over and seen from both sides is no hypothesis any more.
             self.rival = None;
@@ -343,6 +352,8 @@ struct Frame<'a> {
     observation: &'a Observation,
     table: &'a Plane,
     first: Option<&'a DepthGrid>,
+    /// Whether the body is filled from a closed surface already.
+    fused: bool,
     options: &'a ReconstructOptions,
 }
 
@@ -360,6 +371,9 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
         }
         if added > 0 {
             track.settle_edges(spacing);
+            if !frame.fused && std::env::var("NOFILL").is_err() {
+                track.refill_as_seen(spacing);
+            }
         }
     }
     let travelled = track.keyframes.travel(track.moved);

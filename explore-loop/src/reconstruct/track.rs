@@ -1,8 +1,9 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
 use super::ReconstructOptions;
-use super::fill::{self, Columns};
+use super::fill::{self, Columns, Seen};
 use super::keyframe::{Keyframe, Keyframes};
+use super::pieces::Pieces;
 use super::matching::{Gates, Match, Posed, matches, rows};
 use super::view::FrameView;
 use crate::Error;
@@ -24,6 +25,9 @@ const WEIGH_EVERY: u32 = 4;
 const CELLS_TRIED: usize = 24;
 /// Most cells' worth of material in a body.
 const MOST_CELLS: f64 = 300.0;
+/// The body is filled anew when it has grown by this many vertices, and by one in so many of them.
+const LEAST_GROWN: usize = 30;
+const SHARE_GROWN: usize = 25;
 /// Fewest vertices a jaw is taken to hold.
 const LEAST_HELD: usize = 4;
 
@@ -59,6 +63,9 @@ pub(crate) struct Track {
     /// Innovation of every frame in which the body was held, metres.
     innovations: Vec<f64>,
     carried: f64,
+    fill: Fill,
+    /// Vertices beyond the first view when the body was filled last.
+    filled_with: usize,
 }
 
 impl Track {
@@ -69,7 +76,7 @@ impl Track {
         options: &ReconstructOptions,
         fill: Fill,
     ) -> Result<Self, Error> {
-        let (lattice, feet) = filled(view, table, options, fill);
+        let (lattice, feet) = filled(view, table, options, fill)?;
         let plane = topo_ekf::Plane {
             normal: table.normal,
             offset: table.offset,
@@ -90,6 +97,8 @@ impl Track {
             frame: 0,
             innovations: Vec::new(),
             carried: 0.0,
+            fill,
+            filled_with: 0,
         };
         // Poisson-disc thinning keeps the spacing even where the voxel grid does not.
         let apart = 0.85 * options.spacing;
@@ -113,16 +122,18 @@ impl Track {
 
     /// Adds a vertex and the cell it lies in.
     pub fn push(&mut self, vertex: NewVertex) {
-        let at = self.embed(&vertex.rest);
+        let at = self.embed(&vertex.rest, &vertex.rest_normal);
         self.model.push(vertex, self.frame);
         self.embeddings.push(at);
         self.seen.push(true);
     }
 
-    /// Where a place at rest lies; a full cell is made there if there is none.
-    pub fn embed(&mut self, rest: &Point3<f64>) -> Embedding {
-        let (place, xi) = self.body.lattice().locate(rest);
-        Embedding::new(self.body.ensure(place, fill::LEAST), xi)
+    /// Where a place at rest lies whose material is behind it, against `normal`; a cell is made there if there is none.
+    pub fn embed(&mut self, rest: &Point3<f64>, normal: &UnitVector3<f64>) -> Embedding {
+        embed_beside(self.body.lattice(), rest, normal).unwrap_or_else(|| {
+            let (place, xi) = self.body.lattice().locate(rest);
+            Embedding::new(self.body.ensure(place, fill::LEAST), xi)
+        })
     }
 
     /// Moves the body to a frame and judges the fit.
@@ -359,7 +370,7 @@ fn filled(
     table: &Plane,
     options: &ReconstructOptions,
     fill: Fill,
-) -> (Lattice, Vec<Foot>) {
+) -> Result<(Lattice, Vec<Foot>), Error> {
     let normal = table.normal;
     let (u, v) = crate::canonical::surface::tangents(&normal);
     let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
@@ -367,18 +378,58 @@ fn filled(
     let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
     let centre = Point3::from(sum / view.points.len().max(1) as f64);
     let origin = centre - normal.into_inner() * table.height(&centre);
+    let seen = Seen {
+        points: &view.points,
+        normals: &view.normals,
+    };
+    let under = |lattice: &Lattice| Columns::under(seen, Seen::NOTHING, lattice, options.spacing);
     let mut lattice = Lattice::new(options.cell, origin, axes);
-    let mut columns = Columns::under(view, &lattice, options.spacing);
+    let mut columns = under(&lattice);
     // A large body gets larger cells: the time of a frame grows faster than their number.
     let crowd = columns.volume() / MOST_CELLS;
     if crowd > 1.0 {
         lattice = Lattice::new(options.cell * crowd.cbrt(), origin, axes);
-        columns = Columns::under(view, &lattice, options.spacing);
+        columns = under(&lattice);
     }
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
-    columns.fill(&mut lattice, &surface, fill.inner);
+    let found = Pieces::new(&columns, &lattice, &surface, fill.inner);
+    lattice.set_pieces(&found.pieces, &found.joined)?;
     let feet = columns.feet(&lattice);
-    (lattice, feet)
+    Ok((lattice, feet))
+}
+
+/// How far behind the surface its material is looked for, in cells, and how much nearer material of a neighbouring cell must be than that of a
+/// place's own.
+const BEHIND: f64 = 0.15;
+const NEARER: f64 = 0.15;
+
+/// Where a place of the surface lies, in the material behind it: of the copies of its cell, and of the cells around where the material parts, the one
+/// whose material is nearest.
+fn embed_beside(
+    lattice: &Lattice,
+    rest: &Point3<f64>,
+    normal: &UnitVector3<f64>,
+) -> Option<Embedding> {
+    let (place, xi) = lattice.locate(rest);
+    if !lattice.is_parted(place) {
+        return lattice.cell_at(place).map(|cell| Embedding::new(cell, xi));
+    }
+    let inward = lattice.axes().inverse() * normal.into_inner() * -BEHIND;
+    let mut best: Option<(f64, u32, [f64; 3])> = None;
+    let steps = (0..27).map(|k| [(k + 1) % 3 - 1, (k / 3 + 1) % 3 - 1, (k / 9 + 1) % 3 - 1]);
+    for step in steps {
+        let there = [0, 1, 2].map(|a| place[a] + step[a]);
+        let local = [0, 1, 2].map(|a| xi[a] - f64::from(step[a]));
+        let probe = [0, 1, 2].map(|a| local[a] + inward[a]);
+        for &cell in lattice.copies(there) {
+            let own = if step == [0; 3] { 0.0 } else { NEARER };
+            let gap = lattice.away(cell, &probe) + own;
+            if gap.is_finite() && best.is_none_or(|b| gap < b.0) {
+                best = Some((gap, cell, local));
+            }
+        }
+    }
+    best.map(|(_, cell, local)| Embedding::new(cell, local))
 }
 
 impl Track {
@@ -417,17 +468,77 @@ impl Track {
         self.keyframes = keyframes;
     }
 
-    /// Fills every cell as far as the columns say, and lets the body stand where they do.
-    pub fn refill(&mut self, columns: &Columns) {
+    /// Fills every cell as far as the columns say, parts what is not connected in a cell, and lets the body stand where the columns do.
+    pub fn refill(&mut self, columns: &Columns, inner: f64) {
         let cells = self.body.lattice().cells();
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
-        self.body
-            .edit(|lattice| columns.fill(lattice, &surface, 1.0));
+        let found = Pieces::new(columns, self.body.lattice(), &surface, inner);
+        self.body.edit(|lattice| {
+            // Pieces are given for every place, and joined only where they touch.
+            let _cells = lattice.set_pieces(&found.pieces, &found.joined);
+        });
         let feet = columns.feet(self.body.lattice());
         if !feet.is_empty() {
             self.body.set_feet(feet);
         }
+        self.embed_anew();
+    }
+
+    /// Embeds everything in the copies of the cells as they now are.
+    fn embed_anew(&mut self) {
+        let lattice = self.body.lattice();
+        for (i, at) in self.embeddings.iter_mut().enumerate() {
+            let (rest, normal) = (&self.model.rest[i], &self.model.rest_normals[i]);
+            if let Some(there) = embed_beside(lattice, rest, normal) {
+                *at = there;
+            }
+        }
+        let tree = graph::tree(&self.model.rest);
+        let embeddings = &self.embeddings;
+        // What is held was surface of the model; it stays with the vertex nearest to it.
+        let renew = |grip: &mut Grip| {
+            for (at, _) in grip {
+                let place = lattice.cells()[at.cell as usize].place;
+                if !lattice.is_parted(place) {
+                    continue;
+                }
+                let rest = lattice.rest_at(place, at.xi);
+                let near = tree.as_ref().map(|t| graph::near(t, &rest, f64::INFINITY, 1));
+                if let Some(&(i, _)) = near.as_ref().and_then(|n| n.first()) {
+                    let with = &lattice.cells()[embeddings[i].cell as usize];
+                    let xi = [0, 1, 2].map(|a| f64::from(place[a] - with.place[a]) + at.xi[a]);
+                    *at = Embedding::new(embeddings[i].cell, xi);
+                }
+            }
+        };
+        self.grips.iter_mut().flatten().for_each(renew);
+        self.keyframes.all_mut().iter_mut().for_each(|k| renew(&mut k.grips));
+    }
+
+    /// Fills the body anew from what was seen since the first view, once that has grown by enough.
+    pub fn refill_as_seen(&mut self, spacing: f64) {
+        let later: Vec<usize> = (0..self.model.len()).filter(|&i| self.model.born[i] > 0).collect();
+        let enough = LEAST_GROWN.max(self.model.len() / SHARE_GROWN);
+        if later.len() < self.filled_with + enough {
+            return;
+        }
+        self.filled_with = later.len();
+        let Some(first) = self.keyframes.all().first().map(|k| Arc::clone(&k.view)) else {
+            return;
+        };
+        let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest[i]).collect();
+        let normals: Vec<UnitVector3<f64>> = later.iter().map(|&i| self.model.rest_normals[i]).collect();
+        let first = Seen {
+            points: &first.points,
+            normals: &first.normals,
+        };
+        let later = Seen {
+            points: &points,
+            normals: &normals,
+        };
+        let columns = Columns::under(first, later, self.body.lattice(), spacing);
+        self.refill(&columns, self.fill.inner);
     }
 
     /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.

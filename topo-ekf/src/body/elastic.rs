@@ -50,6 +50,7 @@ pub(crate) struct Elastic {
     frame: Matrix3<f64>,
     system: System,
     nodes: usize,
+    wiring: u32,
     /// For each cell, where the entries of each pair of corners go among the values; one past their end if they are nobody's.
     slots: Vec<[[u32; 9]; PAIRS]>,
     /// Values of the step before, to be used again.
@@ -85,6 +86,7 @@ impl Elastic {
             frame,
             system,
             nodes: lattice.rest().len(),
+            wiring: lattice.wiring,
             slots,
             spare: Vec::new(),
         })
@@ -92,7 +94,12 @@ impl Elastic {
 
     /// Whether this was made for the lattice as it is.
     pub fn fits(&self, lattice: &Lattice) -> bool {
-        self.nodes == lattice.rest().len() && self.elements.fit(lattice)
+        self.nodes == lattice.rest().len() && self.is_wired_as(lattice) && self.elements.fit(lattice)
+    }
+
+    /// Whether the cells that this was made for have the nodes they had.
+    pub fn is_wired_as(&self, lattice: &Lattice) -> bool {
+        self.wiring == lattice.wiring
     }
 
     /// Cells of the lattice this was made for.

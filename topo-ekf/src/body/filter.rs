@@ -213,10 +213,16 @@ impl BodyFilter {
     }
 
     fn follow_lattice(&mut self) {
-        let nodes = self.lattice.rest().len();
+        // What was solved on other nodes says nothing of these.
+        self.last = self.last.take().filter(|(e, _)| e.is_wired_as(&self.lattice));
         self.state.pose.extend(&self.lattice);
-        self.state.velocity.resize(nodes, Vector3::zeros());
-        self.state.raised.resize(nodes, Vector3::zeros());
+        for node in self.state.velocity.len()..self.lattice.rest().len() {
+            let parent = self.lattice.parent(node as u32);
+            let of = |motion: &[Vector3<f64>]| parent.map_or_else(Vector3::zeros, |p| motion[p as usize]);
+            let (velocity, raised) = (of(&self.state.velocity), of(&self.state.raised));
+            self.state.velocity.push(velocity);
+            self.state.raised.push(raised);
+        }
     }
 
     /// One frame. `observe` is asked before every step for the rows that the data make of the present pose; `innovation` is called once on
@@ -665,7 +671,7 @@ impl BodyFilter {
     }
 
     /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and what was expected,
-    /// linearised with the rotations of the cells held. Before the first step: of the body at rest, nothing seen.
+    /// linearised with the rotations of the cells held. Before the first step, and after pieces were parted or joined: nothing seen yet.
     ///
     /// # Errors
     /// Points in cells that the lattice did not have in the last step.

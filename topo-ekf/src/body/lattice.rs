@@ -83,10 +83,18 @@ pub struct Lattice {
     size: f64,
     origin: Point3<f64>,
     axes: Rotation3<f64>,
-    rest: Vec<Point3<f64>>,
-    cells: Vec<Cell>,
-    cell_at: BTreeMap<[i32; 3], u32>,
-    node_at: BTreeMap<[i32; 3], u32>,
+    pub(super) rest: Vec<Point3<f64>>,
+    /// The node that a node was parted from.
+    pub(super) parents: Vec<Option<u32>>,
+    pub(super) cells: Vec<Cell>,
+    /// Copies of the cell at a place.
+    pub(super) cell_at: BTreeMap<[i32; 3], Vec<u32>>,
+    /// Nodes at a corner.
+    pub(super) node_at: BTreeMap<[i32; 3], Vec<u32>>,
+    /// Whether a corner of a cell is more than one node.
+    pub(super) parted: Vec<bool>,
+    /// Times that cells were given other nodes.
+    pub(super) wiring: u32,
 }
 
 impl Lattice {
@@ -98,9 +106,12 @@ impl Lattice {
             origin,
             axes,
             rest: Vec::new(),
+            parents: Vec::new(),
             cells: Vec::new(),
             cell_at: BTreeMap::new(),
             node_at: BTreeMap::new(),
+            parted: Vec::new(),
+            wiring: 0,
         }
     }
 
@@ -124,9 +135,19 @@ impl Lattice {
         &self.cells
     }
 
-    /// The cell at a place.
+    /// The cell at a place; the first copy where there are several.
     pub fn cell_at(&self, place: [i32; 3]) -> Option<u32> {
-        self.cell_at.get(&place).copied()
+        self.copies(place).first().copied()
+    }
+
+    /// The cells at a place: several where pieces of material lie in it that are not connected there ([`Self::set_pieces`]).
+    pub fn copies(&self, place: [i32; 3]) -> &[u32] {
+        self.cell_at.get(&place).map_or(&[], Vec::as_slice)
+    }
+
+    /// The node that a node was parted from ([`Self::set_pieces`]), if so.
+    pub fn parent(&self, node: u32) -> Option<u32> {
+        self.parents.get(node as usize).copied().flatten()
     }
 
     /// Mass of a cell, in full cells; 0 if there is no such cell.
@@ -193,12 +214,13 @@ impl Lattice {
         }
         let nodes = CORNERS.map(|c| {
             let corner = [place[0] + c[0], place[1] + c[1], place[2] + c[2]];
-            if let Some(&node) = self.node_at.get(&corner) {
+            if let Some(&node) = self.node_at.get(&corner).and_then(|n| n.first()) {
                 return node;
             }
             let node = self.rest.len() as u32;
             self.rest.push(self.rest_at(corner, [0.0; 3]));
-            self.node_at.insert(corner, node);
+            self.parents.push(None);
+            self.node_at.insert(corner, vec![node]);
             node
         });
         let cell = self.cells.len() as u32;
@@ -209,7 +231,8 @@ impl Lattice {
             mass: 1.0,
             occupancy: None,
         });
-        self.cell_at.insert(place, cell);
+        self.cell_at.insert(place, vec![cell]);
+        self.parted.push(self.is_parted(place));
         cell
     }
 
@@ -344,10 +367,11 @@ impl Lattice {
         // To the bit: a lattice that only grew was never written there.
         let same = self.size.to_bits() == old.size.to_bits()
             && self.origin == old.origin
-            && self.axes == old.axes;
+            && self.axes == old.axes
+            && self.rest.starts_with(&old.rest);
         let kept = old.cells.iter().zip(&self.cells);
         let first_lost = kept
-            .take_while(|(a, b)| a.nodes == b.nodes && a.place == b.place)
+            .take_while(|(a, b)| a.place == b.place)
             .count();
         if same && first_lost == old.cells.len() {
             return Ok(());

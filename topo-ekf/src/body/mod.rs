@@ -9,6 +9,7 @@
 //! |---|---|
 //! | `cube` | shape functions and stiffness of the unit cube |
 //! | `lattice` | cells and nodes at rest, embedding of points |
+//! | `pieces` | copies of a cell for pieces of material that are not connected in it |
 //! | `pose` | live nodes, rotations, forward and inverse map |
 //! | `row` | equations and inequalities on embedded points |
 //! | `elastic` | energy, forces, assembly and one Gauss–Newton step |
@@ -68,6 +69,7 @@ mod filter;
 mod frame;
 mod lattice;
 mod options;
+mod pieces;
 mod pose;
 mod project;
 mod row;
@@ -79,6 +81,7 @@ pub use filter::BodyFilter;
 pub use frame::{BodyFrame, BodyReport, Progress};
 pub use lattice::{Cell, Embedding, Lattice};
 pub use options::BodyOptions;
+pub use pieces::Piece;
 pub use pose::{AtRest, Pose};
 pub use row::{BodyInequality, Row};
 pub use variance::BodyObservability;

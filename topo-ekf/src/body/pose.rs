@@ -18,6 +18,8 @@ use crate::rotation::nearest_rotation;
 const INVERSE_STEPS: usize = 5;
 /// Farthest a point may lie outside of a cell for the inverse map, in cells.
 const OUTSIDE: f64 = 0.8;
+/// How near a point must be to the material of a piece to be in it, in cells.
+const NEAR: f64 = 0.15;
 /// Share of its volume below which a place counts as folded: its gradient says nothing of the normal.
 const FOLDED: f64 = 0.05;
 /// Cells whose neighbourhood carries a new node along.
@@ -69,7 +71,8 @@ impl Pose {
         }
     }
 
-    /// Adds the nodes and cells that the lattice has gained: carried along rigidly by the four nearest cells.
+    /// Adds the nodes and cells that the lattice has gained: where the node is that they were parted from, else carried along rigidly by the four
+    /// nearest cells.
     ///
     /// # Complexity
     /// New nodes times cells.
@@ -96,7 +99,9 @@ impl Pose {
             })
             .collect();
         for node in known..lattice.rest().len() {
-            self.live.push(carried(&lattice.rest()[node], &frames));
+            let parent = lattice.parent(node as u32).map(|p| self.live[p as usize]);
+            let place = parent.unwrap_or_else(|| carried(&lattice.rest()[node], &frames));
+            self.live.push(place);
         }
         self.fit_turns(lattice);
     }
@@ -141,7 +146,7 @@ impl Pose {
     }
 
     /// Carries a live point back to rest through the best of the candidate cells; nothing if it lies farther outside of all
-    /// than 0.8 cells.
+    /// than 0.8 cells. Where material parts (`Lattice::set_pieces`), outside is also what is farther than 0.15 cells from the cell's own material.
     pub fn inverse(
         &self,
         lattice: &Lattice,
@@ -151,10 +156,14 @@ impl Pose {
         let mut best: Option<(f64, u32, [f64; 3])> = None;
         for cell in candidates {
             let xi = self.invert_in(lattice, cell, point);
-            let outside = xi
+            let mut outside = xi
                 .iter()
                 .map(|v| (-v).max(v - 1.0).max(0.0))
                 .fold(0.0, f64::max);
+            // Where material parts, a point may lie in the cells of several pieces: it belongs to the one that it is nearest to.
+            if lattice.parted[cell as usize] {
+                outside = outside.max(lattice.away(cell, &xi) - NEAR);
+            }
             if best.is_none_or(|b| outside < b.0) {
                 best = Some((outside, cell, xi));
             }

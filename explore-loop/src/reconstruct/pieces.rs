@@ -1,0 +1,260 @@
+//! Which material in a cell is connected there, and with what in the cells around.
+//!
+//! ```text
+//! segment    the part of a column's span that lies in one cell
+//! linked     segments of one span above each other; segments of neighbouring columns that overlap in height
+//! piece      segments of one cell that are linked within it
+//! ```
+//! Fingers and folds nearer to each other than a cell are different pieces of it, with nodes of their own. A cell with surface but without
+//! material belongs to the neighbour with most material, and to others as far as they hang together around it.
+
+use super::fill::{ALONG, Columns, EMPTY, SKIPPED};
+use std::collections::{BTreeMap, BTreeSet};
+use topo_ekf::body::{Lattice, Occupancy, PARTS, Piece};
+
+/// Least overlap in height of neighbouring columns that are one material, in cells.
+const OVERLAP: f64 = 0.02;
+
+/// The pieces in all cells of a lattice, and which of them are joined.
+pub(crate) struct Pieces {
+    pub pieces: Vec<Piece>,
+    pub joined: Vec<[usize; 2]>,
+}
+
+/// Part of a span within a cell.
+struct Segment {
+    key: [i32; 2],
+    level: i32,
+    low: f64,
+    high: f64,
+}
+
+impl Segment {
+    fn place(&self) -> [i32; 3] {
+        let at = self.key.map(|k| k.div_euclid(ALONG));
+        [at[0], at[1], self.level]
+    }
+}
+
+impl Pieces {
+    /// Of columns, for the cells that have material, those in `surface` and those of `lattice`. Cells without surface are filled with `inner` times
+    /// their material.
+    pub fn new(
+        columns: &Columns,
+        lattice: &Lattice,
+        surface: &BTreeSet<[i32; 3]>,
+        inner: f64,
+    ) -> Self {
+        let segments = segments(columns);
+        let links = links(&segments);
+        let part_of = within_cells(&segments, &links);
+        let mut parts: BTreeMap<usize, Occupancy> = BTreeMap::new();
+        for (segment, part) in segments.iter().zip(&part_of) {
+            add(segment, parts.entry(*part).or_insert([0.0; PARTS]));
+        }
+        let known = lattice.cells().iter().map(|c| c.place);
+        let needed: BTreeSet<[i32; 3]> = surface.iter().copied().chain(known).collect();
+        // Pieces of some volume, in the order of their first segment.
+        let mut pieces = Vec::new();
+        let mut index = BTreeMap::new();
+        for (part, occupancy) in &parts {
+            if occupancy.iter().sum::<f64>() / PARTS as f64 > SKIPPED {
+                index.insert(*part, pieces.len());
+                let place = segments[*part].place();
+                pieces.push(Piece {
+                    place,
+                    occupancy: *occupancy,
+                });
+            }
+        }
+        let mut joins = Joins::of_links(&links, &part_of, &index, pieces.len());
+        add_empty(&mut pieces, &mut joins, &needed);
+        for piece in &mut pieces {
+            let scale = if surface.contains(&piece.place) { 1.0 } else { inner };
+            piece.occupancy = piece.occupancy.map(|o| (o * scale).clamp(EMPTY, 1.0));
+        }
+        let joined = joins.pairs(&pieces);
+        Self { pieces, joined }
+    }
+}
+
+fn segments(columns: &Columns) -> Vec<Segment> {
+    let mut segments = Vec::new();
+    for (key, spans) in columns.spans() {
+        for span in spans {
+            for level in span[0].floor() as i32..=span[1].floor() as i32 {
+                let low = span[0].max(f64::from(level));
+                let high = span[1].min(f64::from(level) + 1.0);
+                if high > low {
+                    segments.push(Segment {
+                        key: *key,
+                        level,
+                        low,
+                        high,
+                    });
+                }
+            }
+        }
+    }
+    segments
+}
+
+/// Pairs of linked segments, the earlier one first.
+fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
+    let mut at: BTreeMap<([i32; 2], i32), Vec<usize>> = BTreeMap::new();
+    for (i, s) in segments.iter().enumerate() {
+        at.entry((s.key, s.level)).or_default().push(i);
+    }
+    let mut links = Vec::new();
+    for (i, s) in segments.iter().enumerate() {
+        // The next segment of the same span begins where this one ends.
+        let above = segments.get(i + 1).filter(|n| {
+            n.key == s.key && n.level == s.level + 1 && s.high == n.low && n.low == f64::from(n.level)
+        });
+        links.extend(above.map(|_| [i, i + 1]));
+        for step in [[1, 0], [0, 1]] {
+            let key = [s.key[0] + step[0], s.key[1] + step[1]];
+            for &j in at.get(&(key, s.level)).into_iter().flatten() {
+                let other = &segments[j];
+                if s.high.min(other.high) - s.low.max(other.low) > OVERLAP {
+                    links.push([i, j]);
+                }
+            }
+        }
+    }
+    links
+}
+
+/// For every segment the first one of its piece.
+fn within_cells(segments: &[Segment], links: &[[usize; 2]]) -> Vec<usize> {
+    let mut roots: Vec<usize> = (0..segments.len()).collect();
+    let find = |roots: &[usize], mut i: usize| {
+        while roots[i] != i {
+            i = roots[i];
+        }
+        i
+    };
+    for [a, b] in links {
+        if segments[*a].place() == segments[*b].place() {
+            let (a, b) = (find(&roots, *a), find(&roots, *b));
+            roots[a.max(b)] = a.min(b);
+        }
+    }
+    (0..segments.len()).map(|i| find(&roots, i)).collect()
+}
+
+/// Adds a segment to the parts of its cell.
+fn add(segment: &Segment, occupancy: &mut Occupancy) {
+    let [x, y] = segment.key.map(|k| k.rem_euclid(ALONG));
+    let part = 1.0 / f64::from(ALONG);
+    for z in 0..ALONG {
+        let low = f64::from(segment.level) + f64::from(z) * part;
+        let filled = (segment.high.min(low + part) - segment.low.max(low)).max(0.0) / part;
+        occupancy[(x + ALONG * (y + ALONG * z)) as usize] += filled;
+    }
+}
+
+/// Which pieces are joined to which.
+struct Joins(Vec<BTreeSet<usize>>);
+
+impl Joins {
+    /// From links that leave a cell; what is too little to be a piece still joins those that it touches.
+    fn of_links(
+        links: &[[usize; 2]],
+        part_of: &[usize],
+        index: &BTreeMap<usize, usize>,
+        count: usize,
+    ) -> Self {
+        let mut joins = Self(vec![BTreeSet::new(); count]);
+        let mut around_dust: BTreeMap<usize, BTreeSet<usize>> = BTreeMap::new();
+        for link in links {
+            let [a, b] = link.map(|s| part_of[s]);
+            match (index.get(&a), index.get(&b)) {
+                (Some(&a), Some(&b)) => joins.join(a, b),
+                (Some(&piece), None) => drop(around_dust.entry(b).or_default().insert(piece)),
+                (None, Some(&piece)) => drop(around_dust.entry(a).or_default().insert(piece)),
+                (None, None) => {}
+            }
+        }
+        for pieces in around_dust.values() {
+            let pieces: Vec<usize> = pieces.iter().copied().collect();
+            for (k, &a) in pieces.iter().enumerate() {
+                pieces[k + 1..].iter().for_each(|&b| joins.join(a, b));
+            }
+        }
+        joins
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        if a != b {
+            self.0[a].insert(b);
+            self.0[b].insert(a);
+        }
+    }
+
+    /// Whether two pieces hang together directly or through one other.
+    fn near(&self, a: usize, b: usize) -> bool {
+        self.0[a].contains(&b) || !self.0[a].is_disjoint(&self.0[b])
+    }
+
+    /// Pairs whose cells touch.
+    fn pairs(&self, pieces: &[Piece]) -> Vec<[usize; 2]> {
+        let touch = |a: usize, b: usize| {
+            let (a, b) = (pieces[a].place, pieces[b].place);
+            (0..3).all(|k| a[k].abs_diff(b[k]) <= 1)
+        };
+        let mut pairs = Vec::new();
+        for (a, with) in self.0.iter().enumerate() {
+            pairs.extend(with.iter().filter(|&&b| b > a && touch(a, b)).map(|&b| [a, b]));
+        }
+        pairs
+    }
+}
+
+/// Adds cells without material where cells are needed.
+fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32; 3]>) {
+    const FACES: [[i32; 3]; 6] = [
+        [0, 0, -1],
+        [0, 0, 1],
+        [-1, 0, 0],
+        [1, 0, 0],
+        [0, -1, 0],
+        [0, 1, 0],
+    ];
+    let mut at: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
+    for (i, piece) in pieces.iter().enumerate() {
+        at.entry(piece.place).or_default().push(i);
+    }
+    let empty: Vec<[i32; 3]> = needed.iter().copied().filter(|p| !at.contains_key(p)).collect();
+    for place in empty {
+        let own = pieces.len();
+        let beside: Vec<usize> = FACES
+            .iter()
+            .filter_map(|f| at.get(&[0, 1, 2].map(|a| place[a] + f[a])))
+            .flatten()
+            .copied()
+            .collect();
+        let material = |i: usize| pieces[i].occupancy.iter().sum::<f64>();
+        let best = beside
+            .iter()
+            .copied()
+            .max_by(|&a, &b| material(a).total_cmp(&material(b)).then(b.cmp(&a)));
+        let mut with: Vec<usize> = best.into_iter().collect();
+        loop {
+            let around = |&&c: &&usize| {
+                !with.contains(&c) && with.iter().any(|&s| s != c && joins.near(s, c))
+            };
+            let Some(&next) = beside.iter().find(around) else {
+                break;
+            };
+            with.push(next);
+        }
+        pieces.push(Piece {
+            place,
+            occupancy: [0.0; PARTS],
+        });
+        joins.0.push(BTreeSet::new());
+        with.into_iter().for_each(|piece| joins.join(own, piece));
+        at.entry(place).or_default().push(own);
+    }
+}

@@ -1,0 +1,258 @@
+//! Pieces of material that share a cell of the lattice without being connected there, as two fingers do: each has its own copy of the cell, with
+//! nodes of its own.
+//!
+//! ```text
+//! (c, k) ~ (c', k')      c and c' joined, and corner k of c lies where corner k' of c' does
+//! node                   one for every class of corners
+//! ```
+//! Two copies of a cell that are joined all around through others have the same nodes there and part where the material parts. (Virtual
+//! nodes: Molino, Bao and Fedkiw, A virtual node algorithm for changing mesh topology during simulation, 2004.)
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::cube::{CORNERS, Occupancy, PARTS};
+use super::lattice::{Cell, Lattice};
+use crate::Error;
+
+/// Share of a part of a cell from which on there is material in it.
+const FILLED: f64 = 0.2;
+
+/// A connected piece of the material in a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Piece {
+    /// Where its cell stands in the lattice.
+    pub place: [i32; 3],
+    /// Which parts of the cell it fills; the filter takes shares from 0 to 1.
+    pub occupancy: Occupancy,
+}
+
+impl Lattice {
+    /// Says which pieces the material in every cell consists of, and which pieces are joined to which; the cell of every piece.
+    ///
+    /// The copies that a place has are kept for the pieces that overlap them most, new ones are made where they are too few, and what is left over
+    /// moves with the piece that it overlaps most, without material of its own. Nodes keep their indices; a node that is parted lives on in one of the
+    /// classes of corners, and the others get new ones that stand where it stands.
+    ///
+    /// # Errors
+    /// A place with a cell but without a piece, joined pieces that are none or whose cells share no corner; the lattice is then as before.
+    ///
+    /// # Complexity
+    /// Cells times logarithm of cells.
+    pub fn set_pieces(
+        &mut self,
+        pieces: &[Piece],
+        joined: &[[usize; 2]],
+    ) -> Result<Vec<u32>, Error> {
+        let mut at: BTreeMap<[i32; 3], Vec<usize>> = BTreeMap::new();
+        for (index, piece) in pieces.iter().enumerate() {
+            at.entry(piece.place).or_default().push(index);
+        }
+        if let Some(place) = self.cell_at.keys().find(|place| !at.contains_key(*place)) {
+            return Err(Error::PlaceWithoutPiece { place: *place });
+        }
+        for (index, pair) in joined.iter().enumerate() {
+            let ends = pair.map(|p| pieces.get(p).map(|p| p.place));
+            let touch = |a: [i32; 3], b: [i32; 3]| (0..3).all(|k| a[k].abs_diff(b[k]) <= 1);
+            if !matches!(ends, [Some(a), Some(b)] if touch(a, b)) {
+                return Err(Error::NotJoined { index, pair: *pair });
+            }
+        }
+        let assigned = self.assign(pieces, &at);
+        let classes = self.classes(pieces.len(), joined, &assigned);
+        self.rewire(pieces, &assigned, &classes);
+        Ok(assigned.of_piece)
+    }
+
+    /// Which copy each piece takes over; new cells stand with the nodes of the copy that they part from.
+    fn assign(&mut self, pieces: &[Piece], at: &BTreeMap<[i32; 3], Vec<usize>>) -> Assigned {
+        let mut assigned = Assigned {
+            of_piece: vec![u32::MAX; pieces.len()],
+            left_over: Vec::new(),
+            old: self.cells.len(),
+        };
+        for (place, here) in at {
+            let copies = self.cell_at.get(place).cloned().unwrap_or_default();
+            let mut overlaps: Vec<(f64, usize, u32)> = Vec::new();
+            for &piece in here {
+                for &cell in &copies {
+                    let shared = overlap(&pieces[piece].occupancy, &self.cells[cell as usize]);
+                    overlaps.push((shared, piece, cell));
+                }
+            }
+            overlaps.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+            let mut taken = BTreeSet::new();
+            for &(_, piece, cell) in &overlaps {
+                if assigned.of_piece[piece] == u32::MAX && taken.insert(cell) {
+                    assigned.of_piece[piece] = cell;
+                }
+            }
+            for &piece in here {
+                if assigned.of_piece[piece] == u32::MAX {
+                    let parts_from = overlaps.iter().find(|o| o.1 == piece).map(|o| o.2);
+                    assigned.of_piece[piece] = self.copy_cell(*place, parts_from);
+                }
+            }
+            for cell in copies.into_iter().filter(|c| !taken.contains(c)) {
+                let with = overlaps.iter().find(|o| o.2 == cell).map(|o| o.1);
+                assigned.left_over.extend(with.map(|piece| (cell, piece)));
+            }
+        }
+        assigned
+    }
+
+    /// One more cell at a place; it stands on the nodes of `from` until it is rewired.
+    fn copy_cell(&mut self, place: [i32; 3], from: Option<u32>) -> u32 {
+        let nodes = from.map_or([u32::MAX; 8], |c| self.cells[c as usize].nodes);
+        let cell = self.cells.len() as u32;
+        self.cells.push(Cell {
+            nodes,
+            place,
+            stiffness: 1.0,
+            mass: 1.0,
+            occupancy: None,
+        });
+        self.cell_at.entry(place).or_default().push(cell);
+        cell
+    }
+
+    /// Classes of corners: the root of corner `k` of cell `c` stands at `8 c + k`.
+    fn classes(&self, count: usize, joined: &[[usize; 2]], assigned: &Assigned) -> Vec<usize> {
+        debug_assert_eq!(count, assigned.of_piece.len());
+        let mut roots = Roots((0..8 * self.cells.len()).collect());
+        for pair in joined {
+            let [a, b] = pair.map(|p| assigned.of_piece[p] as usize);
+            let [from, to] = [a, b].map(|c| self.cells[c].place);
+            for (k, corner) in CORNERS.iter().enumerate() {
+                let there = [0, 1, 2].map(|x| from[x] + corner[x] - to[x]);
+                if let Some(l) = CORNERS.iter().position(|c| *c == there) {
+                    roots.join(8 * a + k, 8 * b + l);
+                }
+            }
+        }
+        for &(cell, piece) in &assigned.left_over {
+            let with = assigned.of_piece[piece] as usize;
+            for k in 0..8 {
+                roots.join(8 * cell as usize + k, 8 * with + k);
+            }
+        }
+        (0..8 * self.cells.len()).map(|i| roots.find(i)).collect()
+    }
+
+    /// Gives every class of corners its node and every cell its material.
+    fn rewire(&mut self, pieces: &[Piece], assigned: &Assigned, classes: &[usize]) {
+        let known = self.rest.len();
+        let mut members: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for (corner, root) in classes.iter().enumerate() {
+            members.entry(*root).or_default().push(corner);
+        }
+        let stood = |cells: &[Cell], corner: usize| cells[corner / 8].nodes[corner % 8];
+        let mut taken = vec![false; known];
+        let mut node_of: BTreeMap<usize, u32> = BTreeMap::new();
+        for (root, corners) in &members {
+            let own = corners.iter().filter(|&&c| c / 8 < assigned.old);
+            let nodes: BTreeSet<u32> = own.map(|&c| stood(&self.cells, c)).collect();
+            if let Some(node) = nodes.into_iter().find(|&n| !taken[n as usize]) {
+                taken[node as usize] = true;
+                node_of.insert(*root, node);
+            }
+        }
+        let mut node_at: BTreeMap<[i32; 3], BTreeSet<u32>> = BTreeMap::new();
+        let mut nodes = vec![[u32::MAX; 8]; self.cells.len()];
+        for (root, corners) in &members {
+            let first = corners[0];
+            let (place, corner) = (self.cells[first / 8].place, CORNERS[first % 8]);
+            let at = [0, 1, 2].map(|a| place[a] + corner[a]);
+            let node = node_of.get(root).copied().unwrap_or_else(|| {
+                let parts_from = corners.iter().map(|&c| stood(&self.cells, c));
+                let parent = parts_from.filter(|&n| n != u32::MAX).min();
+                self.rest.push(self.rest_at(at, [0.0; 3]));
+                self.parents.push(parent);
+                self.rest.len() as u32 - 1
+            });
+            node_at.entry(at).or_default().insert(node);
+            for &c in corners {
+                nodes[c / 8][c % 8] = node;
+            }
+        }
+        if self.cells.iter().zip(&nodes).any(|(c, n)| c.nodes != *n) {
+            self.wiring += 1;
+        }
+        for (cell, nodes) in self.cells.iter_mut().zip(nodes) {
+            cell.nodes = nodes;
+        }
+        self.node_at = node_at
+            .into_iter()
+            .map(|(at, nodes)| (at, nodes.into_iter().collect()))
+            .collect();
+        let parted = self.cells.iter().map(|cell| self.is_parted(cell.place));
+        self.parted = parted.collect();
+        for (piece, &cell) in pieces.iter().zip(&assigned.of_piece) {
+            let full = piece.occupancy.iter().all(|o| *o >= 1.0 - 1e-9);
+            self.set_occupancy(cell, (!full).then_some(piece.occupancy));
+        }
+        for &(cell, _) in &assigned.left_over {
+            self.set_occupancy(cell, Some([0.0; PARTS]));
+        }
+    }
+
+    /// Whether material parts at a place: a corner of it is more than one node.
+    pub fn is_parted(&self, place: [i32; 3]) -> bool {
+        CORNERS.iter().any(|c| {
+            let corner = [0, 1, 2].map(|a| place[a] + c[a]);
+            self.node_at.get(&corner).is_some_and(|n| n.len() > 1)
+        })
+    }
+
+    /// How far local coordinates of a cell are from the material in it, in cells; infinite for a cell without material.
+    pub fn away(&self, cell: u32, xi: &[f64; 3]) -> f64 {
+        let Some(occupancy) = &self.cells[cell as usize].occupancy else {
+            let out = xi.map(|v| (-v).max(v - 1.0).max(0.0));
+            return out.iter().map(|v| v * v).sum::<f64>().sqrt();
+        };
+        let filled = occupancy.iter().enumerate().filter(|(_, o)| **o >= FILLED);
+        let squared = |(k, _): (usize, &f64)| {
+            let part = [k % 4, k / 4 % 4, k / 16];
+            let gap = |a: usize| {
+                let low = part[a] as f64 / 4.0;
+                (low - xi[a]).max(xi[a] - low - 0.25).max(0.0)
+            };
+            (0..3).map(|a| gap(a).powi(2)).sum::<f64>()
+        };
+        filled.map(squared).fold(f64::INFINITY, f64::min).sqrt()
+    }
+}
+
+/// Pieces and the copies they take.
+struct Assigned {
+    of_piece: Vec<u32>,
+    /// Copies that no piece takes, and the piece they move with.
+    left_over: Vec<(u32, usize)>,
+    /// Cells that there were before.
+    old: usize,
+}
+
+/// Material that a piece and a cell have in common, in parts.
+fn overlap(piece: &Occupancy, cell: &Cell) -> f64 {
+    match &cell.occupancy {
+        None => piece.iter().sum(),
+        Some(own) => piece.iter().zip(own.iter()).map(|(a, b)| a.min(*b)).sum(),
+    }
+}
+
+/// Classes as trees: union by the smaller index, so that roots do not depend on the order.
+struct Roots(Vec<usize>);
+
+impl Roots {
+    fn find(&mut self, mut i: usize) -> usize {
+        while self.0[i] != i {
+            self.0[i] = self.0[self.0[i]];
+            i = self.0[i];
+        }
+        i
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.0[a.max(b)] = a.min(b);
+    }
+}
