@@ -102,6 +102,9 @@ pub struct CoveragePlanner {
     pub upright: f64,
 }
 
+/// Sets that keep a body flat come first unless they are worth less than this share of the best one that does not.
+const POOR: f64 = 0.5;
+
 impl Default for CoveragePlanner {
     fn default() -> Self {
         Self {
@@ -125,8 +128,12 @@ impl Planner for CoveragePlanner {
         // Turned about its shorter side, a long soft body stands upright on its end and buckles.
         let flat = |set: &&GripSet| set.turn.span <= self.upright * set.turn.length;
         let (flat, upright): (Vec<&GripSet>, Vec<&GripSet>) = sets.iter().partition(flat);
+        // But what only standing it up can show must be shown at last.
+        let most = upright.iter().map(|s| s.score).fold(0.0, f64::max);
+        let (flat, poor): (Vec<&GripSet>, Vec<&GripSet>) =
+            flat.into_iter().partition(|s| s.score >= POOR * most);
         let mut refused = Vec::new();
-        for set in flat.into_iter().chain(upright) {
+        for set in flat.into_iter().chain(upright).chain(poor) {
             for set in [set.clone(), set.without_support()] {
                 match grip_planner::turn_over(&model, &scene, &set, &options.turn) {
                     Ok(motion) => return Ok(Ok(manipulation(&set, motion))),

@@ -30,6 +30,9 @@ const SIDEWAYS: f64 = 0.1;
 const SIDE: f64 = 1.5;
 const SIDE_POINTS: usize = 40;
 const SKIN: i32 = 2;
+const UPRIGHT: f64 = 0.25;
+const FEWEST_TURNS: usize = 8;
+const WALL: f64 = 0.02;
 /// Columns whose bottom is lower than this stand on the table, metres.
 const STANDS: f64 = 0.0012;
 /// Fill of a cell of which nothing is known but that surface is in it.
@@ -53,7 +56,7 @@ impl Columns {
         let (first, later) = (Local::new(first, lattice), Local::new(later, lattice));
         let pitch = size / f64::from(ALONG);
         let tops = first.heights(pitch, spacing, |_| true);
-        let rim = rim(&tops);
+        let rim = rim(&tops, &later, pitch, spacing);
         let mut bottoms: BTreeMap<[i32; 2], f64> = tops
             .iter()
             .map(|(key, top)| (*key, rounded(*key, *top, &rim, pitch).min(*top)))
@@ -267,29 +270,49 @@ impl Local {
         heights
     }
 
-    /// Height of the lowest point near a column whose normal does not point down, metres.
-    fn lowest_side(&self, key: [i32; 2], pitch: f64, spacing: f64) -> Option<f64> {
+    /// Height at which the side of the body turns under near a column, as far down as it was seen, metres.
+    fn turning_height(&self, key: [i32; 2], pitch: f64, spacing: f64) -> Option<f64> {
         let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
         let at = Point3::new(middle[0], middle[1], 0.0);
         let near = graph::near(self.flat.as_ref()?, &at, SIDE * spacing, SIDE_POINTS);
-        let side = near.into_iter().filter(|(i, _)| self.normals[*i].z > -SIDEWAYS);
-        let lowest = side.map(|(i, _)| self.points[i].z).min_by(f64::total_cmp);
-        lowest.map(|z| z.max(0.0))
+        let upright = near.into_iter().filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
+        let mut heights: Vec<f64> = upright.map(|(i, _)| self.points[i].z.max(0.0)).collect();
+        heights.sort_by(f64::total_cmp);
+        (heights.len() >= 3).then(|| heights[heights.len() / 5])
     }
 }
 
 /// Columns at the outline, and the height at which the surface turns under there, as far down as it was seen, metres.
-fn rim(tops: &BTreeMap<[i32; 2], f64>) -> Vec<([i32; 2], f64)> {
+fn rim(
+    tops: &BTreeMap<[i32; 2], f64>,
+    later: &Local,
+    pitch: f64,
+    spacing: f64,
+) -> Vec<([i32; 2], f64)> {
     const BESIDE: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
     let ends = |key: &[i32; 2]| {
         let out = |d: &[i32; 2]| !tops.contains_key(&[key[0] + d[0], key[1] + d[1]]);
         BESIDE.iter().any(out)
     };
-    let outline: Vec<([i32; 2], f64)> = tops
+    let mut outline: Vec<([i32; 2], f64)> = tops
         .iter()
         .filter(|(key, _)| ends(key))
         .map(|(key, top)| (*key, *top))
         .collect();
+    // How high the side turns under, relative to the rim, where it is a wall.
+    let turned: Vec<Option<f64>> = outline
+        .iter()
+        .map(|(key, top)| later.turning_height(*key, pitch, spacing).map(|z| (z, top)))
+        .map(|known| known.map(|(z, top)| if top - z > WALL { z / top } else { 1.0 }))
+        .collect();
+    let mut known: Vec<f64> = turned.iter().flatten().copied().collect();
+    known.sort_by(f64::total_cmp);
+    if std::env::var("DBG").is_ok() && !known.is_empty() { eprint!("{}/{}:{:.2} ", known.len(), outline.len(), known[known.len()/2]); }
+    // The sides that nobody has seen yet turn under as those do that came into view.
+    let typical = if known.len() < FEWEST_TURNS { 1.0 } else { known[known.len() / 2] };
+    for ((_, top), turned) in outline.iter_mut().zip(turned) {
+        *top *= turned.unwrap_or(typical);
+    }
     let smooth = |(key, _): &([i32; 2], f64)| {
         let beside: Vec<f64> = outline
             .iter()
