@@ -103,7 +103,7 @@ pub struct CoveragePlanner {
 }
 
 /// Sets that keep a body flat come first unless they are worth less than this share of the best one that does not.
-const POOR: f64 = 0.5;
+const POOR: f64 = 0.9;
 
 impl Default for CoveragePlanner {
     fn default() -> Self {

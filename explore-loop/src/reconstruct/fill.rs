@@ -307,7 +307,6 @@ fn rim(
         .collect();
     let mut known: Vec<f64> = turned.iter().flatten().copied().collect();
     known.sort_by(f64::total_cmp);
-    if std::env::var("DBG").is_ok() && !known.is_empty() { eprint!("{}/{}:{:.2} ", known.len(), outline.len(), known[known.len()/2]); }
     // The sides that nobody has seen yet turn under as those do that came into view.
     let typical = if known.len() < FEWEST_TURNS { 1.0 } else { known[known.len() / 2] };
     for ((_, top), turned) in outline.iter_mut().zip(turned) {

@@ -371,7 +371,7 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
         }
         if added > 0 {
             track.settle_edges(spacing);
-            if !frame.fused && std::env::var("NOFILL").is_err() {
+            if !frame.fused {
                 track.refill_as_seen(spacing);
             }
         }
