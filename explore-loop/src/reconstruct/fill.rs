@@ -4,7 +4,8 @@
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
 //! outline    at height z the surface turns under; the hidden side is taken to mirror the seen one there, and not to be blunter than a circle:
 //!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
-//! later      sides that come into view lower z, and where the bottom itself was seen it is the bottom
+//! later      steep surface that comes into view has material behind it; where it turns out to be a wall, z is where that turns under, and
+//!            the sides that nobody saw yet are taken to be like most of those that were seen
 //! cell       fill = share of its volume that lies in columns
 //! feet       columns whose bottom is on the table, each bearing its own weight
 //! ```
@@ -22,17 +23,19 @@ pub(crate) const ALONG: i32 = 4;
 const BESIDE: f64 = 0.85;
 /// Steepest slope that a point of the cloud continues with: rise over run.
 const STEEPEST: f64 = 1.5;
-/// Least vertical part of the normal of surface that is the top or the bottom of a column.
-const UPWARD: f64 = 0.3;
-/// Surface whose normal points down by less than this has not turned under yet.
-const SIDEWAYS: f64 = 0.1;
-/// How far beside a column at the outline the side of the body is looked for, in spacings, and at how many points most.
+/// Surface whose normal rises or falls by less than this is upright, and by less than that steep.
+const UPRIGHT: f64 = 0.25;
+const STEEP: f64 = 0.7;
+/// How deep behind steep surface that came into view the cell is taken to be filled, in columns.
+const SKIN: i32 = 2;
+/// How far beside a column at the outline the side of the body is looked for, in spacings, at how many points most, and how many must be upright.
 const SIDE: f64 = 1.5;
 const SIDE_POINTS: usize = 40;
-const SKIN: i32 = 2;
-const UPRIGHT: f64 = 0.25;
-const FEWEST_TURNS: usize = 8;
+const SIDE_LEAST: usize = 3;
+/// A side is a wall when it is upright this far below the rim of the first view, metres.
 const WALL: f64 = 0.02;
+/// Columns at the outline whose side must have been seen before it says what the others are like.
+const FEWEST_SIDES: usize = 8;
 /// Columns whose bottom is lower than this stand on the table, metres.
 const STANDS: f64 = 0.0012;
 /// Fill of a cell of which nothing is known but that surface is in it.
@@ -55,24 +58,13 @@ impl Columns {
         let size = lattice.size();
         let (first, later) = (Local::new(first, lattice), Local::new(later, lattice));
         let pitch = size / f64::from(ALONG);
-        let tops = first.heights(pitch, spacing, |_| true);
+        let tops = first.heights(pitch, spacing);
         let rim = rim(&tops, &later, pitch, spacing);
         let mut bottoms: BTreeMap<[i32; 2], f64> = tops
             .iter()
             .map(|(key, top)| (*key, rounded(*key, *top, &rim, pitch).min(*top)))
             .collect();
-        for (p, n) in later.points.iter().zip(&later.normals) {
-            let flat = n.xy().norm();
-            if n.z.abs() > 0.7 { continue; }
-            for k in 1..=SKIN {
-                let d = f64::from(k) * pitch;
-                let at = [p.x - n.x / flat * d, p.y - n.y / flat * d];
-                let key = at.map(|x| (x / pitch).floor() as i32);
-                if let Some(bottom) = bottoms.get_mut(&key) {
-                    *bottom = bottom.min(p.z.max(0.0));
-                }
-            }
-        }
+        later.fill_behind(&mut bottoms, pitch);
         let spans = tops
             .iter()
             .map(|(key, top)| (*key, vec![[bottoms[key] / size, top / size]]))
@@ -221,23 +213,15 @@ impl Local {
         }
     }
 
-    /// Heights over the columns of the surface whose normal is `of_kind`, metres.
-    fn heights(
-        &self,
-        pitch: f64,
-        spacing: f64,
-        of_kind: impl Fn(&UnitVector3<f64>) -> bool,
-    ) -> BTreeMap<[i32; 2], f64> {
+    /// Heights of the surface over the columns, metres.
+    fn heights(&self, pitch: f64, spacing: f64) -> BTreeMap<[i32; 2], f64> {
         let Some(tree) = &self.flat else {
             return BTreeMap::new();
         };
         let reach = BESIDE * spacing;
         let mut near = std::collections::BTreeSet::new();
         let cells = (reach / pitch).ceil() as i32;
-        for (p, n) in self.points.iter().zip(&self.normals) {
-            if !of_kind(n) {
-                continue;
-            }
+        for p in &self.points {
             let key = [(p.x / pitch).floor() as i32, (p.y / pitch).floor() as i32];
             for x in -cells..=cells {
                 for y in -cells..=cells {
@@ -252,12 +236,8 @@ impl Local {
             let (mut sum, mut total) = (0.0, 0.0);
             for (i, distance) in graph::near(tree, &at, reach, 4) {
                 let (p, n) = (&self.points[i], &self.normals[i]);
-                if !of_kind(n) {
-                    continue;
-                }
                 let run = [middle[0] - p.x, middle[1] - p.y];
-                let steep = if n.z < 0.0 { n.z.min(-0.1) } else { n.z.max(0.1) };
-                let rise = -(n.x * run[0] + n.y * run[1]) / steep;
+                let rise = -(n.x * run[0] + n.y * run[1]) / n.z.max(0.1);
                 let rise = rise.clamp(-STEEPEST * distance, STEEPEST * distance);
                 let weight = 1.0 / (distance + 0.1 * pitch);
                 sum += (p.z + rise) * weight;
@@ -270,15 +250,33 @@ impl Local {
         heights
     }
 
+    /// Lowers the bottoms of the columns behind steep surface to where that is.
+    fn fill_behind(&self, bottoms: &mut BTreeMap<[i32; 2], f64>, pitch: f64) {
+        let steep = |n: &UnitVector3<f64>| n.z.abs() < STEEP;
+        for (p, n) in self.points.iter().zip(&self.normals).filter(|s| steep(s.1)) {
+            let inward = -n.xy() / n.xy().norm();
+            for column in 1..=SKIN {
+                let at = p.xy() + inward * (f64::from(column) * pitch);
+                let key = [at.x, at.y].map(|x| (x / pitch).floor() as i32);
+                if let Some(bottom) = bottoms.get_mut(&key) {
+                    *bottom = bottom.min(p.z.max(0.0));
+                }
+            }
+        }
+    }
+
     /// Height at which the side of the body turns under near a column, as far down as it was seen, metres.
     fn turning_height(&self, key: [i32; 2], pitch: f64, spacing: f64) -> Option<f64> {
         let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
         let at = Point3::new(middle[0], middle[1], 0.0);
         let near = graph::near(self.flat.as_ref()?, &at, SIDE * spacing, SIDE_POINTS);
-        let upright = near.into_iter().filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
+        let upright = near
+            .into_iter()
+            .filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
         let mut heights: Vec<f64> = upright.map(|(i, _)| self.points[i].z.max(0.0)).collect();
         heights.sort_by(f64::total_cmp);
-        (heights.len() >= 3).then(|| heights[heights.len() / 5])
+        // A fifth from below: normals are noisy, and the very lowest point may have turned under already.
+        (heights.len() >= SIDE_LEAST).then(|| heights[heights.len() / 5])
     }
 }
 
@@ -308,7 +306,11 @@ fn rim(
     let mut known: Vec<f64> = turned.iter().flatten().copied().collect();
     known.sort_by(f64::total_cmp);
     // The sides that nobody has seen yet turn under as those do that came into view.
-    let typical = if known.len() < FEWEST_TURNS { 1.0 } else { known[known.len() / 2] };
+    let typical = if known.len() < FEWEST_SIDES {
+        1.0
+    } else {
+        known[known.len() / 2]
+    };
     for ((_, top), turned) in outline.iter_mut().zip(turned) {
         *top *= turned.unwrap_or(typical);
     }

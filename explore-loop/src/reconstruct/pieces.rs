@@ -24,6 +24,8 @@ pub(crate) struct Pieces {
 /// Part of a span within a cell.
 struct Segment {
     key: [i32; 2],
+    /// Number of its span in the column.
+    span: usize,
     level: i32,
     low: f64,
     high: f64,
@@ -70,7 +72,11 @@ impl Pieces {
         let mut joins = Joins::of_links(&links, &part_of, &index, pieces.len());
         add_empty(&mut pieces, &mut joins, &needed);
         for piece in &mut pieces {
-            let scale = if surface.contains(&piece.place) { 1.0 } else { inner };
+            let scale = if surface.contains(&piece.place) {
+                1.0
+            } else {
+                inner
+            };
             piece.occupancy = piece.occupancy.map(|o| (o * scale).clamp(EMPTY, 1.0));
         }
         let joined = joins.pairs(&pieces);
@@ -81,13 +87,14 @@ impl Pieces {
 fn segments(columns: &Columns) -> Vec<Segment> {
     let mut segments = Vec::new();
     for (key, spans) in columns.spans() {
-        for span in spans {
+        for (number, span) in spans.iter().enumerate() {
             for level in span[0].floor() as i32..=span[1].floor() as i32 {
                 let low = span[0].max(f64::from(level));
                 let high = span[1].min(f64::from(level) + 1.0);
                 if high > low {
                     segments.push(Segment {
                         key: *key,
+                        span: number,
                         level,
                         low,
                         high,
@@ -107,10 +114,9 @@ fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
     }
     let mut links = Vec::new();
     for (i, s) in segments.iter().enumerate() {
-        // The next segment of the same span begins where this one ends.
-        let above = segments.get(i + 1).filter(|n| {
-            n.key == s.key && n.level == s.level + 1 && s.high == n.low && n.low == f64::from(n.level)
-        });
+        let above = segments
+            .get(i + 1)
+            .filter(|n| (n.key, n.span, n.level) == (s.key, s.span, s.level + 1));
         links.extend(above.map(|_| [i, i + 1]));
         for step in [[1, 0], [0, 1]] {
             let key = [s.key[0] + step[0], s.key[1] + step[1]];
@@ -205,7 +211,11 @@ impl Joins {
         };
         let mut pairs = Vec::new();
         for (a, with) in self.0.iter().enumerate() {
-            pairs.extend(with.iter().filter(|&&b| b > a && touch(a, b)).map(|&b| [a, b]));
+            pairs.extend(
+                with.iter()
+                    .filter(|&&b| b > a && touch(a, b))
+                    .map(|&b| [a, b]),
+            );
         }
         pairs
     }
@@ -225,7 +235,11 @@ fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32;
     for (i, piece) in pieces.iter().enumerate() {
         at.entry(piece.place).or_default().push(i);
     }
-    let empty: Vec<[i32; 3]> = needed.iter().copied().filter(|p| !at.contains_key(p)).collect();
+    let empty: Vec<[i32; 3]> = needed
+        .iter()
+        .copied()
+        .filter(|p| !at.contains_key(p))
+        .collect();
     for place in empty {
         let own = pieces.len();
         let beside: Vec<usize> = FACES
@@ -254,7 +268,9 @@ fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32;
             occupancy: [0.0; PARTS],
         });
         joins.0.push(BTreeSet::new());
-        with.into_iter().for_each(|piece| joins.join(own, piece));
+        for piece in with {
+            joins.join(own, piece);
+        }
         at.entry(place).or_default().push(own);
     }
 }

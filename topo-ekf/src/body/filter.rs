@@ -214,11 +214,16 @@ impl BodyFilter {
 
     fn follow_lattice(&mut self) {
         // What was solved on other nodes says nothing of these.
-        self.last = self.last.take().filter(|(e, _)| e.is_wired_as(&self.lattice));
+        self.last = self
+            .last
+            .take()
+            .filter(|(e, _)| e.is_wired_as(&self.lattice));
         self.state.pose.extend(&self.lattice);
         for node in self.state.velocity.len()..self.lattice.rest().len() {
             let parent = self.lattice.parent(node as u32);
-            let of = |motion: &[Vector3<f64>]| parent.map_or_else(Vector3::zeros, |p| motion[p as usize]);
+            let of = |motion: &[Vector3<f64>]| {
+                parent.map_or_else(Vector3::zeros, |p| motion[p as usize])
+            };
             let (velocity, raised) = (of(&self.state.velocity), of(&self.state.raised));
             self.state.velocity.push(velocity);
             self.state.raised.push(raised);

@@ -367,16 +367,17 @@ impl Lattice {
         // To the bit: a lattice that only grew was never written there.
         let same = self.size.to_bits() == old.size.to_bits()
             && self.origin == old.origin
-            && self.axes == old.axes
-            && self.rest.starts_with(&old.rest);
+            && self.axes == old.axes;
         let kept = old.cells.iter().zip(&self.cells);
-        let first_lost = kept
-            .take_while(|(a, b)| a.place == b.place)
-            .count();
-        if same && first_lost == old.cells.len() {
+        let first_lost = kept.take_while(|(a, b)| a.place == b.place).count();
+        if same && first_lost == old.cells.len() && self.rest.starts_with(&old.rest) {
             return Ok(());
         }
-        let cell = if same { first_lost } else { 0 };
+        let cell = if same && first_lost < old.cells.len() {
+            first_lost
+        } else {
+            0
+        };
         Err(Error::CellsLost { cell })
     }
 }
