@@ -62,7 +62,7 @@ impl ReconstructOptions {
     pub fn new(spacing: f64) -> Self {
         Self {
             spacing,
-            cell: 0.016,
+            cell: 0.013,
             grip_radius: 0.010,
             min_facing: 0.12,
             rest_motion: 0.0006,
