@@ -107,10 +107,13 @@ const LOST_SHARE: f64 = 0.3;
 
 /// Share of the inside that a hollow body is taken to be filled with.
 const HOLLOW: f64 = 0.02;
-/// Held frames and motion, metres, before one of the hypotheses is chosen, and how much better the hollow one has to be.
+/// Held frames and motion, metres, before one of the hypotheses is chosen, and the motion after which the solid one is kept.
 const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
-const CLEARLY: f64 = 0.65;
+const DECIDED_MOTION: f64 = 0.15;
+/// Innovation of the hollow one over that of the solid one: chosen below, given up above.
+const CLEARLY: f64 = 0.66;
+const GIVEN_UP: f64 = 1.15;
 
 /// Builds the canonical model frame by frame.
 pub struct Reconstructor {
@@ -338,7 +341,11 @@ impl Reconstructor {
         if rival.held_frames() < DECIDE_FRAMES || track.carried() < DECIDE_MOTION {
             return;
         }
-        let better = rival.mean_innovation() < CLEARLY * track.mean_innovation();
+        let ratio = rival.mean_innovation() / track.mean_innovation();
+        let better = ratio < CLEARLY;
+        if !better && ratio < GIVEN_UP && track.carried() < DECIDED_MOTION {
+            return;
+        }
         if let Some(rival) = self.rival.take().filter(|_| better) {
             let old = std::mem::replace(track, rival);
             track.renamed_after(&old);
