@@ -15,7 +15,7 @@ use crate::canonical::surface::{triangulate, vertex_areas};
 use crate::canonical::topology::{self, Topology};
 use crate::cell::{Cell, CellError, Observation};
 use crate::plan::{ManipulationPlan, PlanInput, PlannedGrip, Planner};
-use crate::reconstruct::{FrameReport, ReconstructOptions, Reconstructor};
+use crate::reconstruct::{FrameReport, Reconstruct, ReconstructOptions, Reconstructor};
 use crate::set_down;
 use nalgebra::Isometry3;
 
@@ -125,6 +125,13 @@ pub trait Watcher {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error>;
 }
 
+/// Watches nothing.
+impl Watcher for () {
+    fn event(&mut self, _: Event<'_>, _: &CanonicalModel) -> Result<(), Error> {
+        Ok(())
+    }
+}
+
 /// How an exploration ended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
@@ -144,7 +151,7 @@ pub struct Explorer<'a> {
     planner: &'a mut dyn Planner,
     watcher: &'a mut dyn Watcher,
     options: ExploreOptions,
-    reconstructor: Reconstructor,
+    reconstructor: Box<dyn Reconstruct + 'a>,
     latest: Option<Observation>,
     manipulations: usize,
     misses: usize,
@@ -188,20 +195,20 @@ impl<'a> Explorer<'a> {
         ))
     }
 
-    /// The same with a reconstruction of the caller's, with settings of the caller's.
+    /// The same with a reconstruction of the caller's: a [`Reconstructor`] with other settings, or another [`Reconstruct`].
     pub fn with_reconstructor(
         cell: &'a mut dyn Cell,
         planner: &'a mut dyn Planner,
         watcher: &'a mut dyn Watcher,
         options: ExploreOptions,
-        reconstructor: Reconstructor,
+        reconstructor: impl Reconstruct + 'a,
     ) -> Self {
         Self {
             cell,
             planner,
             watcher,
             options,
-            reconstructor,
+            reconstructor: Box::new(reconstructor),
             latest: None,
             manipulations: 0,
             misses: 0,
@@ -302,7 +309,7 @@ impl<'a> Explorer<'a> {
     fn plan(&mut self, topology: &Topology) -> Result<Result<ManipulationPlan, String>, Error> {
         let model = self.reconstructor.model();
         let visible = match &self.latest {
-            Some(observation) => self.reconstructor.visible_now(observation),
+            Some(observation) => self.reconstructor.visible_now(observation, self.options.spacing),
             None => vec![false; model.len()],
         };
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);

@@ -20,6 +20,7 @@
 //! # Example
 //! The first looks at an ellipsoid in the simulated cell:
 //! ```
+//! # #[cfg(feature = "sim")] {
 //! use explore_loop::canonical::topology;
 //! use explore_loop::cell::Cell;
 //! use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
@@ -38,6 +39,7 @@
 //! let topology = topology::analyse(reconstructor.model(), spacing)?;
 //! assert!(!topology.is_closed());
 //! assert_eq!(topology.persistent[0], 1);
+//! # }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!

@@ -10,8 +10,10 @@
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+#[cfg(feature = "sim")]
 pub mod mesh_io;
 pub mod replay;
+#[cfg(feature = "sim")]
 pub mod sim;
 
 /// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has

@@ -19,10 +19,11 @@
 use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
-use crate::visibility::{DepthGrid, Sight, facing};
+use crate::visibility::{DepthGrid, visible};
 use std::sync::Arc;
 use std::time::Instant;
 use topo_ekf::body::BodyOptions;
+pub use stage::Reconstruct;
 use track::{Fill, Track};
 use view::FrameView;
 
@@ -31,6 +32,7 @@ mod fuse;
 mod grow;
 mod keyframe;
 mod matching;
+mod stage;
 mod track;
 mod view;
 
@@ -224,18 +226,7 @@ impl Reconstructor {
 
     /// Vertices that the camera can see now, judged by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
-        let spacing = self.options.spacing;
-        let grid = DepthGrid::new(&observation.points, 0.6 * spacing);
-        let model = self.model();
-        (0..model.len())
-            .map(|i| {
-                let seen = grid
-                    .as_ref()
-                    .map(|g| g.sight(&model.live[i], 2.0 * spacing, 2.0 * spacing));
-                facing(&model.live[i], &model.live_normal(i)) > 0.1
-                    && matches!(seen, Some(Sight::Supported { .. }))
-            })
-            .collect()
+        visible(self.model(), &observation.points, self.options.spacing)
     }
 
     /// The first frame.
