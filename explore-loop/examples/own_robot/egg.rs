@@ -120,6 +120,12 @@ impl EggCell {
         let gap = TABLE - lowest - self.camera_from_egg.translation.z;
         let sinks = if held.is_empty() { SINKS } else { 0.0 };
         self.camera_from_egg.translation.z += gap.min(sinks);
+        // What the table or the other arm keeps back keeps the tip back: it holds firmly, and says where it is.
+        for arm in &mut self.arms {
+            if let Some(tip_from_egg) = &arm.tip_from_egg {
+                arm.state.camera_from_tip = self.camera_from_egg * tip_from_egg.inverse();
+            }
+        }
     }
 
     /// What the camera, a pinhole at the origin, sees of the egg.
