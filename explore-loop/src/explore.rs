@@ -309,7 +309,9 @@ impl<'a> Explorer<'a> {
     fn plan(&mut self, topology: &Topology) -> Result<Result<ManipulationPlan, String>, Error> {
         let model = self.reconstructor.model();
         let visible = match &self.latest {
-            Some(observation) => self.reconstructor.visible_now(observation, self.options.spacing),
+            Some(observation) => self
+                .reconstructor
+                .visible_now(observation, self.options.spacing),
             None => vec![false; model.len()],
         };
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);

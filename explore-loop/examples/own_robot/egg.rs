@@ -28,6 +28,8 @@ struct Arm {
 
 /// The world.
 pub struct EggCell {
+    /// Whether the egg slips in the jaws when the table keeps it back: a cell that breaks the contract.
+    pub slips: bool,
     info: CellInfo,
     arms: Vec<Arm>,
     pub camera_from_egg: Isometry3<f64>,
@@ -69,6 +71,7 @@ impl EggCell {
             tip_from_egg: None,
         };
         Self {
+            slips: false,
             arms: arms.iter().map(idle).collect(),
             info: CellInfo {
                 arms,
@@ -121,7 +124,7 @@ impl EggCell {
         let sinks = if held.is_empty() { SINKS } else { 0.0 };
         self.camera_from_egg.translation.z += gap.min(sinks);
         // What the table or the other arm keeps back keeps the tip back: it holds firmly, and says where it is.
-        for arm in &mut self.arms {
+        for arm in self.arms.iter_mut().filter(|_| !self.slips) {
             if let Some(tip_from_egg) = &arm.tip_from_egg {
                 arm.state.camera_from_tip = self.camera_from_egg * tip_from_egg.inverse();
             }

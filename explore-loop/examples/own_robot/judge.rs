@@ -43,9 +43,10 @@ impl Watcher for Count {
     }
 }
 
-/// Explores the egg as it lies at `seed`.
-pub fn explored(seed: u64) -> Result<End, Error> {
+/// Explores the egg as it lies at `seed`, in jaws that hold it or let it slip.
+pub fn explored(seed: u64, slips: bool) -> Result<End, Error> {
     let mut cell = EggCell::new(seed);
+    cell.slips = slips;
     let egg_from_camera = cell.camera_from_egg.inverse();
     let (mut planner, mut count) = (CoveragePlanner::default(), Count::default());
     let mut options = ExploreOptions::new(5e-3, 0.03);
@@ -53,7 +54,11 @@ pub fn explored(seed: u64) -> Result<End, Error> {
     let mut explorer = Explorer::new(&mut cell, &mut planner, &mut count, options)?;
     let outcome = explorer.run()?;
     let rest = &explorer.model().rest;
-    let points = outcome.topology.surface.as_ref().map_or(rest, |s| &s.vertices);
+    let points = outcome
+        .topology
+        .surface
+        .as_ref()
+        .map_or(rest, |s| &s.vertices);
     let axes = extents(points, &egg_from_camera);
     drop(explorer);
     Ok(End {

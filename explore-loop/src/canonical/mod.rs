@@ -59,6 +59,18 @@ pub struct NewVertex {
     pub rotation: Matrix3<f64>,
 }
 
+impl NewVertex {
+    /// A vertex that lies now where it lies at rest.
+    pub fn new(rest: Point3<f64>, rest_normal: UnitVector3<f64>) -> Self {
+        Self {
+            rest,
+            rest_normal,
+            live: rest,
+            rotation: Matrix3::identity(),
+        }
+    }
+}
+
 impl CanonicalModel {
     /// Number of vertices.
     pub fn len(&self) -> usize {

@@ -20,10 +20,10 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
+pub use stage::Reconstruct;
 use std::sync::Arc;
 use std::time::Instant;
-use topo_ekf::body::BodyOptions;
-pub use stage::Reconstruct;
+use topo_ekf::body::{BodyOptions, Limits};
 use track::{Fill, Track};
 use view::FrameView;
 
@@ -52,6 +52,9 @@ pub struct ReconstructOptions {
     pub rest_motion: f64,
     /// Mean motion between keyframes, metres.
     pub keyframe_motion: f64,
+    /// What is believed of a frame: how far the surface moves between two frames (ξ), how far it falls between two frames when it was
+    /// let go, and how hard grips pull before one must be slipping.
+    pub limits: Limits,
     /// The elastic body.
     pub body: BodyOptions,
 }
@@ -66,6 +69,11 @@ impl ReconstructOptions {
             min_facing: 0.12,
             rest_motion: 0.0006,
             keyframe_motion: 0.012,
+            limits: Limits {
+                motion: 0.015,
+                fall: 0.100,
+                pull: 5.0,
+            },
             body: BodyOptions::default(),
         }
     }
@@ -96,6 +104,16 @@ pub struct FrameReport {
     pub frame_ms: f64,
     /// Time of the re-fusion, ms.
     pub fusion_ms: f64,
+}
+
+impl FrameReport {
+    /// A frame that measured all of `vertices`.
+    pub fn measured(vertices: usize) -> Self {
+        Self {
+            measured: vec![true; vertices],
+            ..Self::default()
+        }
+    }
 }
 
 /// Frames of rest after which the shape is fused.
@@ -286,7 +304,9 @@ impl Reconstructor {
         self.decide(track);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
-        if track.residual > LOST || track.share < LOST_SHARE {
+        if let Some(reason) = &track.refused {
+            report.failure = Some(reason.clone());
+        } else if track.residual > LOST || track.share < LOST_SHARE {
             report.failure = Some(format!(
                 "lost: {:.1} mm off, {:.0} % of what should be seen is",
                 1e3 * track.residual,
@@ -341,7 +361,7 @@ struct Frame<'a> {
 fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let (options, arms) = (frame.options, &frame.observation.arms);
     track.follow(frame.view, arms, options)?;
-    let learns = track.fits() && !track.body.is_falling();
+    let learns = track.refused.is_none() && track.fits() && !track.body.is_falling();
     let mut added = 0;
     if let Some(first) = frame.first.filter(|_| learns) {
         let (seen, spacing) = (&track.seen, options.spacing);

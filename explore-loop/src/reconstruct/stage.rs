@@ -15,11 +15,7 @@ pub trait Reconstruct {
     ///
     /// # Errors
     /// Input that no later frame can mend: the exploration ends.
-    fn process(
-        &mut self,
-        observation: &Observation,
-        table: &Plane,
-    ) -> Result<FrameReport, Error>;
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error>;
 
     /// The model so far; empty before anything was seen.
     fn model(&self) -> &CanonicalModel;
@@ -40,11 +36,7 @@ pub trait Reconstruct {
 }
 
 impl Reconstruct for Reconstructor {
-    fn process(
-        &mut self,
-        observation: &Observation,
-        table: &Plane,
-    ) -> Result<FrameReport, Error> {
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
         Self::process(self, observation, table)
     }
 

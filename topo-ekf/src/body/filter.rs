@@ -21,7 +21,7 @@
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 use super::elastic::{Acting, Elastic, Solved};
-use super::frame::{BodyFrame, BodyReport, Progress};
+use super::frame::{BodyFrame, BodyReport, Limits, Progress};
 use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
@@ -224,7 +224,7 @@ impl BodyFilter {
     ///
     /// # Errors
     /// Grips, points, rows, inequalities or feet in cells that there are not, coordinates or weights that are not finite or negative,
-    /// rows so heavy that the matrix cannot be factorised. The body is then as before.
+    /// rows so heavy that the matrix cannot be factorised; a frame that would go beyond its [limits](Limits). The body is then as before.
     ///
     /// # Complexity
     /// Each step is one sparse factorisation of three unknowns a node (see the README for times); the projection one more solve for every
@@ -326,6 +326,7 @@ impl BodyFilter {
         }
         let solved = self.update(elastic, &setting, observe, released, &mut report)?;
         self.constrain(elastic, &solved, frame, &mut report)?;
+        self.believe(&before, released, frame, &report)?;
         self.finish(&before, released, &mut report);
         Ok((report, solved))
     }
@@ -428,6 +429,34 @@ impl BodyFilter {
             Status::Infeasible
         };
         Ok(())
+    }
+
+    /// Refuses what goes beyond the limits of the frame.
+    fn believe(
+        &self,
+        before: &[Point3<f64>],
+        released: bool,
+        frame: &BodyFrame<'_>,
+        report: &BodyReport,
+    ) -> Result<(), Error> {
+        let Limits { motion, fall, pull } = frame.limits;
+        let motion = if released { fall } else { motion };
+        let moved = |at: &Embedding| {
+            let (lattice, live) = (&self.lattice, &self.state.pose.live);
+            (lattice.warp(live, at) - lattice.warp(before, at)).norm()
+        };
+        let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
+        moves.sort_unstable_by(f64::total_cmp);
+        let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
+        let pulled = report.grip_force.norm() / self.weight().max(f64::MIN_POSITIVE);
+        let told = [
+            ("motion of the surface, m", moved, motion),
+            ("pull of the grips in weights of the body", pulled, pull),
+        ];
+        let beyond = told.into_iter().find(|(_, value, limit)| value > limit);
+        beyond.map_or(Ok(()), |(what, value, limit)| {
+            Err(Error::Beyond { what, value, limit })
+        })
     }
 
     /// Every constraint as a row.

@@ -76,7 +76,7 @@ mod weight;
 
 pub use cube::{Occupancy, PARTS};
 pub use filter::BodyFilter;
-pub use frame::{BodyFrame, BodyReport, Progress};
+pub use frame::{BodyFrame, BodyReport, Limits, Progress};
 pub use lattice::{Cell, Embedding, Lattice};
 pub use options::BodyOptions;
 pub use pose::{AtRest, Pose};
