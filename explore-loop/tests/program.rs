@@ -485,6 +485,31 @@ fn the_frames_table_has_a_line_a_frame() {
     assert!(text.lines().all(|line| line.split(',').count() == columns));
 }
 
+/// The table keeps every vertex above it in every frame, and the report says how.
+#[test]
+fn no_vertex_is_under_the_table_in_any_frame() {
+    for run in twice() {
+        let metrics = run.metrics();
+        let constraints = &metrics["constraints"];
+        let text = std::str::from_utf8(&run.files["frames.csv"]).unwrap();
+        let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let header = lines.next().unwrap();
+        let column = |name: &str| header.iter().position(|h| *h == name).unwrap();
+        let (depth, active) = (column("below_table_um"), column("active"));
+        let mut touched = 0;
+        for line in lines {
+            // A tenth of a millimetre, in micrometres.
+            assert!(line[depth].parse::<f64>().unwrap() <= 100.0, "{line:?}");
+            touched += usize::from(line[active] != "0");
+        }
+        assert!(touched > 0);
+        assert_eq!(constraints["active_frames"], touched);
+        assert_eq!(constraints["infeasible_frames"], 0);
+        assert!(constraints["below_table_m"].as_f64().unwrap() <= 1e-4);
+        assert!(constraints["violation_m"].as_f64().unwrap() <= 1e-6);
+    }
+}
+
 /// The recording holds every frame, and reconstructing from it alone gives the object again.
 #[test]
 fn the_session_replays() {

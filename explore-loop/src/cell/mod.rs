@@ -49,6 +49,11 @@ impl Plane {
     pub fn height(&self, point: &Point3<f64>) -> f64 {
         self.normal.dot(&point.coords) + self.offset
     }
+
+    /// `point`, or the nearest point of the plane if it lies under it.
+    pub fn above(&self, point: &Point3<f64>) -> Point3<f64> {
+        point - self.normal.into_inner() * self.height(point).min(0.0)
+    }
 }
 
 /// What the loop may know of an arm before it moves.

@@ -96,6 +96,10 @@ pub struct FrameReport {
     pub residual: f64,
     /// Share of the vertices facing the camera that were measured.
     pub overlap: f64,
+    /// Mean motion of the body since the last frame, metres.
+    pub moved: f64,
+    /// How the constraints on the body ended.
+    pub constraints: Constraints,
     /// Why the frame was not used, if so.
     pub failure: Option<String>,
     /// Time to bring the body to the frame, ms.
@@ -104,6 +108,19 @@ pub struct FrameReport {
     pub frame_ms: f64,
     /// Time of the re-fusion, ms.
     pub fusion_ms: f64,
+}
+
+/// Table and self-contact in a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Constraints {
+    /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
+    pub active: usize,
+    /// Whether they contradicted each other; they are then violated as little as possible.
+    pub infeasible: bool,
+    /// Largest violation left, metres.
+    pub violation: f64,
+    /// How far the deepest vertex of the model lies under the table after the frame, metres; 0 when none does.
+    pub below_table: f64,
 }
 
 impl FrameReport {
@@ -229,6 +246,8 @@ impl Reconstructor {
             }
         }
         self.frame += 1;
+        let heights = self.model().live.iter().map(|p| table.height(p));
+        report.constraints.below_table = -heights.fold(0.0, f64::min);
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3 - report.fusion_ms;
         Ok(report)
     }
@@ -304,6 +323,8 @@ impl Reconstructor {
         self.decide(track);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
+        report.moved = track.moved;
+        report.constraints = track.constraints;
         if let Some(reason) = &track.refused {
             report.failure = Some(reason.clone());
         } else if track.residual > LOST || track.share < LOST_SHARE {

@@ -1,10 +1,10 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
-use super::ReconstructOptions;
 use super::fill::{self, Columns};
 use super::keyframe::{Keyframe, Keyframes};
 use super::matching::{Gates, Match, Posed, matches, rows};
 use super::view::FrameView;
+use super::{Constraints, ReconstructOptions};
 use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
@@ -54,6 +54,8 @@ pub(crate) struct Track {
     pub moved: f64,
     /// Frames in a row without motion and without grips.
     pub still: usize,
+    /// How the constraints of the last frame ended.
+    pub constraints: Constraints,
     /// Why the last frame was not taken, if so.
     pub refused: Option<String>,
     /// Frames in a row that were not taken.
@@ -90,6 +92,7 @@ impl Track {
             share: 1.0,
             moved: 0.0,
             still: 0,
+            constraints: Constraints::default(),
             refused: None,
             missed: 0,
             grips: Vec::new(),
@@ -105,12 +108,7 @@ impl Track {
                 continue;
             }
             taken.push(*point);
-            track.push(NewVertex {
-                rest: *point,
-                rest_normal: *normal,
-                live: *point,
-                rotation: nalgebra::Matrix3::identity(),
-            });
+            track.push(NewVertex::new(table.above(point), *normal));
         }
         track.model.edges = graph::surface_edges(&track.model, options.spacing);
         track.seen = vec![true; track.model.len()];
@@ -198,6 +196,12 @@ impl Track {
             self.carried += report.moved;
         }
         self.moved = report.moved;
+        self.constraints = Constraints {
+            active: report.pushing,
+            infeasible: report.status == topo_ekf::Status::Infeasible,
+            violation: report.violation[1],
+            below_table: 0.0,
+        };
         self.pose();
         self.judge(&found, view, options.spacing);
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();

@@ -11,7 +11,7 @@ use explore_loop::explore::{Event, ExploreOptions, Explorer, Outcome, Phase, Wat
 use explore_loop::measure::{Measurer, ShapeMeasures, TrueSurface};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::frames;
-use explore_loop::report::metrics::{Cut, Metrics, Timing};
+use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
 use std::time::Instant;
 
 /// Explores; true when the surface closed.
@@ -71,6 +71,7 @@ struct Recorder<'a> {
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
+    constraints: ConstraintMeasures,
     shapes: Vec<ShapeMeasures>,
     last_stamp: f64,
     lines: String,
@@ -106,6 +107,7 @@ impl<'a> Recorder<'a> {
             registration: Vec::new(),
             frames: Vec::new(),
             failures: 0,
+            constraints: ConstraintMeasures::default(),
             shapes: Vec::new(),
             last_stamp: 0.0,
             lines: String::new(),
@@ -237,7 +239,10 @@ impl<'a> Recorder<'a> {
             betti: outcome.topology.persistent,
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
+            thinned: outcome.topology.thinned,
             frames: self.frames.len(),
+            failed_frames: self.failures,
+            constraints: self.constraints,
             registration_ms: Timing::of(&self.registration),
             frame_ms: Timing::of(&self.frames),
             vertices: self.model.len(),
@@ -262,6 +267,7 @@ impl Watcher for Recorder<'_> {
                 self.registration.push(report.registration_ms);
                 self.frames.push(report.frame_ms);
                 self.failures += usize::from(report.failure.is_some());
+                self.constraints.add(&report.constraints);
                 self.record(observation)?;
                 let errors = self.measure(observation, &report.measured, model)?;
                 self.lines
