@@ -114,6 +114,18 @@ pub enum Event<'a> {
     Missed(usize),
     /// A manipulation is over; how many there were.
     Manipulated(usize),
+    /// All that the loop knows between two manipulations, for [`Explorer::resume`]; told only to a watcher that [wants](Watcher::wants_state) it.
+    State(&'a SavedState),
+}
+
+/// All that the loop knows between two manipulations. With a world in the same state an exploration goes on from it to the bit.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SavedState {
+    manipulations: usize,
+    misses: usize,
+    latest: Option<Observation>,
+    planner: Vec<u8>,
+    reconstruction: Vec<u8>,
 }
 
 /// Follows an exploration: progress, recording, measures. It sees everything and changes nothing.
@@ -123,6 +135,11 @@ pub trait Watcher {
     /// # Errors
     /// What the watcher records cannot be written: the exploration ends.
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error>;
+
+    /// Whether [`Event::State`] is to be told after every manipulation. By default not: it takes some milliseconds.
+    fn wants_state(&self) -> bool {
+        false
+    }
 }
 
 /// Watches nothing.
@@ -218,6 +235,37 @@ impl<'a> Explorer<'a> {
     /// The model so far.
     pub fn model(&self) -> &CanonicalModel {
         self.reconstructor.model()
+    }
+
+    /// All that the loop knows, between two manipulations.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the reconstruction cannot be saved.
+    pub fn save(&self) -> Result<SavedState, Error> {
+        let saved = self.reconstructor.save();
+        let reconstruction = saved.ok_or_else(|| Error::Resume {
+            reason: "this reconstruction cannot be resumed".into(),
+        })?;
+        Ok(SavedState {
+            manipulations: self.manipulations,
+            misses: self.misses,
+            latest: self.latest.clone(),
+            planner: self.planner.save(),
+            reconstruction,
+        })
+    }
+
+    /// Takes over what another exploration knew; [`Self::run`] then goes on from there. The world has to be as it was then.
+    ///
+    /// # Errors
+    /// [`Error::Resume`] or [`Error::Filter`]: the state is not of such a reconstruction or planner.
+    pub fn resume(&mut self, saved: SavedState) -> Result<(), Error> {
+        self.planner.restore(&saved.planner)?;
+        self.reconstructor.restore(&saved.reconstruction)?;
+        self.manipulations = saved.manipulations;
+        self.misses = saved.misses;
+        self.latest = saved.latest;
+        Ok(())
     }
 
     /// Explores until the surface is closed or nothing more can be done.
@@ -416,6 +464,10 @@ impl<'a> Explorer<'a> {
         self.travel(&retreat, 0.4 * self.options.reach_speed)?;
         self.manipulations += 1;
         self.tell(Event::Manipulated(self.manipulations))?;
+        if self.watcher.wants_state() {
+            let saved = self.save()?;
+            self.tell(Event::State(&saved))?;
+        }
         Ok(State::Home)
     }
 

@@ -11,6 +11,7 @@
 //! | what the camera can see of it | [`visibility`] |
 //! | grips and motions | [`plan`] |
 //! | the loop as a state machine | [`explore`] |
+//! | a run that was broken off goes on | [`checkpoint`] |
 //! | measures against a ground truth | [`measure`] |
 //! | files and pictures | [`report`] |
 //!
@@ -49,6 +50,7 @@ pub use nalgebra;
 
 pub mod canonical;
 pub mod cell;
+pub mod checkpoint;
 mod error;
 pub mod explore;
 pub mod measure;

@@ -13,7 +13,7 @@ use crate::canonical::CanonicalModel;
 use nalgebra::{Point3, UnitVector3};
 
 /// A depth image made of a cloud: nearest depth per ray bin.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct DepthGrid {
     bin: f64,
     low: [i64; 2],

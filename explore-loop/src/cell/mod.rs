@@ -85,7 +85,7 @@ pub struct CellInfo {
 }
 
 /// An arm as it was when a frame was taken.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ArmState {
     /// Pose of the tip as it is, also where something keeps it back from the pose commanded.
     pub camera_from_tip: Isometry3<f64>,
@@ -98,7 +98,7 @@ pub struct ArmState {
 }
 
 /// One frame: what the camera saw of the object (table and arms already removed), and where the arms were.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Observation {
     /// Time of the frame, seconds since the cell started.
     pub stamp: f64,

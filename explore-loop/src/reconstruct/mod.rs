@@ -39,6 +39,7 @@ mod view;
 /// Settings of the reconstruction; the defaults follow from the spacing.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct ReconstructOptions {
     /// Spacing ε of the model, metres.
     pub spacing: f64,
@@ -111,7 +112,7 @@ pub struct FrameReport {
 }
 
 /// Table and self-contact in a frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
     /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
     pub active: usize,
@@ -147,6 +148,7 @@ const DECIDE_MOTION: f64 = 0.035;
 const CLEARLY: f64 = 0.65;
 
 /// Builds the canonical model frame by frame.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct Reconstructor {
     options: ReconstructOptions,
     empty: CanonicalModel,
@@ -264,6 +266,12 @@ impl Reconstructor {
     /// Vertices that the camera can see now, judged by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
         visible(self.model(), &observation.points, self.options.spacing)
+    }
+
+    /// Refuses a state that was read and does not fit together.
+    fn check_read(&self) -> Result<(), Error> {
+        let tracks = self.track.iter().chain(&self.rival);
+        tracks.into_iter().try_for_each(Track::check_read)
     }
 
     /// The first frame.

@@ -33,6 +33,21 @@ pub trait Reconstruct {
     fn stiffness_over_weight(&self) -> Option<f64> {
         None
     }
+
+    /// Everything that is known, to be written to a checkpoint; `None` (the default) if this reconstruction cannot be resumed.
+    fn save(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Goes on from what [`Self::save`] gave, to the bit.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the bytes are none of this reconstruction; it is then as before.
+    fn restore(&mut self, _saved: &[u8]) -> Result<(), Error> {
+        Err(Error::Resume {
+            reason: "this reconstruction cannot be resumed".into(),
+        })
+    }
 }
 
 impl Reconstruct for Reconstructor {
@@ -50,5 +65,18 @@ impl Reconstruct for Reconstructor {
 
     fn stiffness_over_weight(&self) -> Option<f64> {
         Self::stiffness_over_weight(self)
+    }
+
+    fn save(&self) -> Option<Vec<u8>> {
+        postcard::to_allocvec(self).ok()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let read: Self = postcard::from_bytes(saved).map_err(|error| Error::Resume {
+            reason: format!("the state of the reconstruction cannot be read: {error}"),
+        })?;
+        read.check_read()?;
+        *self = read;
+        Ok(())
     }
 }

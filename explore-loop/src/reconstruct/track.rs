@@ -38,6 +38,7 @@ pub(crate) struct Fill {
 type Grip = Vec<(Embedding, Point3<f64>)>;
 
 /// One hypothesis.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(crate) struct Track {
     pub model: CanonicalModel,
     pub body: BodyFilter,
@@ -113,6 +114,27 @@ impl Track {
         track.model.edges = graph::surface_edges(&track.model, options.spacing);
         track.seen = vec![true; track.model.len()];
         Ok(track)
+    }
+
+    /// Refuses a state that was read and does not fit together.
+    pub fn check_read(&self) -> Result<(), Error> {
+        self.body.check_read()?;
+        let (vertices, cells) = (self.model.len(), self.body.lattice().cells().len());
+        let held = self.grips.iter().flatten().flatten().map(|(at, _)| at);
+        let kept = self.keyframes.all().iter();
+        let gripped = kept.flat_map(|k| k.grips.iter().map(|(at, _)| at));
+        let mut places = self.embeddings.iter().chain(held).chain(gripped);
+        let whole = self.model.is_consistent()
+            && self.embeddings.len() == vertices
+            && self.seen.len() == vertices
+            && places.all(|at| (at.cell as usize) < cells);
+        if whole {
+            Ok(())
+        } else {
+            Err(Error::Resume {
+                reason: "the model and the body of the reconstruction do not fit together".into(),
+            })
+        }
     }
 
     /// Adds a vertex and the cell it lies in.

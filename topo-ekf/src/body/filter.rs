@@ -55,6 +55,7 @@ const LIGHTER: f64 = 0.6;
 ///
 /// # Limits
 /// Cells are never taken away, sheets nearer than a cell stick together, and the covariances take the rotations of cells for given.
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyFilter {
     options: BodyOptions,
     lattice: Lattice,
@@ -62,11 +63,13 @@ pub struct BodyFilter {
     feet: Vec<Foot>,
     weight: WeightEstimate,
     state: State,
+    #[cfg_attr(feature = "serde", serde(skip))]
     last: Option<(Elastic, Solved)>,
 }
 
 /// What a frame changes.
 #[derive(Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     pose: Pose,
     velocity: Vec<Vector3<f64>>,
@@ -110,6 +113,34 @@ impl BodyFilter {
             table,
             last: None,
         })
+    }
+
+    /// Refuses a body that was read from somewhere and does not fit together.
+    ///
+    /// # Errors
+    /// Options out of range, a lattice that is none, nodes or feet that are not those of the lattice.
+    #[cfg(feature = "serde")]
+    pub fn check_read(&self) -> Result<(), Error> {
+        self.options.check()?;
+        self.lattice.check()?;
+        let (nodes, cells) = (self.lattice.rest().len(), self.lattice.cells().len());
+        let state = &self.state;
+        for (what, found, expected) in [
+            ("nodes of the pose", state.pose.live.len(), nodes),
+            ("rotations of the pose", state.pose.turns.len(), cells),
+            ("velocities", state.velocity.len(), nodes),
+            ("raised nodes", state.raised.len(), nodes),
+        ] {
+            if found != expected {
+                return Err(Error::Length {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let mut feet = self.feet.iter().enumerate();
+        feet.try_for_each(|(index, foot)| foot.check(index, &self.lattice))
     }
 
     /// The cells.

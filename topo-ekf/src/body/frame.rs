@@ -18,6 +18,7 @@ pub struct Progress {
 
 /// What is believed of a frame at most; a step that goes beyond is undone and is an [`Error::Beyond`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Limits {
     /// How far 95 % of the surface may move in a frame, m.
     pub motion: f64,

@@ -71,6 +71,8 @@ mod options;
 mod pose;
 mod project;
 mod row;
+#[cfg(feature = "serde")]
+mod saved;
 mod variance;
 mod weight;
 
