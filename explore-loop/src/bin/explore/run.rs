@@ -60,9 +60,10 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     let resumed = state.map_or(Ok(()), |state| explorer.resume(state));
     let outcome = resumed.and_then(|()| explorer.run());
     drop(explorer);
-    let recorder = recorder.finish()?;
+    let finished = recorder.finish();
     let outcome = match outcome {
         Err(Error::Interrupted) => {
+            let recorder = finished?;
             let dir = args.out.display();
             return Err(format!(
                 "interrupted after {} manipulations; --resume --out {dir} goes on from there",
@@ -70,8 +71,10 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
             )
             .into());
         }
+        // What went wrong first is what there is to say, not that the recording cannot be closed after it.
         outcome => outcome?,
     };
+    let recorder = finished?;
     let mesh = FinalMesh::of(
         &recorder.so_far.model,
         &outcome.topology,
