@@ -62,31 +62,31 @@ impl SessionWriter {
             .chunk_size(None)
             // Without seeking a chunk is collected in memory and written whole.
             .disable_seeking(true);
-        let write_error = |source| Error::Write {
-            path: path.clone(),
-            source,
+        let mcap = options
+            .create(BufWriter::new(file))
+            .map_err(|source| Error::Write {
+                path: path.clone(),
+                source,
+            })?;
+        let mut writer = Self {
+            mcap: Some(mcap),
+            path,
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            pending: 0,
+            flushed_at: None,
         };
-        let mut mcap = options.create(BufWriter::new(file)).map_err(write_error)?;
-        let mut schemas = BTreeMap::new();
         for Schema {
             type_name,
             definition,
             hash,
         } in SCHEMAS
         {
-            let id = mcap
-                .add_schema(type_name, "ros2msg", definition.as_bytes())
-                .map_err(write_error)?;
-            schemas.insert(type_name, (id, hash));
+            let text = definition.as_bytes();
+            let id = writer.with(|mcap| mcap.add_schema(type_name, "ros2msg", text))?;
+            writer.schemas.insert(type_name, (id, hash));
         }
-        Ok(Self {
-            mcap: Some(mcap),
-            path,
-            schemas,
-            channels: BTreeMap::new(),
-            pending: 0,
-            flushed_at: None,
-        })
+        Ok(writer)
     }
 
     /// The table: `normal · x + offset ≥ 0` on the free side.
@@ -176,7 +176,7 @@ impl SessionWriter {
         if self.pending == 0 {
             return Ok(());
         }
-        self.with(|mcap| mcap.flush())?;
+        self.with(mcap::Writer::flush)?;
         self.pending = 0;
         self.flushed_at = None;
         Ok(())
