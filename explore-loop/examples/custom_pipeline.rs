@@ -53,6 +53,7 @@ impl Reconstruct for ByArms {
     }
 }
 
+/// Explores the egg with it.
 pub fn main() -> Result<(), Error> {
     let mut cell = egg::EggCell::new(0);
     let mut planner = RandomPlanner::new(0);

@@ -1,8 +1,6 @@
 //! A rigid egg in a cell that was written from the docs of `Cell` alone: what is called closed was seen, and has the right size.
 #![allow(missing_docs, clippy::unwrap_used, dead_code)]
 
-#[path = "../examples/custom_pipeline.rs"]
-mod custom_pipeline;
 #[path = "../examples/own_robot/egg.rs"]
 mod egg;
 #[path = "../examples/own_robot/judge.rs"]
@@ -37,9 +35,4 @@ fn an_egg_that_slips_is_not_believed_to_turn() {
         assert!(end.failed > 0, "nothing was noticed");
         told(&end, seed);
     }
-}
-
-#[test]
-fn the_custom_pipeline_runs() {
-    custom_pipeline::main().unwrap();
 }

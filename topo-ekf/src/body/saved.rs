@@ -7,6 +7,7 @@ pub(super) mod occupancy {
 
     use crate::body::cube::{Occupancy, PARTS};
 
+    #[allow(clippy::ref_option, reason = "the signature that serde calls")]
     pub fn serialize<S: Serializer>(
         occupancy: &Option<Arc<Occupancy>>,
         serializer: S,
