@@ -2,6 +2,7 @@
 
 use crate::canonical::closed_surface::ClosedSurfaceError;
 use crate::cell::CellError;
+use crate::checkpoint::CheckpointError;
 use crate::measure::MeasureError;
 use std::path::PathBuf;
 
@@ -47,6 +48,23 @@ pub enum Error {
     /// A session could not be read or written.
     #[error("session: {0}")]
     Session(#[from] dvrk_io::Error),
+    /// A run cannot go on from what was saved of it.
+    #[error("cannot resume: {reason}")]
+    Resume {
+        /// Why not.
+        reason: String,
+    },
+    /// A checkpoint cannot be used.
+    #[error("{}: {source}", path.display())]
+    Checkpoint {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: CheckpointError,
+    },
+    /// Somebody asked the program to stop.
+    #[error("interrupted")]
+    Interrupted,
     /// A file could not be written.
     #[error("cannot write {}: {source}", path.display())]
     Write {

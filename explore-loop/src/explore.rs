@@ -15,7 +15,7 @@ use crate::canonical::surface::{triangulate, vertex_areas};
 use crate::canonical::topology::{self, Topology};
 use crate::cell::{Cell, CellError, Observation};
 use crate::plan::{ManipulationPlan, PlanInput, PlannedGrip, Planner};
-use crate::reconstruct::{FrameReport, ReconstructOptions, Reconstructor};
+use crate::reconstruct::{FrameReport, Reconstruct, ReconstructOptions, Reconstructor};
 use crate::set_down;
 use nalgebra::Isometry3;
 
@@ -114,6 +114,18 @@ pub enum Event<'a> {
     Missed(usize),
     /// A manipulation is over; how many there were.
     Manipulated(usize),
+    /// All that the loop knows between two manipulations, for [`Explorer::resume`]; told only to a watcher that [wants](Watcher::wants_state) it.
+    State(&'a SavedState),
+}
+
+/// All that the loop knows between two manipulations. With a world in the same state an exploration goes on from it to the bit.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SavedState {
+    manipulations: usize,
+    misses: usize,
+    latest: Option<Observation>,
+    planner: Vec<u8>,
+    reconstruction: Vec<u8>,
 }
 
 /// Follows an exploration: progress, recording, measures. It sees everything and changes nothing.
@@ -123,6 +135,18 @@ pub trait Watcher {
     /// # Errors
     /// What the watcher records cannot be written: the exploration ends.
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error>;
+
+    /// Whether [`Event::State`] is to be told after every manipulation. By default not: it takes some milliseconds.
+    fn wants_state(&self) -> bool {
+        false
+    }
+}
+
+/// Watches nothing.
+impl Watcher for () {
+    fn event(&mut self, _: Event<'_>, _: &CanonicalModel) -> Result<(), Error> {
+        Ok(())
+    }
 }
 
 /// How an exploration ended.
@@ -144,7 +168,7 @@ pub struct Explorer<'a> {
     planner: &'a mut dyn Planner,
     watcher: &'a mut dyn Watcher,
     options: ExploreOptions,
-    reconstructor: Reconstructor,
+    reconstructor: Box<dyn Reconstruct + 'a>,
     latest: Option<Observation>,
     manipulations: usize,
     misses: usize,
@@ -188,20 +212,20 @@ impl<'a> Explorer<'a> {
         ))
     }
 
-    /// The same with a reconstruction of the caller's, with settings of the caller's.
+    /// The same with a reconstruction of the caller's: a [`Reconstructor`] with other settings, or another [`Reconstruct`].
     pub fn with_reconstructor(
         cell: &'a mut dyn Cell,
         planner: &'a mut dyn Planner,
         watcher: &'a mut dyn Watcher,
         options: ExploreOptions,
-        reconstructor: Reconstructor,
+        reconstructor: impl Reconstruct + 'a,
     ) -> Self {
         Self {
             cell,
             planner,
             watcher,
             options,
-            reconstructor,
+            reconstructor: Box::new(reconstructor),
             latest: None,
             manipulations: 0,
             misses: 0,
@@ -211,6 +235,37 @@ impl<'a> Explorer<'a> {
     /// The model so far.
     pub fn model(&self) -> &CanonicalModel {
         self.reconstructor.model()
+    }
+
+    /// All that the loop knows, between two manipulations.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the reconstruction cannot be saved.
+    pub fn save(&self) -> Result<SavedState, Error> {
+        let saved = self.reconstructor.save();
+        let reconstruction = saved.ok_or_else(|| Error::Resume {
+            reason: "this reconstruction cannot be resumed".into(),
+        })?;
+        Ok(SavedState {
+            manipulations: self.manipulations,
+            misses: self.misses,
+            latest: self.latest.clone(),
+            planner: self.planner.save(),
+            reconstruction,
+        })
+    }
+
+    /// Takes over what another exploration knew; [`Self::run`] then goes on from there. The world has to be as it was then.
+    ///
+    /// # Errors
+    /// [`Error::Resume`] or [`Error::Filter`]: the state is not of such a reconstruction or planner.
+    pub fn resume(&mut self, saved: SavedState) -> Result<(), Error> {
+        self.planner.restore(&saved.planner)?;
+        self.reconstructor.restore(&saved.reconstruction)?;
+        self.manipulations = saved.manipulations;
+        self.misses = saved.misses;
+        self.latest = saved.latest;
+        Ok(())
     }
 
     /// Explores until the surface is closed or nothing more can be done.
@@ -302,7 +357,9 @@ impl<'a> Explorer<'a> {
     fn plan(&mut self, topology: &Topology) -> Result<Result<ManipulationPlan, String>, Error> {
         let model = self.reconstructor.model();
         let visible = match &self.latest {
-            Some(observation) => self.reconstructor.visible_now(observation),
+            Some(observation) => self
+                .reconstructor
+                .visible_now(observation, self.options.spacing),
             None => vec![false; model.len()],
         };
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
@@ -407,6 +464,10 @@ impl<'a> Explorer<'a> {
         self.travel(&retreat, 0.4 * self.options.reach_speed)?;
         self.manipulations += 1;
         self.tell(Event::Manipulated(self.manipulations))?;
+        if self.watcher.wants_state() {
+            let saved = self.save()?;
+            self.tell(Event::State(&saved))?;
+        }
         Ok(State::Home)
     }
 

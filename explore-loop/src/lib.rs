@@ -11,6 +11,7 @@
 //! | what the camera can see of it | [`visibility`] |
 //! | grips and motions | [`plan`] |
 //! | the loop as a state machine | [`explore`] |
+//! | a run that was broken off goes on | [`checkpoint`] |
 //! | measures against a ground truth | [`measure`] |
 //! | files and pictures | [`report`] |
 //!
@@ -20,6 +21,7 @@
 //! # Example
 //! The first looks at an ellipsoid in the simulated cell:
 //! ```
+//! # #[cfg(feature = "sim")] {
 //! use explore_loop::canonical::topology;
 //! use explore_loop::cell::Cell;
 //! use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
@@ -38,6 +40,7 @@
 //! let topology = topology::analyse(reconstructor.model(), spacing)?;
 //! assert!(!topology.is_closed());
 //! assert_eq!(topology.persistent[0], 1);
+//! # }
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
@@ -47,6 +50,7 @@ pub use nalgebra;
 
 pub mod canonical;
 pub mod cell;
+pub mod checkpoint;
 mod error;
 pub mod explore;
 pub mod measure;

@@ -91,6 +91,24 @@ pub trait Planner {
     /// # Errors
     /// Input that cannot be planned with.
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<ManipulationPlan, String>, Error>;
+
+    /// What the planner remembers, to be written to a checkpoint. Nothing by default.
+    fn save(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Goes on from what [`Self::save`] gave. Remembers nothing by default.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the bytes are none of this planner.
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        if saved.is_empty() {
+            return Ok(());
+        }
+        Err(Error::Resume {
+            reason: "it was saved with another planner".into(),
+        })
+    }
 }
 
 /// Best null-space coverage whose motion can be done.
@@ -219,6 +237,25 @@ impl RandomPlanner {
 }
 
 impl Planner for RandomPlanner {
+    /// Seed and place of the stream of random numbers.
+    fn save(&self) -> Vec<u8> {
+        let place = self.random.get_word_pos().to_le_bytes();
+        [&self.random.get_seed()[..], &place].concat()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let (seed, place) = saved.split_at_checked(32).unwrap_or_default();
+        let (Ok(seed), Ok(place)) = (<[u8; 32]>::try_from(seed), <[u8; 16]>::try_from(place))
+        else {
+            return Err(Error::Resume {
+                reason: "it was saved with another planner".into(),
+            });
+        };
+        self.random = ChaCha8Rng::from_seed(seed);
+        self.random.set_word_pos(u128::from_le_bytes(place));
+        Ok(())
+    }
+
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<ManipulationPlan, String>, Error> {
         let arms = arms(input.cell);
         let (model, scene) = (model(input), scene(input, &arms));

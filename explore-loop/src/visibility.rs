@@ -9,10 +9,11 @@
 //! otherwise                    → supported, when its normal faces the camera
 //! ```
 
+use crate::canonical::CanonicalModel;
 use nalgebra::{Point3, UnitVector3};
 
 /// A depth image made of a cloud: nearest depth per ray bin.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct DepthGrid {
     bin: f64,
     low: [i64; 2],
@@ -165,4 +166,18 @@ pub fn behind_arm(
 /// Cosine between a surface normal and the direction to the camera: 1 faces it, negative turns away.
 pub fn facing(point: &Point3<f64>, normal: &UnitVector3<f64>) -> f64 {
     -normal.dot(&point.coords) / point.coords.norm().max(1e-12)
+}
+
+/// Which vertices of a model the camera sees, when `cloud` is what it sees: they face it, and the cloud passes within two spacings of them.
+/// `spacing` is that of the model, metres.
+pub fn visible(model: &CanonicalModel, cloud: &[Point3<f64>], spacing: f64) -> Vec<bool> {
+    let grid = DepthGrid::new(cloud, 0.6 * spacing);
+    let near = 2.0 * spacing;
+    (0..model.len())
+        .map(|i| {
+            let sight = grid.as_ref().map(|g| g.sight(&model.live[i], near, near));
+            facing(&model.live[i], &model.live_normal(i)) > 0.1
+                && matches!(sight, Some(Sight::Supported { .. }))
+        })
+        .collect()
 }

@@ -2,6 +2,7 @@
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use explore_loop::measure::{MeshReport, Sampling, Surface, TrueSurface, compare};
+use rand::{Rng, SeedableRng};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
@@ -485,6 +486,31 @@ fn the_frames_table_has_a_line_a_frame() {
     assert!(text.lines().all(|line| line.split(',').count() == columns));
 }
 
+/// The table keeps every vertex above it in every frame, and the report says how.
+#[test]
+fn no_vertex_is_under_the_table_in_any_frame() {
+    for run in twice() {
+        let metrics = run.metrics();
+        let constraints = &metrics["constraints"];
+        let text = std::str::from_utf8(&run.files["frames.csv"]).unwrap();
+        let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let header = lines.next().unwrap();
+        let column = |name: &str| header.iter().position(|h| *h == name).unwrap();
+        let (depth, active) = (column("below_table_um"), column("active"));
+        let mut touched = 0;
+        for line in lines {
+            // A tenth of a millimetre, in micrometres.
+            assert!(line[depth].parse::<f64>().unwrap() <= 100.0, "{line:?}");
+            touched += usize::from(line[active] != "0");
+        }
+        assert!(touched > 0);
+        assert_eq!(constraints["active_frames"], touched);
+        assert_eq!(constraints["infeasible_frames"], 0);
+        assert!(constraints["below_table_m"].as_f64().unwrap() <= 1e-4);
+        assert!(constraints["violation_m"].as_f64().unwrap() <= 1e-6);
+    }
+}
+
 /// The recording holds every frame, and reconstructing from it alone gives the object again.
 #[test]
 fn the_session_replays() {
@@ -574,4 +600,189 @@ fn a_study_of_seeds_is_a_table_and_can_be_taken_up_again() {
     );
     // Nothing was run: a run would have left its mesh.
     assert!(!seed.join("canonical.ply").exists());
+}
+
+/// Everything that a run leaves but for the times that it took.
+fn without_times(folder: &Path) -> (Value, Vec<Vec<String>>, Vec<u8>, dvrk_io::session::Session) {
+    let read = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    let mut metrics: Value = serde_json::from_slice(&read("metrics.json")).unwrap();
+    for key in ["registration_ms", "frame_ms", "wall_s"] {
+        metrics.as_object_mut().unwrap().remove(key).unwrap();
+    }
+    let text = String::from_utf8(read("frames.csv")).unwrap();
+    let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let lines = text.lines().map(|line| {
+        let named = header.iter().zip(line.split(','));
+        let kept = named.filter(|(name, _)| !name.ends_with("_ms"));
+        kept.map(|(_, value)| value.to_owned()).collect()
+    });
+    let session = dvrk_io::session::SessionReader::open(folder.join("session.mcap")).unwrap();
+    (metrics, lines.collect(), read("canonical.ply"), session)
+}
+
+fn run_in(folder: &Path, more: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_explore"));
+    command
+        .args([
+            "run",
+            "--scene",
+            "ellipsoid",
+            "--seed",
+            "0",
+            "--quiet",
+            "--out",
+        ])
+        .arg(folder)
+        .args(more)
+        .stderr(std::process::Stdio::piped());
+    command
+}
+
+/// Kills runs at moments drawn between their start and their end and goes on each time; the end is that of the unbroken run, and the recording can be
+/// read after every kill.
+fn killed(times: u32, seed: u64) {
+    let folder = tempfile::tempdir().unwrap();
+    let (whole, broken) = (folder.path().join("whole"), folder.path().join("broken"));
+    let started = std::time::Instant::now();
+    assert!(run_in(&whole, &[]).status().unwrap().success());
+    let took = started.elapsed().as_secs_f64();
+    let expected = without_times(&whole);
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    for k in 0..times {
+        let resume = broken.join("checkpoint.bin").exists();
+        let more: &[&str] = if resume { &["--resume"] } else { &[] };
+        let mut running = run_in(&broken, more).spawn().unwrap();
+        let wait = random.random_range(0.02..took);
+        std::thread::sleep(std::time::Duration::from_secs_f64(wait));
+        running.kill().unwrap();
+        running.wait().unwrap();
+        if broken.join("session.mcap").exists() {
+            let session = broken.join("session.mcap");
+            // Killed before the first frame there is nothing to read, and the reader says just that.
+            match dvrk_io::session::SessionReader::open(session) {
+                Ok(session) => assert!(session.frames.len() <= expected.3.frames.len()),
+                Err(error) => assert!(wait < 0.5 * took, "kill {k}: {error}"),
+            }
+        }
+    }
+    let end = run_in(&broken, &["--resume"]).output().unwrap();
+    assert!(
+        end.status.success(),
+        "{}",
+        String::from_utf8_lossy(&end.stderr)
+    );
+    let found = without_times(&broken);
+    assert_eq!(found.0, expected.0);
+    assert_eq!(found.1, expected.1);
+    assert!(found.2 == expected.2, "another mesh");
+    assert!(found.3 == expected.3, "another recording");
+}
+
+#[test]
+fn a_killed_run_goes_on_to_the_same_end() {
+    killed(3, 0);
+}
+
+#[test]
+#[ignore = "ten minutes"]
+fn a_run_killed_fifty_times_goes_on_to_the_same_end() {
+    killed(50, 1);
+}
+
+/// A run that was asked to stop closes its recording, says how to go on, and does.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_run_says_how_to_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    for (signal, more) in [("INT", &[][..]), ("TERM", &["--resume"])] {
+        let session = folder.path().join("session.mcap");
+        // The recording of the run before is large already.
+        let _none_yet = std::fs::remove_file(&session);
+        let running = run_in(folder.path(), more).spawn().unwrap();
+        let enough = || std::fs::metadata(&session).is_ok_and(|m| m.len() > 1_000_000);
+        while !enough() {
+            std::thread::sleep(std::time::Duration::from_millis(20));
+        }
+        let id = running.id().to_string();
+        let sent = Command::new("kill")
+            .args(["-s", signal, &id])
+            .status()
+            .unwrap();
+        assert!(sent.success());
+        let output = running.wait_with_output().unwrap();
+        let text = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{text}");
+        assert!(
+            text.contains("interrupted") && text.contains("--resume"),
+            "{text}"
+        );
+        assert_eq!(text.lines().count(), 1, "{text}");
+        dvrk_io::session::SessionReader::open(&session).unwrap();
+    }
+}
+
+/// A checkpoint that is none, is damaged or belongs to another run is refused and stays as it is.
+#[test]
+fn checkpoints_that_cannot_be_resumed_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("checkpoint.bin");
+    let out = text(folder.path());
+    let resume = |more: &[&str], names: &[&str]| {
+        let arguments = ["run", "--scene", "ellipsoid", "--resume", "--out", out];
+        refuses(&[&arguments, more].concat(), 1, names);
+    };
+    resume(&[], &["checkpoint.bin"]);
+    std::fs::write(&path, "These are my notes about the run, not a checkpoint.").unwrap();
+    resume(&[], &["checkpoint.bin", "byte 0", "not a checkpoint"]);
+    let whole = &twice()[0].files["checkpoint.bin"];
+    std::fs::write(&path, whole).unwrap();
+    resume(
+        &["--seed", "7"],
+        &["checkpoint.bin", "--seed 0", "--seed 7"],
+    );
+    let mut other = whole.clone();
+    other[8] = 77;
+    std::fs::write(&path, &other).unwrap();
+    resume(&[], &["checkpoint.bin", "byte 8", "version 77"]);
+    for length in [0, 19, 20, whole.len() / 2, whole.len() - 1] {
+        std::fs::write(&path, &whole[..length]).unwrap();
+        resume(&[], &["checkpoint.bin", "byte"]);
+    }
+    let mut damaged = whole.clone();
+    damaged[whole.len() / 2] ^= 1;
+    std::fs::write(&path, &damaged).unwrap();
+    resume(&[], &["checkpoint.bin", "bytes", "damaged"]);
+    assert_eq!(std::fs::read(&path).unwrap(), damaged);
+}
+
+/// A disk that is full is said to be, and what was saved before stays.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_an_error_and_the_last_checkpoint_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = text(folder.path());
+    let whole = &twice()[0].files["checkpoint.bin"];
+    for (name, file) in [
+        ("session.mcap.part", "session"),
+        ("checkpoint.bin.part", "checkpoint.bin"),
+    ] {
+        std::fs::write(folder.path().join("checkpoint.bin"), whole).unwrap();
+        let full = folder.path().join(name);
+        std::os::unix::fs::symlink("/dev/full", &full).unwrap();
+        refuses(
+            &[
+                "run",
+                "--scene",
+                "ellipsoid",
+                "--resume",
+                "--quiet",
+                "--out",
+                out,
+            ],
+            1,
+            &[file, "No space left"],
+        );
+        std::fs::remove_file(&full).unwrap();
+        assert!(&std::fs::read(folder.path().join("checkpoint.bin")).unwrap() == whole);
+    }
 }

@@ -330,3 +330,27 @@ fn consolidating_nothing_is_harmless() {
     reconstructor.consolidate(&table());
     assert!(!reconstructor.model().is_empty());
 }
+
+/// What moves clearly farther than ξ = 15 mm between two frames is reported, and model and body stay as they were; what moves less is followed.
+#[test]
+fn motion_past_the_limit_is_reported_and_not_taken() {
+    for (jump, followed) in [(0.006, true), (0.025, false), (0.04, false), (0.1, false)] {
+        let mut reconstructor = reconstructor();
+        for number in 0..6 {
+            let seen = frame(0, false, number);
+            assert!(usable(&reconstructor.process(&seen, &table()).unwrap()));
+        }
+        let before = reconstructor.model().clone();
+        let at = Translation3::new(jump, 0.0, 0.0) * motion(0);
+        let moved = Observation {
+            stamp: 0.6,
+            points: render(&at, 6),
+            arms: arms(&at, false),
+        };
+        let report = reconstructor.process(&moved, &table()).unwrap();
+        assert_eq!(report.failure.is_none(), followed, "{jump} m: {report:?}");
+        let model = reconstructor.model();
+        assert!(followed || model.rest == before.rest, "{jump} m");
+        assert!(followed || model.live == before.live, "{jump} m");
+    }
+}

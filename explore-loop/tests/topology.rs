@@ -4,7 +4,7 @@
 mod common;
 
 use common::{AXES, COUNT, Normal, SPACING, at_rest, ellipsoid, net};
-use explore_loop::canonical::topology::{Obstacle, Topology, analyse};
+use explore_loop::canonical::topology::{Obstacle, Topology, analyse, analyse_within};
 use explore_loop::measure::MeshReport;
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -217,4 +217,48 @@ fn reflections_keep_the_verdict() {
         normals.iter().map(|n| flip * n).collect(),
     );
     assert!(judge(&turned).is_closed());
+}
+
+/// Ten thousand vertices in one place are no reason to give up: they are thinned, and it is said.
+#[test]
+fn a_crowded_model_is_thinned_and_reported() {
+    let (mut points, mut normals) = ellipsoid(COUNT, AXES);
+    let sparse = analyse(&at_rest(&points, &normals), SPACING).unwrap();
+    assert_eq!(sparse.thinned, 0);
+    let (place, normal) = (points[0], normals[0]);
+    for k in 0..10_000 {
+        let at = f64::from(k) * 1e-7;
+        points.push(place + Vector3::new(at, 1e-3 * (at * 1e5).sin(), 0.0));
+        normals.push(normal);
+    }
+    let crowded = analyse(&at_rest(&points, &normals), SPACING).unwrap();
+    assert!(crowded.is_closed(), "the surface through them is even");
+    assert_eq!(crowded.boundary.len(), points.len());
+}
+
+/// A complex that may not grow as large as the sample asks for is built on fewer points: never an error, and never closed where it was open.
+#[test]
+fn a_complex_that_is_too_large_is_thinned_and_reported() {
+    let (points, normals) = ellipsoid(COUNT, AXES);
+    let whole = at_rest(&points, &normals);
+    let mut thinned = 0;
+    for most in [400_000, 100_000, 10_000, 100, 1] {
+        let topology = analyse_within(&whole, SPACING, most).unwrap();
+        assert!(topology.thinned > thinned, "{most}: {}", topology.thinned);
+        thinned = topology.thinned;
+        assert!(topology.simplices.iter().sum::<usize>() <= most);
+        assert_eq!(topology.boundary.len(), points.len());
+        assert!(
+            most < 100_000 || topology.is_closed(),
+            "{most}: {:?}",
+            topology.obstacle()
+        );
+    }
+    let (points, normals): Net = std::iter::zip(points, normals)
+        .filter(|(p, _)| p.z > -0.01)
+        .unzip();
+    for most in [400_000, 100_000, 10_000, 100, 1] {
+        let topology = analyse_within(&at_rest(&points, &normals), SPACING, most).unwrap();
+        assert!(topology.thinned > 0 && !topology.is_closed(), "{most}");
+    }
 }

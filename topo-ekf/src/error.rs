@@ -19,6 +19,16 @@ pub enum Error {
         /// What would be accepted.
         must: &'static str,
     },
+    /// What the frame would have done to the body lies beyond a [limit](crate::body::Limits) of it.
+    #[error("{what} is {value:.3}, at most {limit:.3} is believed")]
+    Beyond {
+        /// Which limit: `motion of the surface, m` or `pull of the grips in weights of the body`.
+        what: &'static str,
+        /// The value.
+        value: f64,
+        /// The limit.
+        limit: f64,
+    },
     /// A coordinate is NaN or infinite, or so large that squares overflow.
     #[error("{what} {index} is not a usable point: {value:?}")]
     NonFinitePoint {

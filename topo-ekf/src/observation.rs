@@ -22,6 +22,7 @@ pub struct Observation {
 
 /// The half-space `normal · x + offset ≥ 0` that every vertex stays in.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plane {
     /// Unit normal, pointing to the free side.
     pub normal: UnitVector3<f64>,

@@ -29,7 +29,8 @@ const CHUNK_NANOSECONDS: u64 = 1_000_000_000;
 ///
 /// Dropping the writer closes the file as well, but only [`finish`](Self::finish) says whether that worked.
 pub struct SessionWriter {
-    mcap: mcap::Writer<BufWriter<File>>,
+    /// Gone once a write has failed: the library must not be called again then, not even to be dropped.
+    mcap: Option<mcap::Writer<BufWriter<File>>>,
     path: PathBuf,
     schemas: BTreeMap<&'static str, (u16, &'static str)>,
     channels: BTreeMap<String, Channel>,
@@ -61,31 +62,31 @@ impl SessionWriter {
             .chunk_size(None)
             // Without seeking a chunk is collected in memory and written whole.
             .disable_seeking(true);
-        let write_error = |source| Error::Write {
-            path: path.clone(),
-            source,
+        let mcap = options
+            .create(BufWriter::new(file))
+            .map_err(|source| Error::Write {
+                path: path.clone(),
+                source,
+            })?;
+        let mut writer = Self {
+            mcap: Some(mcap),
+            path,
+            schemas: BTreeMap::new(),
+            channels: BTreeMap::new(),
+            pending: 0,
+            flushed_at: None,
         };
-        let mut mcap = options.create(BufWriter::new(file)).map_err(write_error)?;
-        let mut schemas = BTreeMap::new();
         for Schema {
             type_name,
             definition,
             hash,
         } in SCHEMAS
         {
-            let id = mcap
-                .add_schema(type_name, "ros2msg", definition.as_bytes())
-                .map_err(write_error)?;
-            schemas.insert(type_name, (id, hash));
+            let text = definition.as_bytes();
+            let id = writer.with(|mcap| mcap.add_schema(type_name, "ros2msg", text))?;
+            writer.schemas.insert(type_name, (id, hash));
         }
-        Ok(Self {
-            mcap,
-            path,
-            schemas,
-            channels: BTreeMap::new(),
-            pending: 0,
-            flushed_at: None,
-        })
+        Ok(writer)
     }
 
     /// The table: `normal · x + offset ≥ 0` on the free side.
@@ -175,10 +176,7 @@ impl SessionWriter {
         if self.pending == 0 {
             return Ok(());
         }
-        self.mcap.flush().map_err(|source| Error::Write {
-            path: self.path.clone(),
-            source,
-        })?;
+        self.with(mcap::Writer::flush)?;
         self.pending = 0;
         self.flushed_at = None;
         Ok(())
@@ -189,17 +187,16 @@ impl SessionWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn finish(mut self) -> Result<(), Error> {
+        self.with(|mcap| mcap.finish().map(|_| ()))?;
         let path = self.path;
-        self.mcap.finish().map_err(|source| Error::Write {
-            path: path.clone(),
-            source,
-        })?;
+        let Some(mcap) = self.mcap else {
+            return Ok(());
+        };
         let io_error = |source| Error::Io {
             path: path.clone(),
             source,
         };
-        let file = self
-            .mcap
+        let file = mcap
             .into_inner()
             .into_inner()
             .map_err(|error| io_error(error.into_error()))?;
@@ -209,11 +206,7 @@ impl SessionWriter {
     fn write<M: Message>(&mut self, topic: &Topic, stamp: Time, message: &M) -> Result<(), Error> {
         let data = cdr::encode(message, Endian::Little)?;
         let time = stamp.nanoseconds();
-        self.append(&topic.name(), M::TYPE, time, &data)
-            .map_err(|source| Error::Write {
-                path: self.path.clone(),
-                source,
-            })?;
+        self.append(&topic.name(), M::TYPE, time, &data)?;
         self.pending += data.len();
         let since = *self.flushed_at.get_or_insert(time);
         if self.pending >= CHUNK_BYTES || time.abs_diff(since) >= CHUNK_NANOSECONDS {
@@ -228,7 +221,7 @@ impl SessionWriter {
         type_name: &str,
         time: u64,
         data: &[u8],
-    ) -> mcap::McapResult<()> {
+    ) -> Result<(), Error> {
         if !self.channels.contains_key(topic) {
             // Every type written has its schema since `create`; id 0 would mean "no schema".
             let (schema, hash) = self.schemas.get(type_name).copied().unwrap_or_default();
@@ -236,7 +229,7 @@ impl SessionWriter {
             let metadata = metadata
                 .map(|(key, value)| (key.to_owned(), value.to_owned()))
                 .into();
-            let id = self.mcap.add_channel(schema, topic, "cdr", &metadata)?;
+            let id = self.with(|mcap| mcap.add_channel(schema, topic, "cdr", &metadata))?;
             self.channels
                 .insert(topic.to_owned(), Channel { id, messages: 0 });
         }
@@ -249,7 +242,25 @@ impl SessionWriter {
             log_time: time,
             publish_time: time,
         };
-        self.mcap.write_to_known_channel(&header, data)
+        self.with(|mcap| mcap.write_to_known_channel(&header, data))
+    }
+
+    fn with<T>(
+        &mut self,
+        call: impl FnOnce(&mut mcap::Writer<BufWriter<File>>) -> mcap::McapResult<T>,
+    ) -> Result<T, Error> {
+        let done = self
+            .mcap
+            .as_mut()
+            .map_or(Err(mcap::McapError::AttemptedWriteAfterFailure), call);
+        done.map_err(|source| {
+            // Dropping it would try to write again, which panics after some failures.
+            std::mem::forget(self.mcap.take());
+            Error::Write {
+                path: self.path.clone(),
+                source,
+            }
+        })
     }
 }
 

@@ -21,7 +21,7 @@ pub mod surface;
 pub mod topology;
 
 /// The canonical model of the object: parallel arrays, one entry a vertex.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct CanonicalModel {
     /// Stable identity of each vertex: never reused, survives removals of others.
     pub ids: Vec<u64>,
@@ -59,6 +59,18 @@ pub struct NewVertex {
     pub rotation: Matrix3<f64>,
 }
 
+impl NewVertex {
+    /// A vertex that lies now where it lies at rest.
+    pub fn new(rest: Point3<f64>, rest_normal: UnitVector3<f64>) -> Self {
+        Self {
+            rest,
+            rest_normal,
+            live: rest,
+            rotation: Matrix3::identity(),
+        }
+    }
+}
+
 impl CanonicalModel {
     /// Number of vertices.
     pub fn len(&self) -> usize {
@@ -68,6 +80,22 @@ impl CanonicalModel {
     /// Whether nothing has been seen yet.
     pub fn is_empty(&self) -> bool {
         self.rest.is_empty()
+    }
+
+    /// Whether every list has an entry a vertex and every edge two vertices.
+    pub(crate) fn is_consistent(&self) -> bool {
+        let count = self.len();
+        let lengths = [
+            self.ids.len(),
+            self.rest_normals.len(),
+            self.live.len(),
+            self.rotations.len(),
+            self.born.len(),
+            self.last_seen.len(),
+            self.times_seen.len(),
+        ];
+        let inside = |edge: &[u32; 2]| edge.iter().all(|v| (*v as usize) < count);
+        lengths.iter().all(|n| *n == count) && self.edges.iter().all(inside)
     }
 
     /// Adds a vertex seen for the first time in `frame`.

@@ -49,6 +49,9 @@ pub struct Topology {
     pub non_manifold: usize,
     /// Simplices of each dimension.
     pub simplices: [usize; 4],
+    /// Points of the sample that were left out because the complex would have become too large: what remains is a subset whose points are
+    /// farther apart.
+    pub thinned: usize,
     /// The surface: closed when the object is, otherwise open where nothing was seen; `None` when none could be drawn.
     pub surface: Option<ClosedSurface>,
 }
@@ -128,8 +131,21 @@ const MOST_STRAYS: f64 = 0.03;
 /// Draws the surface of the rest positions, builds the complex of what of it was seen, and reads it.
 ///
 /// # Errors
-/// Non-finite positions, or a complex larger than memory allows.
+/// Non-finite positions.
 pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_complex::Error> {
+    analyse_within(model, spacing, MOST_SIMPLICES)
+}
+
+/// As [`analyse`], with a complex of at most `most` simplices: with more, the sample is thinned ([`Topology::thinned`]) and read at a coarser
+/// scale, in which holes of less than two of its spacings do not show.
+///
+/// # Errors
+/// Non-finite positions.
+pub fn analyse_within(
+    model: &CanonicalModel,
+    spacing: f64,
+    most: usize,
+) -> Result<Topology, cech_complex::Error> {
     let weights: Vec<f64> = model
         .times_seen
         .iter()
@@ -141,7 +157,9 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         || (model.rest.clone(), model.rest_normals.clone()),
         |surface| surface.resample(SAMPLE * spacing),
     );
-    let complex = Read::new(&points, &normals, &cuts(model, &points), spacing)?;
+    let sampled = points.len();
+    let (points, normals, complex) = read(model, points, normals, spacing, most)?;
+    let thinned = sampled - points.len();
     let (boundary, loops) = complex.on_model(model, &points, &normals, spacing);
     let count = points.len().max(1) as f64;
     let mut topology = Topology {
@@ -156,6 +174,7 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         cut: complex.cut,
         non_manifold: complex.non_manifold,
         simplices: complex.simplices,
+        thinned,
         surface: None,
     };
     topology.surface = if topology.is_closed() {
@@ -164,6 +183,69 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
         drawn.map(|s| s.trimmed())
     };
     Ok(topology)
+}
+
+/// Most simplices of a complex: about 2 GB.
+const MOST_SIMPLICES: usize = 20_000_000;
+/// How much farther apart the points of the next subset are when there were too many simplices.
+const SPARSER: f64 = 1.2;
+/// Distance of the points, in spacings, from which on they are halved whatever they show.
+const FARTHEST_APART: f64 = 1e3;
+
+/// The complex of as many of the points as it can be built on. Where too many lie close together a Poisson-disc subset takes their place, its
+/// radius growing until the complex is small enough (in the end a single point is), and its cylinders with it once the points lie farther apart
+/// than those of a sample.
+#[allow(
+    clippy::type_complexity,
+    reason = "the points that were kept belong to the complex"
+)]
+fn read(
+    model: &CanonicalModel,
+    mut points: Vec<Point3<f64>>,
+    mut normals: Vec<UnitVector3<f64>>,
+    spacing: f64,
+    most: usize,
+) -> Result<(Vec<Point3<f64>>, Vec<UnitVector3<f64>>, Read), cech_complex::Error> {
+    let (mut apart, mut sparse) = (0.5 * spacing, spacing);
+    loop {
+        match Read::new(&points, &normals, &cuts(model, &points), sparse, most) {
+            Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {
+                let mut kept = spread(&points, &normals, apart);
+                // Sheets that face away from each other are never thinned into one.
+                if apart > FARTHEST_APART * spacing {
+                    kept.truncate(kept.len() / 2);
+                }
+                points = kept.iter().map(|&i| points[i]).collect();
+                normals = kept.iter().map(|&i| normals[i]).collect();
+                sparse = sparse.max(apart / SAMPLE);
+                apart *= SPARSER;
+            }
+            other => return Ok((points, normals, other?)),
+        }
+    }
+}
+
+/// A maximal subset of points that are at least `apart` from each other, or belong to sheets that face away from each other.
+fn spread(points: &[Point3<f64>], normals: &[UnitVector3<f64>], apart: f64) -> Vec<usize> {
+    let place = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c / apart).floor() as i64);
+    let mut kept = Vec::new();
+    let mut at = std::collections::BTreeMap::<[i64; 3], Vec<usize>>::new();
+    for (i, p) in points.iter().enumerate() {
+        let [x, y, z] = place(p);
+        let mut around =
+            (-1..=1).flat_map(|a| (-1..=1).flat_map(move |b| (-1..=1).map(move |c| [a, b, c])));
+        let taken = around.any(|[a, b, c]| {
+            let there = at.get(&[x + a, y + b, z + c]).into_iter().flatten();
+            there.into_iter().any(|&k: &usize| {
+                (points[k] - p).norm() < apart && normals[k].dot(&normals[i]) > SHEET_COSINE
+            })
+        });
+        if !taken {
+            kept.push(i);
+            at.entry([x, y, z]).or_default().push(i);
+        }
+    }
+    kept
 }
 
 /// Spacing of the sample that the complex is built on, in spacings.
@@ -216,6 +298,7 @@ impl Read {
         normals: &[UnitVector3<f64>],
         cuts: &[[u32; 2]],
         spacing: f64,
+        most: usize,
     ) -> Result<Self, cech_complex::Error> {
         let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
         let options = Options::default()
@@ -223,7 +306,7 @@ impl Read {
             .orientation(Orientation::Separate {
                 min_cosine: SHEET_COSINE,
             })
-            .max_simplices(20_000_000);
+            .max_simplices(most);
         let mut complex = Complex::build(points, normals, cylinder, &options)?;
         let removed = complex.cut(cuts)?;
         let kinds = complex.classify(spacing)?;

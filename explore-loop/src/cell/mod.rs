@@ -7,11 +7,31 @@
 //! All poses and points are in the camera frame: +z along the optical axis, away from the camera, metres.
 //! A tip frame has its origin midway between the jaws, +z along the approach (from the wrist to the
 //! object) and ±y along the direction in which the jaws open.
+//!
+//! # The contract
+//! What a [`Cell`] promises, and what the loop does when it is broken; the example `own_robot` is a cell written from this list.
+//!
+//! - **A grip transmits translation and rotation.** While [`ArmState::holding`] is true the patch between the jaws, some 10 mm around
+//!   the tip, moves as one with the tip frame. What gives way is the object, if it is soft; a rigid object moves as one with the tip, and where two arms, or
+//!   an arm and the table, contradict each other the *arms* are kept back.
+//! - **A pose is where the tip is**, not where it was sent. An arm that is kept back reports where it was kept; a jaw that has lost its hold reports
+//!   `holding: false`. A grip that slips in silence pulls at the model with many times the weight of the object: such frames are reported as failures
+//!   and not taken (past 5 weights; held bodies pull with at most 3.5, a rigid egg that slips with 7 and more).
+//! - **A speed is that of the fastest point of the jaws.** A motion of length `d` and angle `θ` takes `max(d, 0.02 m · θ) / speed`: fingers are taken to be
+//!   20 mm long, so that a pure rotation at 0.02 m/s turns by 1 rad/s.
+//! - **A cloud is dense.** It has a point at least every half spacing of the model where the surface faces the camera (2.5 mm of 5 mm), so at least 4 to a
+//!   square of the spacing; more are thinned, fewer leave gaps that count as never seen. It shows the object alone. Fewer than 20 points are no frame.
+//! - **Between two frames the surface moves by at most ξ = 15 mm** (95 % of it; 3 spacings, [`limits`](crate::reconstruct::ReconstructOptions)). Past it a frame
+//!   is reported as a failure in [`FrameReport::failure`](crate::reconstruct::FrameReport) and leaves the model as it was; after each frame missed the
+//!   next may have moved by one ξ more. In the twelve frames after all jaws opened the object may fall by 100 mm a frame.
+//! - **Time passes in [`Cell::observe`] and [`Cell::home`] only**, as far as the loop can tell: commanded motions go on there.
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+#[cfg(feature = "sim")]
 pub mod mesh_io;
 pub mod replay;
+#[cfg(feature = "sim")]
 pub mod sim;
 
 /// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has
@@ -28,6 +48,11 @@ impl Plane {
     /// Signed height of `point` above the plane, in metres.
     pub fn height(&self, point: &Point3<f64>) -> f64 {
         self.normal.dot(&point.coords) + self.offset
+    }
+
+    /// `point`, or the nearest point of the plane if it lies under it.
+    pub fn above(&self, point: &Point3<f64>) -> Point3<f64> {
+        point - self.normal.into_inner() * self.height(point).min(0.0)
     }
 }
 
@@ -60,24 +85,24 @@ pub struct CellInfo {
 }
 
 /// An arm as it was when a frame was taken.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ArmState {
-    /// Pose of the tip.
+    /// Pose of the tip as it is, also where something keeps it back from the pose commanded.
     pub camera_from_tip: Isometry3<f64>,
     /// Jaw angle in radians: 0 is closed on the object or on itself.
     pub jaw: f64,
-    /// Whether the jaw holds something, as far as the arm can tell (jaw torque, stall).
+    /// Whether the jaw holds something, as far as the arm can tell (jaw torque, stall). What it holds moves as one with the tip.
     pub holding: bool,
     /// Whether the last commanded pose is still being approached.
     pub moving: bool,
 }
 
 /// One frame: what the camera saw of the object (table and arms already removed), and where the arms were.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Observation {
     /// Time of the frame, seconds since the cell started.
     pub stamp: f64,
-    /// Points on the visible surface of the object, unordered.
+    /// Points on the visible surface of the object, unordered, at least one every half spacing of the model.
     pub points: Vec<Point3<f64>>,
     /// The arms, in the order of [`CellInfo::arms`].
     pub arms: Vec<ArmState>,
@@ -131,7 +156,8 @@ pub trait Cell {
     /// [`CellError::Ended`] when a recording is over, [`CellError::Failed`] when the world breaks.
     fn observe(&mut self) -> Result<Observation, CellError>;
 
-    /// Starts a straight motion of the tip (translation and slerp) at `speed` m/s and returns at once.
+    /// Starts a straight motion of the tip (translation and slerp) at `speed` m/s and returns at once. A motion of length `d` and angle
+    /// `θ` takes `max(d, 0.02 m · θ) / speed`; a new command replaces the one under way.
     ///
     /// # Errors
     /// Unknown arm, non-finite pose, speed not positive.
@@ -142,7 +168,7 @@ pub trait Cell {
         speed: f64,
     ) -> Result<(), CellError>;
 
-    /// Closes a jaw on what is between its fingers.
+    /// Closes a jaw on what is between its fingers; from then on that moves as one with the tip, in translation and rotation.
     ///
     /// # Errors
     /// [`CellError::NothingGrasped`] when it closed on nothing; the jaw is open again then.

@@ -61,7 +61,7 @@ pub use shape::{Comparison, FScore, ShapeMeasures, Spread, compare, explored, sh
 pub use summary::{MeshMeasures, TruthMeasures};
 pub use support::unsupported;
 pub use surface::{Crossing, Sample, Surface};
-pub use tracking::{Measurer, TrackingMeasures};
+pub use tracking::{Measurer, MeasurerState, TrackingMeasures};
 pub use truth::TrueSurface;
 
 /// Why a mesh cannot be measured.
@@ -71,6 +71,9 @@ pub enum MeasureError {
     /// There is no triangle with an area.
     #[error("a surface cannot be measured: it has no triangle with an area")]
     NoArea,
+    /// What was gathered belongs to another object.
+    #[error("what was measured before was measured of another object")]
+    OtherObject,
     /// A triangle names a vertex that does not exist.
     #[error(
         "a surface cannot be measured: triangle {triangle} names vertex {vertex}, there are {count}"

@@ -138,7 +138,7 @@ pub fn shape_difference(points: &[Point3<f64>], truth: &Surface) -> f64 {
 }
 
 /// What the model's points say of its shape.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShapeMeasures {
     /// Share of the true area within one spacing of the model's points, 0 to 1.
     pub explored: f64,

@@ -18,7 +18,7 @@ use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
 /// A place on a triangle of the true surface: follows the material.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Anchor {
     triangle: u32,
     weights: [f64; 3],
@@ -45,7 +45,7 @@ pub struct TrackingMeasures {
     pub slide: Option<f64>,
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 struct Mean {
     sum: f64,
     count: usize,
@@ -64,7 +64,43 @@ impl Mean {
     }
 }
 
+/// What a [`Measurer`] has gathered so far.
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
+pub struct MeasurerState {
+    anchors: BTreeMap<u64, Anchor>,
+    hidden: Mean,
+    hidden_held: Mean,
+    slide: Mean,
+}
+
 impl Measurer {
+    /// What was gathered so far.
+    pub fn save(&self) -> MeasurerState {
+        MeasurerState {
+            anchors: self.anchors.clone(),
+            hidden: self.hidden,
+            hidden_held: self.hidden_held,
+            slide: self.slide,
+        }
+    }
+
+    /// Goes on from what another one of the same object had gathered.
+    ///
+    /// # Errors
+    /// [`MeasureError::OtherObject`]: it names triangles that the true surface does not have.
+    pub fn restore(&mut self, saved: MeasurerState) -> Result<(), MeasureError> {
+        let triangles = self.rest.triangles.len();
+        let known = |anchor: &Anchor| (anchor.triangle as usize) < triangles;
+        if !saved.anchors.values().all(known) {
+            return Err(MeasureError::OtherObject);
+        }
+        self.anchors = saved.anchors;
+        self.hidden = saved.hidden;
+        self.hidden_held = saved.hidden_held;
+        self.slide = saved.slide;
+        Ok(())
+    }
+
     /// Takes the true surface at the moment of the first observation.
     ///
     /// # Errors

@@ -94,7 +94,7 @@ pub(crate) fn grown(
         fresh.push(NewVertex {
             rest: place,
             rest_normal,
-            live: *point,
+            live: table.above(point),
             rotation: *track.body.pose().turns[at.cell as usize].matrix(),
         });
     }

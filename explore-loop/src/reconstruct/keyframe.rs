@@ -10,7 +10,7 @@ use topo_ekf::body::{Embedding, Lattice, Pose};
 const MOST: usize = 26;
 
 /// A frame that was kept.
-#[derive(Clone)]
+#[derive(Clone, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Keyframe {
     pub view: Arc<FrameView>,
     pub pose: Pose,
@@ -23,7 +23,7 @@ pub(crate) struct Keyframe {
 }
 
 /// The keyframes of a track, oldest first.
-#[derive(Clone, Default)]
+#[derive(Clone, Default, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Keyframes {
     kept: Vec<Keyframe>,
     travelled: f64,

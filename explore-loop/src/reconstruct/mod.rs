@@ -21,10 +21,11 @@
 use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
-use crate::visibility::{DepthGrid, Sight, facing};
+use crate::visibility::{DepthGrid, visible};
+pub use stage::Reconstruct;
 use std::sync::Arc;
 use std::time::Instant;
-use topo_ekf::body::BodyOptions;
+use topo_ekf::body::{BodyOptions, Limits};
 use track::{Fill, Track};
 use view::FrameView;
 
@@ -34,12 +35,14 @@ mod grow;
 mod keyframe;
 mod matching;
 mod pieces;
+mod stage;
 mod track;
 mod view;
 
 /// Settings of the reconstruction; the defaults follow from the spacing.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct ReconstructOptions {
     /// Spacing ε of the model, metres.
     pub spacing: f64,
@@ -53,6 +56,9 @@ pub struct ReconstructOptions {
     pub rest_motion: f64,
     /// Mean motion between keyframes, metres.
     pub keyframe_motion: f64,
+    /// What is believed of a frame: how far the surface moves between two frames (ξ), how far it falls between two frames when it was
+    /// let go, and how hard grips pull before one must be slipping.
+    pub limits: Limits,
     /// The elastic body.
     pub body: BodyOptions,
 }
@@ -67,6 +73,11 @@ impl ReconstructOptions {
             min_facing: 0.12,
             rest_motion: 0.0006,
             keyframe_motion: 0.012,
+            limits: Limits {
+                motion: 0.015,
+                fall: 0.100,
+                pull: 5.0,
+            },
             body: BodyOptions::default(),
         }
     }
@@ -89,6 +100,10 @@ pub struct FrameReport {
     pub residual: f64,
     /// Share of the vertices facing the camera that were measured.
     pub overlap: f64,
+    /// Mean motion of the body since the last frame, metres.
+    pub moved: f64,
+    /// How the constraints on the body ended.
+    pub constraints: Constraints,
     /// Why the frame was not used, if so.
     pub failure: Option<String>,
     /// Time to bring the body to the frame, ms.
@@ -97,6 +112,29 @@ pub struct FrameReport {
     pub frame_ms: f64,
     /// Time of the re-fusion, ms.
     pub fusion_ms: f64,
+}
+
+/// Table and self-contact in a frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Constraints {
+    /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
+    pub active: usize,
+    /// Whether they contradicted each other; they are then violated as little as possible.
+    pub infeasible: bool,
+    /// Largest violation left, metres.
+    pub violation: f64,
+    /// How far the deepest vertex of the model lies under the table after the frame, metres; 0 when none does.
+    pub below_table: f64,
+}
+
+impl FrameReport {
+    /// A frame that measured all of `vertices`.
+    pub fn measured(vertices: usize) -> Self {
+        Self {
+            measured: vec![true; vertices],
+            ..Self::default()
+        }
+    }
 }
 
 /// Frames of rest after which the shape is fused.
@@ -116,6 +154,7 @@ const CLEARLY: f64 = 0.66;
 const GIVEN_UP: f64 = 1.15;
 
 /// Builds the canonical model frame by frame.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub struct Reconstructor {
     options: ReconstructOptions,
     empty: CanonicalModel,
@@ -218,6 +257,8 @@ impl Reconstructor {
             }
         }
         self.frame += 1;
+        let heights = self.model().live.iter().map(|p| table.height(p));
+        report.constraints.below_table = -heights.fold(0.0, f64::min);
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3 - report.fusion_ms;
         Ok(report)
     }
@@ -234,18 +275,13 @@ impl Reconstructor {
 
     /// Vertices that the camera can see now, judged by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
-        let spacing = self.options.spacing;
-        let grid = DepthGrid::new(&observation.points, 0.6 * spacing);
-        let model = self.model();
-        (0..model.len())
-            .map(|i| {
-                let seen = grid
-                    .as_ref()
-                    .map(|g| g.sight(&model.live[i], 2.0 * spacing, 2.0 * spacing));
-                facing(&model.live[i], &model.live_normal(i)) > 0.1
-                    && matches!(seen, Some(Sight::Supported { .. }))
-            })
-            .collect()
+        visible(self.model(), &observation.points, self.options.spacing)
+    }
+
+    /// Refuses a state that was read and does not fit together.
+    fn check_read(&self) -> Result<(), Error> {
+        let tracks = self.track.iter().chain(&self.rival);
+        tracks.into_iter().try_for_each(Track::check_read)
     }
 
     /// The first frame.
@@ -306,7 +342,11 @@ impl Reconstructor {
         self.decide(track);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
-        if track.residual > LOST || track.share < LOST_SHARE {
+        report.moved = track.moved;
+        report.constraints = track.constraints;
+        if let Some(reason) = &track.refused {
+            report.failure = Some(reason.clone());
+        } else if track.residual > LOST || track.share < LOST_SHARE {
             report.failure = Some(format!(
                 "lost: {:.1} mm off, {:.0} % of what should be seen is",
                 1e3 * track.residual,
@@ -368,7 +408,7 @@ struct Frame<'a> {
 fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let (options, arms) = (frame.options, &frame.observation.arms);
     track.follow(frame.view, arms, options)?;
-    let learns = track.fits() && !track.body.is_falling();
+    let learns = track.refused.is_none() && track.fits() && !track.body.is_falling();
     let mut added = 0;
     if let Some(first) = frame.first.filter(|_| learns) {
         let (seen, spacing) = (&track.seen, options.spacing);

@@ -1,11 +1,11 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
-use super::ReconstructOptions;
 use super::fill::{self, Columns, Seen};
 use super::keyframe::{Keyframe, Keyframes};
 use super::matching::{Gates, Match, Posed, matches, rows};
 use super::pieces::Pieces;
 use super::view::FrameView;
+use super::{Constraints, ReconstructOptions};
 use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
@@ -14,7 +14,7 @@ use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, Rotation3, UnitVector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Foot, Lattice};
+use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Foot, Lattice, Limits};
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
 const SEEN: f64 = 0.0025;
@@ -32,7 +32,7 @@ const SHARE_GROWN: usize = 25;
 const LEAST_HELD: usize = 4;
 
 /// How the column under each point of the first view is filled.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Fill {
     /// Stiffness and mass below the surface cells, relative to full ones.
     pub inner: f64,
@@ -42,6 +42,7 @@ pub(crate) struct Fill {
 type Grip = Vec<(Embedding, Point3<f64>)>;
 
 /// One hypothesis.
+#[derive(serde::Serialize, serde::Deserialize)]
 pub(crate) struct Track {
     pub model: CanonicalModel,
     pub body: BodyFilter,
@@ -58,6 +59,12 @@ pub(crate) struct Track {
     pub moved: f64,
     /// Frames in a row without motion and without grips.
     pub still: usize,
+    /// How the constraints of the last frame ended.
+    pub constraints: Constraints,
+    /// Why the last frame was not taken, if so.
+    pub refused: Option<String>,
+    /// Frames in a row that were not taken.
+    missed: usize,
     grips: Vec<Option<Grip>>,
     frame: u32,
     /// Innovation of every frame in which the body was held, metres.
@@ -93,6 +100,9 @@ impl Track {
             share: 1.0,
             moved: 0.0,
             still: 0,
+            constraints: Constraints::default(),
+            refused: None,
+            missed: 0,
             grips: Vec::new(),
             frame: 0,
             innovations: Vec::new(),
@@ -108,16 +118,32 @@ impl Track {
                 continue;
             }
             taken.push(*point);
-            track.push(NewVertex {
-                rest: *point,
-                rest_normal: *normal,
-                live: *point,
-                rotation: nalgebra::Matrix3::identity(),
-            });
+            track.push(NewVertex::new(table.above(point), *normal));
         }
         track.model.edges = graph::surface_edges(&track.model, options.spacing);
         track.seen = vec![true; track.model.len()];
         Ok(track)
+    }
+
+    /// Refuses a state that was read and does not fit together.
+    pub fn check_read(&self) -> Result<(), Error> {
+        self.body.check_read()?;
+        let (vertices, cells) = (self.model.len(), self.body.lattice().cells().len());
+        let held = self.grips.iter().flatten().flatten().map(|(at, _)| at);
+        let kept = self.keyframes.all().iter();
+        let gripped = kept.flat_map(|k| k.grips.iter().map(|(at, _)| at));
+        let mut places = self.embeddings.iter().chain(held).chain(gripped);
+        let whole = self.model.is_consistent()
+            && self.embeddings.len() == vertices
+            && self.seen.len() == vertices
+            && places.all(|at| (at.cell as usize) < cells);
+        if whole {
+            Ok(())
+        } else {
+            Err(Error::Resume {
+                reason: "the model and the body of the reconstruction do not fit together".into(),
+            })
+        }
     }
 
     /// Adds a vertex and the cell it lies in.
@@ -144,6 +170,26 @@ impl Track {
         options: &ReconstructOptions,
     ) -> Result<(), Error> {
         let grips = self.grips_now(arms);
+        // What was not followed for some frames may have gone as much farther.
+        let frames = (self.missed + 1) as f64;
+        let limits = Limits {
+            motion: options.limits.motion * frames,
+            fall: options.limits.fall * frames,
+            ..options.limits
+        };
+        let falls = grips.is_empty() && (self.is_held() || self.body.is_falling());
+        let (gone, most) = (
+            self.gone(view),
+            if falls { limits.fall } else { limits.motion },
+        );
+        if gone > most {
+            self.refuse(format!(
+                "the surface moved by more than {:.1} mm, at most {:.1} mm can be followed",
+                1e3 * gone,
+                1e3 * most
+            ));
+            return Ok(());
+        }
         let (model, embeddings) = (&self.model, &self.embeddings);
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);
@@ -159,21 +205,36 @@ impl Track {
         };
         let mut innovation = None;
         let frame = BodyFrame::new(&grips, embeddings);
-        let report = self.body.step(
-            &frame,
+        let stepped = self.body.step(
+            &frame.with_limits(limits),
             &mut |lattice, pose, progress| {
                 rows(&look(lattice, pose, Gates::at(progress)), embeddings, view)
             },
             &mut |lattice, pose| {
                 innovation = Some(mean_residual(&look(lattice, pose, Gates::PREDICTION)));
             },
-        )?;
+        );
+        let report = match stepped {
+            Ok(report) => report,
+            Err(error @ topo_ekf::Error::Beyond { .. }) => {
+                self.refuse(format!("not believed: {error}"));
+                return Ok(());
+            }
+            Err(error) => return Err(error.into()),
+        };
+        (self.refused, self.missed) = (None, 0);
         let found = look(self.body.lattice(), self.body.pose(), Gates::JUDGE);
         if let Some(innovation) = innovation {
             self.innovations.push(innovation);
             self.carried += report.moved;
         }
         self.moved = report.moved;
+        self.constraints = Constraints {
+            active: report.pushing,
+            infeasible: report.status == topo_ekf::Status::Infeasible,
+            violation: report.violation[1],
+            below_table: 0.0,
+        };
         self.pose();
         self.judge(&found, view, options.spacing);
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
@@ -189,6 +250,31 @@ impl Track {
         }
         self.frame += 1;
         Ok(())
+    }
+
+    /// A lower bound on how far the seen surface moved, metres: 95 % of what was measured last has a point of the cloud this near, or 95 % of
+    /// the cloud has a vertex. What an arm hides spoils the first, what it shows again the second, what moves both.
+    fn gone(&self, view: &FrameView) -> f64 {
+        let last_taken = self.frame.saturating_sub(self.missed as u32 + 1);
+        let seen = self.model.live.iter().zip(&self.model.last_seen);
+        let left = seen
+            .filter(|(_, last)| **last == last_taken)
+            .map(|(p, _)| graph::nearest(&view.tree, p).1);
+        let left = most_of(left.collect());
+        let Some(live) = graph::tree(&self.model.live) else {
+            return 0.0;
+        };
+        let reached = view.points.iter().map(|p| graph::nearest(&live, p).1);
+        left.min(most_of(reached.collect()))
+    }
+
+    /// A frame that is not believed: everything stays as it was before it.
+    fn refuse(&mut self, why: String) {
+        self.refused = Some(why);
+        self.missed += 1;
+        self.seen.fill(false);
+        self.still = 0;
+        self.frame += 1;
     }
 
     /// Live positions and rotations of the vertices from the body's pose.
@@ -357,6 +443,13 @@ pub(crate) fn to_rest(
         .map(|(c, _)| c as u32)
         .filter(|&c| lattice.mass(c) >= 0.02);
     pose.inverse(lattice, point, firm)
+}
+
+/// What 95 % of the values do not exceed; 0 of none.
+fn most_of(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    let at = values.len() * 95 / 100;
+    values.get(at).copied().unwrap_or(0.0)
 }
 
 fn mean_residual(found: &[Match]) -> f64 {

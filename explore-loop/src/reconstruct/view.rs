@@ -16,6 +16,8 @@ const RIM_NEIGHBOURS: usize = 16;
 const RIM_ANGLE: f64 = 1.9;
 
 /// The cloud of a frame: thinned to half a spacing, with normals.
+#[derive(serde::Deserialize)]
+#[serde(try_from = "Seen")]
 pub(crate) struct FrameView {
     pub points: Vec<Point3<f64>>,
     pub normals: Vec<UnitVector3<f64>>,
@@ -55,5 +57,38 @@ impl FrameView {
             depth,
             tree,
         }))
+    }
+}
+
+/// What of a view is written down; the tree is grown again.
+type Seen = (
+    Vec<Point3<f64>>,
+    Vec<UnitVector3<f64>>,
+    Vec<bool>,
+    DepthGrid,
+);
+
+impl serde::Serialize for FrameView {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        (&self.points, &self.normals, &self.rim, &self.depth).serialize(serializer)
+    }
+}
+
+impl TryFrom<Seen> for FrameView {
+    type Error = &'static str;
+
+    fn try_from(seen: Seen) -> Result<Self, Self::Error> {
+        let (points, normals, rim, depth) = seen;
+        let tree = graph::tree(&points).ok_or("a view without points")?;
+        if normals.len() != points.len() || rim.len() != points.len() {
+            return Err("a view with more points than normals");
+        }
+        Ok(Self {
+            points,
+            normals,
+            rim,
+            depth,
+            tree,
+        })
     }
 }

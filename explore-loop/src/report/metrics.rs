@@ -3,6 +3,7 @@
 use crate::measure::{
     FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackingMeasures, TruthMeasures,
 };
+use crate::reconstruct::Constraints;
 use serde::{Deserialize, Serialize};
 
 /// Median and 95th percentile of a time, ms.
@@ -50,6 +51,32 @@ impl Cut {
             edges,
             triangles,
         }
+    }
+}
+
+/// How the constraints on the body ended, over all frames.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct ConstraintMeasures {
+    /// Frames in which some constraint pushed.
+    pub active_frames: usize,
+    /// Most constraints that pushed in a frame.
+    pub active_max: usize,
+    /// Frames in which constraints contradicted each other.
+    pub infeasible_frames: usize,
+    /// Largest violation left after a frame, metres.
+    pub violation_m: f64,
+    /// How far a vertex of the model lay under the table at most, metres.
+    pub below_table_m: f64,
+}
+
+impl ConstraintMeasures {
+    /// Takes a frame in.
+    pub fn add(&mut self, frame: &Constraints) {
+        self.active_frames += usize::from(frame.active > 0);
+        self.active_max = self.active_max.max(frame.active);
+        self.infeasible_frames += usize::from(frame.infeasible);
+        self.violation_m = self.violation_m.max(frame.violation);
+        self.below_table_m = self.below_table_m.max(frame.below_table);
     }
 }
 
@@ -106,8 +133,14 @@ pub struct Metrics {
     pub nm_cut: Cut,
     /// Non-manifold vertices left at the end.
     pub nm_remaining: usize,
+    /// Points left out because the complex would have become too large.
+    pub thinned: usize,
     /// Frames processed.
     pub frames: usize,
+    /// Frames that were not registered or not believed.
+    pub failed_frames: usize,
+    /// Table and self-contact.
+    pub constraints: ConstraintMeasures,
     /// Registration, per frame.
     pub registration_ms: Timing,
     /// The whole frame.

@@ -2,5 +2,6 @@
 
 pub mod frames;
 pub mod metrics;
+#[cfg(feature = "cli")]
 pub mod picture;
 pub mod ply;

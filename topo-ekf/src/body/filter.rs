@@ -21,7 +21,7 @@
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 use super::elastic::{Acting, Elastic, Solved};
-use super::frame::{BodyFrame, BodyReport, Progress};
+use super::frame::{BodyFrame, BodyReport, Limits, Progress};
 use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
@@ -54,7 +54,8 @@ const LIGHTER: f64 = 0.6;
 /// table and every inequality holds to 1e-6 m, unless the report says `Infeasible`. The same calls give the same bits.
 ///
 /// # Limits
-/// Cells are never taken away, sheets nearer than a cell stick together, and the covariances take the rotations of cells for given.
+/// Cells are never taken away, sheets nearer than a cell stick together unless they are said to be pieces of their own ([`Lattice::set_pieces`]), and the covariances take the rotations of cells for given.
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyFilter {
     options: BodyOptions,
     lattice: Lattice,
@@ -62,11 +63,13 @@ pub struct BodyFilter {
     feet: Vec<Foot>,
     weight: WeightEstimate,
     state: State,
+    #[cfg_attr(feature = "serde", serde(skip))]
     last: Option<(Elastic, Solved)>,
 }
 
 /// What a frame changes.
 #[derive(Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     pose: Pose,
     velocity: Vec<Vector3<f64>>,
@@ -110,6 +113,34 @@ impl BodyFilter {
             table,
             last: None,
         })
+    }
+
+    /// Refuses a body that was read from somewhere and does not fit together.
+    ///
+    /// # Errors
+    /// Options out of range, a lattice that is none, nodes or feet that are not those of the lattice.
+    #[cfg(feature = "serde")]
+    pub fn check_read(&self) -> Result<(), Error> {
+        self.options.check()?;
+        self.lattice.check()?;
+        let (nodes, cells) = (self.lattice.rest().len(), self.lattice.cells().len());
+        let state = &self.state;
+        for (what, found, expected) in [
+            ("nodes of the pose", state.pose.live.len(), nodes),
+            ("rotations of the pose", state.pose.turns.len(), cells),
+            ("velocities", state.velocity.len(), nodes),
+            ("raised nodes", state.raised.len(), nodes),
+        ] {
+            if found != expected {
+                return Err(Error::Length {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let mut feet = self.feet.iter().enumerate();
+        feet.try_for_each(|(index, foot)| foot.check(index, &self.lattice))
     }
 
     /// The cells.
@@ -235,7 +266,7 @@ impl BodyFilter {
     ///
     /// # Errors
     /// Grips, points, rows, inequalities or feet in cells that there are not, coordinates or weights that are not finite or negative,
-    /// rows so heavy that the matrix cannot be factorised. The body is then as before.
+    /// rows so heavy that the matrix cannot be factorised; a frame that would go beyond its [limits](Limits). The body is then as before.
     ///
     /// # Complexity
     /// Each step is one sparse factorisation of three unknowns a node (see the README for times); the projection one more solve for every
@@ -337,6 +368,7 @@ impl BodyFilter {
         }
         let solved = self.update(elastic, &setting, observe, released, &mut report)?;
         self.constrain(elastic, &solved, frame, &mut report)?;
+        self.believe(&before, released, frame, &report)?;
         self.finish(&before, released, &mut report);
         Ok((report, solved))
     }
@@ -439,6 +471,34 @@ impl BodyFilter {
             Status::Infeasible
         };
         Ok(())
+    }
+
+    /// Refuses what goes beyond the limits of the frame.
+    fn believe(
+        &self,
+        before: &[Point3<f64>],
+        released: bool,
+        frame: &BodyFrame<'_>,
+        report: &BodyReport,
+    ) -> Result<(), Error> {
+        let Limits { motion, fall, pull } = frame.limits;
+        let motion = if released { fall } else { motion };
+        let moved = |at: &Embedding| {
+            let (lattice, live) = (&self.lattice, &self.state.pose.live);
+            (lattice.warp(live, at) - lattice.warp(before, at)).norm()
+        };
+        let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
+        moves.sort_unstable_by(f64::total_cmp);
+        let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
+        let pulled = report.grip_force.norm() / self.weight().max(f64::MIN_POSITIVE);
+        let told = [
+            ("motion of the surface, m", moved, motion),
+            ("pull of the grips in weights of the body", pulled, pull),
+        ];
+        let beyond = told.into_iter().find(|(_, value, limit)| value > limit);
+        beyond.map_or(Ok(()), |(what, value, limit)| {
+            Err(Error::Beyond { what, value, limit })
+        })
     }
 
     /// Every constraint as a row.

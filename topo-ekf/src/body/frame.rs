@@ -16,6 +16,30 @@ pub struct Progress {
     pub released: bool,
 }
 
+/// What is believed of a frame at most; a step that goes beyond is undone and is an [`Error::Beyond`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Limits {
+    /// How far 95 % of the surface may move in a frame, m.
+    pub motion: f64,
+    /// The same in the frames after a release, when the body may fall, m.
+    pub fall: f64,
+    /// Largest total force of the grips, in weights of the body: what carries the body pulls with its weight, what slips on it or tears at it
+    /// with many times that.
+    pub pull: f64,
+}
+
+impl Default for Limits {
+    /// Everything is believed.
+    fn default() -> Self {
+        Self {
+            motion: f64::INFINITY,
+            fall: f64::INFINITY,
+            pull: f64::INFINITY,
+        }
+    }
+}
+
 /// What a frame brings besides observations.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
@@ -26,6 +50,8 @@ pub struct BodyFrame<'a> {
     pub surface: &'a [Embedding],
     /// Linear inequalities on embedded points; may be empty.
     pub inequalities: &'a [BodyInequality],
+    /// What is believed.
+    pub limits: Limits,
 }
 
 impl<'a> BodyFrame<'a> {
@@ -35,7 +61,15 @@ impl<'a> BodyFrame<'a> {
             grips,
             surface,
             inequalities: &[],
+            limits: Limits::default(),
         }
+    }
+
+    /// Sets what is believed of the frame at most.
+    #[must_use]
+    pub fn with_limits(mut self, limits: Limits) -> Self {
+        self.limits = limits;
+        self
     }
 
     /// Adds linear inequalities, for example against self-intersection ([`BodyInequality::separation`]).

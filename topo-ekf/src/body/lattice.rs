@@ -24,6 +24,7 @@ const LARGEST_FILL: f64 = 1e3;
 
 /// A cube of material. The fill of a cell that is only partly in the body scales its stiffness and its mass.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Cell {
     /// Its corners, by index of node; the first local coordinate fastest.
     pub nodes: [u32; 8],
@@ -34,6 +35,7 @@ pub struct Cell {
     /// Mass relative to what its material makes; the filter takes 0 to 1e3.
     pub mass: f64,
     /// Where in the cell the material is; everywhere if `None`.
+    #[cfg_attr(feature = "serde", serde(with = "super::saved::occupancy"))]
     pub occupancy: Option<std::sync::Arc<Occupancy>>,
 }
 
@@ -41,6 +43,7 @@ pub struct Cell {
 ///
 /// It moves with the body, `x(e) = Σ_k w_k x_{c,k}`, and its meaning does not change when the lattice grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Embedding {
     /// Index of the cell.
     pub cell: u32,
@@ -79,6 +82,7 @@ impl Embedding {
 /// # Ok::<(), &str>(())
 /// ```
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Lattice {
     size: f64,
     origin: Point3<f64>,

@@ -73,12 +73,14 @@ mod pieces;
 mod pose;
 mod project;
 mod row;
+#[cfg(feature = "serde")]
+mod saved;
 mod variance;
 mod weight;
 
 pub use cube::{Occupancy, PARTS};
 pub use filter::BodyFilter;
-pub use frame::{BodyFrame, BodyReport, Progress};
+pub use frame::{BodyFrame, BodyReport, Limits, Progress};
 pub use lattice::{Cell, Embedding, Lattice};
 pub use options::BodyOptions;
 pub use pieces::Piece;

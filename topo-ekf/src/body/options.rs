@@ -11,6 +11,7 @@ use crate::Error;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyOptions {
     /// Elastic energy of unit strain per volume, in units of the data, 1/m³. Default 4.9e7: 200 in a cube of 16 mm, so that a strain of 7 % in
     /// it weighs as much as one point that is off by its standard deviation. A fifth of it loses the body, four times as much is

@@ -29,6 +29,7 @@ const CARRIERS: usize = 4;
 ///
 /// Methods expect a pose of the lattice that they are given and panic where it is too small for it.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
     /// Live positions of the nodes, m.
     pub live: Vec<Point3<f64>>,

@@ -23,6 +23,7 @@ use crate::Error;
 
 /// A place of the body that stands on the table at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Foot {
     /// Where it is in the material.
     pub at: Embedding,
@@ -111,6 +112,7 @@ pub(crate) fn loads(
 
 /// Least squares with forgetting for `γ`: the mean sag of the seen surface is `a + s γ` and should vanish.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(crate) struct WeightEstimate {
     information: f64,
     pull: f64,

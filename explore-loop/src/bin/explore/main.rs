@@ -72,6 +72,9 @@ struct RunArgs {
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "explored")]
     out: PathBuf,
+    /// Go on where the run in the folder was broken off; the other options as they were then
+    #[arg(long)]
+    resume: bool,
     /// Also write a picture of the model after every manipulation
     #[arg(long)]
     pictures: bool,
@@ -115,6 +118,7 @@ impl Default for RunArgs {
             noise: 0.5,
             max_manipulations: 8,
             out: "explored".into(),
+            resume: false,
             pictures: false,
             quiet: false,
         }

@@ -8,7 +8,7 @@ use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
-use explore_loop::report::metrics::{Cut, Metrics, Timing};
+use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
 use std::time::Instant;
 
 /// Reconstructs the whole recording; true when it got to its end.
@@ -45,6 +45,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         log.frames.push(report.frame_ms);
         log.last_stamp = observation.stamp;
         log.failures += usize::from(report.failure.is_some());
+        log.constraints.add(&report.constraints);
         let errors = match &mut truth {
             Some(truth) => truth.frame(&observation, &reconstructor, &report.measured)?,
             None => Vec::new(),
@@ -99,6 +100,7 @@ struct Log {
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
+    constraints: ConstraintMeasures,
     first_stamp: Option<f64>,
     last_stamp: f64,
     lines: String,
@@ -195,7 +197,10 @@ fn metrics(
         betti: topology.persistent,
         nm_cut: Cut::of(topology.cut),
         nm_remaining: topology.non_manifold,
+        thinned: topology.thinned,
         frames: log.frames.len(),
+        failed_frames: log.failures,
+        constraints: log.constraints,
         registration_ms: Timing::of(&log.registration),
         frame_ms: Timing::of(&log.frames),
         vertices: reconstructor.model().len(),

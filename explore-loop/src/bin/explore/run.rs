@@ -2,16 +2,22 @@
 
 use crate::output::{FinalMesh, OutputFolder, measure_rows, mm, table};
 use crate::{Failure, Grips, RunArgs};
+use dvrk_io::session::SessionWriter;
 use explore_loop::Error;
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::Topology;
-use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
+use explore_loop::cell::sim::{Command, Journal, Scene, SimCell, SimOptions, Truth};
 use explore_loop::cell::{Cell, Observation};
-use explore_loop::explore::{Event, ExploreOptions, Explorer, Outcome, Phase, Watcher};
-use explore_loop::measure::{Measurer, ShapeMeasures, TrueSurface};
+use explore_loop::checkpoint;
+use explore_loop::explore::{Event, ExploreOptions, Explorer, Outcome, Phase, SavedState, Watcher};
+use explore_loop::measure::{Measurer, MeasurerState, ShapeMeasures, TrueSurface};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::frames;
-use explore_loop::report::metrics::{Cut, Metrics, Timing};
+use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use serde::{Deserialize, Serialize};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 /// Explores; true when the surface closed.
@@ -32,7 +38,6 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         None => Scene::named(&args.scene)?,
     };
     let out = OutputFolder::create(&args.out)?;
-    let started = Instant::now();
     let mut options = SimOptions::new(scene);
     options.arms = usize::from(args.arms);
     options.seed = args.seed;
@@ -44,19 +49,117 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     };
     let mut exploring = ExploreOptions::new(args.spacing * 1e-3, args.speed * 1e-3);
     exploring.max_manipulations = args.max_manipulations;
+    let saved = if args.resume {
+        Saved::read(&out, args)?
+    } else {
+        Saved::new(args)?
+    };
     let mut recorder = Recorder::new(args, &out, &cell, truth)?;
-    let outcome = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?.run();
-    let recorder = recorder.finish()?;
-    let outcome = outcome?;
-    let mesh = FinalMesh::of(&recorder.model, &outcome.topology, args.spacing * 1e-3);
-    out.frames(&recorder.lines)?;
+    let state = recorder.resume(saved, &mut cell)?;
+    let mut explorer = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?;
+    let resumed = state.map_or(Ok(()), |state| explorer.resume(state));
+    let outcome = resumed.and_then(|()| explorer.run());
+    drop(explorer);
+    let finished = recorder.finish();
+    let outcome = match outcome {
+        Err(Error::Interrupted) => {
+            let recorder = finished?;
+            let dir = args.out.display();
+            return Err(format!(
+                "interrupted after {} manipulations; --resume --out {dir} goes on from there",
+                recorder.so_far.manipulations
+            )
+            .into());
+        }
+        // What went wrong first is what there is to say, not that the recording cannot be closed after it.
+        outcome => outcome?,
+    };
+    let recorder = finished?;
+    let mesh = FinalMesh::of(
+        &recorder.so_far.model,
+        &outcome.topology,
+        args.spacing * 1e-3,
+    );
+    out.frames(&recorder.so_far.lines)?;
     out.mesh(&mesh)?;
     if let Some(measurer) = &recorder.measurer {
         out.truth(measurer.rest())?;
     }
-    let metrics = recorder.metrics(args, &options, &outcome, &mesh, started)?;
+    let metrics = recorder.metrics(args, &options, &outcome, &mesh)?;
     out.metrics(&metrics)?;
     Ok(metrics)
+}
+
+/// What a run leaves in its folder to go on from.
+#[derive(Serialize, Deserialize)]
+struct Saved {
+    /// The options that decide how the run goes.
+    run: String,
+    commands: Vec<Command>,
+    /// Nothing before the first manipulation is over.
+    explorer: Option<SavedState>,
+    recorder: SoFar,
+}
+
+/// Name of the checkpoint in the folder of a run.
+const CHECKPOINT: &str = "checkpoint.bin";
+
+impl Saved {
+    fn new(args: &RunArgs) -> Result<Self, Failure> {
+        let mesh = args.mesh.as_ref().map(std::fs::read).transpose()?;
+        let object = match &mesh {
+            Some(bytes) => format!(
+                "--mesh of {} bytes ({:08x})",
+                bytes.len(),
+                crc32fast::hash(bytes)
+            ),
+            None => format!("--scene {}", args.scene),
+        };
+        Ok(Self {
+            run: format!(
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",
+                args.arms,
+                args.grips,
+                args.seed,
+                args.speed,
+                args.spacing,
+                args.noise,
+                args.max_manipulations
+            )
+            .to_lowercase(),
+            commands: Vec::new(),
+            explorer: None,
+            recorder: SoFar::default(),
+        })
+    }
+
+    fn read(out: &OutputFolder, args: &RunArgs) -> Result<Self, Failure> {
+        let saved: Self = checkpoint::read(&out.file(CHECKPOINT))?;
+        let expected = Self::new(args)?.run;
+        if saved.run != expected {
+            let path = out.file(CHECKPOINT);
+            let (path, run) = (path.display(), &saved.run);
+            return Err(format!("{path}: the run there has {run}, not {expected}").into());
+        }
+        Ok(saved)
+    }
+}
+
+/// What was recorded and measured so far.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct SoFar {
+    measurer: Option<MeasurerState>,
+    registration: Vec<f64>,
+    frames: Vec<f64>,
+    failures: usize,
+    constraints: ConstraintMeasures,
+    shapes: Vec<ShapeMeasures>,
+    last_stamp: f64,
+    lines: String,
+    model: CanonicalModel,
+    manipulations: usize,
+    /// Time that went by before, seconds.
+    wall: f64,
 }
 
 /// Watches a run: progress on the terminal, the session file, the measures.
@@ -65,16 +168,13 @@ struct Recorder<'a> {
     out: &'a OutputFolder,
     session: Option<dvrk_io::session::SessionWriter>,
     arm_names: Vec<String>,
+    journal: Journal,
     truth: Truth,
     measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
-    registration: Vec<f64>,
-    frames: Vec<f64>,
-    failures: usize,
-    shapes: Vec<ShapeMeasures>,
-    last_stamp: f64,
-    lines: String,
-    model: CanonicalModel,
+    started: Instant,
+    interrupted: Arc<AtomicBool>,
+    so_far: SoFar,
 }
 
 impl<'a> Recorder<'a> {
@@ -85,7 +185,12 @@ impl<'a> Recorder<'a> {
         truth: Truth,
     ) -> Result<Self, Failure> {
         let info = cell.info();
-        let mut session = dvrk_io::session::SessionWriter::create(out.file("session.mcap"))?;
+        // A run that goes on keeps the old recording until the new one has caught up with it.
+        let mut session = SessionWriter::create(out.file(if args.resume {
+            "session.mcap.part"
+        } else {
+            "session.mcap"
+        }))?;
         session.table(0.0, &info.table.normal, info.table.offset)?;
         let bar = if args.quiet {
             indicatif::ProgressBar::hidden()
@@ -95,22 +200,74 @@ impl<'a> Recorder<'a> {
         bar.set_style(indicatif::ProgressStyle::with_template(
             "{spinner} {elapsed} {msg}",
         )?);
+        let interrupted = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM] {
+            // The second one ends the program at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&interrupted))?;
+            signal_hook::flag::register(signal, Arc::clone(&interrupted))?;
+        }
         Ok(Self {
             args,
             out,
             session: Some(session),
             arm_names: info.arms.iter().map(|a| a.name.clone()).collect(),
+            journal: cell.journal(),
             truth,
             measurer: None,
             bar,
-            registration: Vec::new(),
-            frames: Vec::new(),
-            failures: 0,
-            shapes: Vec::new(),
-            last_stamp: 0.0,
-            lines: String::new(),
-            model: CanonicalModel::default(),
+            started: Instant::now(),
+            interrupted,
+            so_far: SoFar::default(),
         })
+    }
+
+    /// Brings the cell, the recording and the measures to where they were saved, and says what the explorer knew.
+    fn resume(&mut self, saved: Saved, cell: &mut SimCell) -> Result<Option<SavedState>, Failure> {
+        self.bar.set_message("catching up");
+        cell.repeat(&saved.commands, |observation| {
+            self.bar.tick();
+            self.stop_if_asked()?;
+            self.record(&observation)
+        })?;
+        self.so_far = saved.recorder;
+        if let Some(gathered) = self.so_far.measurer.take() {
+            let mut measurer = Measurer::new(self.true_surface(self.truth.rest().vertices))?;
+            measurer.restore(gathered)?;
+            self.measurer = Some(measurer);
+        }
+        if self.args.resume {
+            let (from, to) = ("session.mcap.part", self.out.file("session.mcap"));
+            std::fs::rename(self.out.file(from), &to)
+                .map_err(|source| Error::Write { path: to, source })?;
+        }
+        self.save(saved.explorer.as_ref())?;
+        Ok(saved.explorer)
+    }
+
+    /// Writes the checkpoint.
+    fn save(&self, explorer: Option<&SavedState>) -> Result<(), Error> {
+        let saved = Saved {
+            run: Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
+            commands: self.journal.commands(),
+            explorer: explorer.cloned(),
+            recorder: SoFar {
+                measurer: self.measurer.as_ref().map(Measurer::save),
+                wall: self.wall(),
+                ..self.so_far.clone()
+            },
+        };
+        checkpoint::write(&self.out.file(CHECKPOINT), &saved)
+    }
+
+    fn wall(&self) -> f64 {
+        self.so_far.wall + self.started.elapsed().as_secs_f64()
+    }
+
+    fn stop_if_asked(&self) -> Result<(), Error> {
+        if self.interrupted.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        Ok(())
     }
 
     /// A line of progress: above the bar on a terminal, plainly where there is none.
@@ -174,11 +331,11 @@ impl<'a> Recorder<'a> {
     fn topology(&mut self, topology: &Topology, model: &CanonicalModel) -> Result<(), Error> {
         let spacing = self.args.spacing * 1e-3;
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
-        self.shapes.push(shape.unwrap_or_default());
+        self.so_far.shapes.push(shape.unwrap_or_default());
         self.say(&format!(
             "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
-            self.last_stamp,
-            self.shapes.len() - 1,
+            self.so_far.last_stamp,
+            self.so_far.shapes.len() - 1,
             100.0 * shape.unwrap_or_default().explored,
             topology.betti,
             topology.persistent,
@@ -188,10 +345,10 @@ impl<'a> Recorder<'a> {
             100.0 * topology.strays,
             model.len(),
             shape.map_or_else(|| "unknown".into(), |s| mm(s.difference)),
-            self.failures,
+            self.so_far.failures,
         ));
         if self.args.pictures {
-            let k = self.shapes.len() - 1;
+            let k = self.so_far.shapes.len() - 1;
             let mesh = FinalMesh::of(model, topology, spacing);
             self.out.surface_picture(&format!("rest_{k}.png"), &mesh)?;
             self.out
@@ -215,12 +372,15 @@ impl<'a> Recorder<'a> {
         options: &SimOptions,
         outcome: &Outcome,
         mesh: &FinalMesh,
-        started: Instant,
     ) -> Result<Metrics, Failure> {
         let spacing = args.spacing * 1e-3;
         let measurer = self.measurer.as_ref();
-        let shape = measurer.map(|m| m.shape(&self.model, spacing));
-        let measures = mesh.measure(&self.model.rest, spacing, measurer.map(Measurer::surface))?;
+        let shape = measurer.map(|m| m.shape(&self.so_far.model, spacing));
+        let measures = mesh.measure(
+            &self.so_far.model.rest,
+            spacing,
+            measurer.map(Measurer::surface),
+        )?;
         let metrics = Metrics {
             scene: options.scene.name().to_owned(),
             arms: options.arms,
@@ -237,17 +397,20 @@ impl<'a> Recorder<'a> {
             betti: outcome.topology.persistent,
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
-            frames: self.frames.len(),
-            registration_ms: Timing::of(&self.registration),
-            frame_ms: Timing::of(&self.frames),
-            vertices: self.model.len(),
+            thinned: outcome.topology.thinned,
+            frames: self.so_far.frames.len(),
+            failed_frames: self.so_far.failures,
+            constraints: self.so_far.constraints,
+            registration_ms: Timing::of(&self.so_far.registration),
+            frame_ms: Timing::of(&self.so_far.frames),
+            vertices: self.so_far.model.len(),
             stiffness_over_weight: outcome.stiffness_over_weight,
-            robot_time_s: self.last_stamp,
-            wall_s: started.elapsed().as_secs_f64(),
+            robot_time_s: self.so_far.last_stamp,
+            wall_s: self.wall(),
             ..Metrics::default()
         };
         Ok(metrics
-            .with_shape(&self.shapes, shape.as_ref())
+            .with_shape(&self.so_far.shapes, shape.as_ref())
             .with_mesh(&measures)
             .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
     }
@@ -255,28 +418,39 @@ impl<'a> Recorder<'a> {
 
 impl Watcher for Recorder<'_> {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
+        self.stop_if_asked()?;
         match event {
             Event::Phase(phase) => self.bar.set_message(phase_words(phase)),
             Event::Frame(observation, report) => {
-                self.last_stamp = observation.stamp;
-                self.registration.push(report.registration_ms);
-                self.frames.push(report.frame_ms);
-                self.failures += usize::from(report.failure.is_some());
+                self.so_far.last_stamp = observation.stamp;
+                self.so_far.registration.push(report.registration_ms);
+                self.so_far.frames.push(report.frame_ms);
+                self.so_far.failures += usize::from(report.failure.is_some());
+                self.so_far.constraints.add(&report.constraints);
                 self.record(observation)?;
                 let errors = self.measure(observation, &report.measured, model)?;
-                self.lines
-                    .push_str(&frames::line(observation.stamp, report, model, &errors));
+                self.so_far.lines.push_str(&frames::line(
+                    observation.stamp,
+                    report,
+                    model,
+                    &errors,
+                ));
                 self.bar.tick();
             }
             Event::Topology(topology) => {
                 self.topology(topology, model)?;
-                self.model = model.clone();
+                self.so_far.model = model.clone();
             }
             Event::Missed(arm) => self.say(&format!("arm {arm} closed on nothing")),
             Event::Planned(plan) => self.say(&format!("        {}", plan.summary)),
-            Event::Manipulated(_) => {}
+            Event::Manipulated(count) => self.so_far.manipulations = count,
+            Event::State(state) => self.save(Some(state))?,
         }
         Ok(())
+    }
+
+    fn wants_state(&self) -> bool {
+        true
     }
 }
 

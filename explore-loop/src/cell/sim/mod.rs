@@ -15,6 +15,7 @@
 //! | everything adjustable | [`SimOptions`] |
 //! | the cell | [`SimCell`] |
 //! | the ground truth | [`Truth`] |
+//! | what it was told, to bring another cell to the same state | [`Journal`], [`SimCell::repeat`] |
 //!
 //! ```
 //! use explore_loop::cell::Cell;
@@ -38,6 +39,7 @@ mod embedding;
 mod error;
 mod gripper;
 mod implicit;
+mod journal;
 mod lattice;
 mod mesh;
 mod options;
@@ -48,6 +50,7 @@ mod truth;
 mod world;
 
 pub use error::SimError;
+pub use journal::{Command, Journal};
 pub use mesh::{MAX_TRIANGLES, TriangleMesh};
 pub use options::{CameraOptions, Fidelity, JawOptions, Material, SimOptions};
 pub use scene::{SCENES, Scene};

@@ -10,6 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use super::body::Body;
 use super::camera::{DepthCamera, Thing, gripper};
 use super::gripper::Gripper;
+use super::journal::{Command, Journal};
 use super::{SimError, SimOptions, Truth};
 use crate::cell::{ArmInfo, Cell, CellError, CellInfo, Observation, Plane};
 
@@ -39,6 +40,7 @@ pub struct SimCell {
     steps_per_frame: usize,
     frame: u64,
     failure: Option<String>,
+    journal: Journal,
 }
 
 impl SimCell {
@@ -95,6 +97,7 @@ impl SimCell {
             steps_per_frame,
             frame: 0,
             failure: None,
+            journal: Journal::default(),
         };
         Ok((cell, truth))
     }
@@ -147,6 +150,54 @@ impl SimCell {
             .ok_or(CellError::NoSuchArm { arm, count })
     }
 
+    fn let_go(&mut self, arm: usize) -> Result<(), CellError> {
+        for node in self.gripper(arm)?.open() {
+            self.body.pin(node, false);
+        }
+        Ok(())
+    }
+
+    /// A handle on everything that this cell was told to do.
+    pub fn journal(&self) -> Journal {
+        self.journal.clone()
+    }
+
+    /// Does again what another cell with the same options was told: afterwards this one is in the same state, to the bit. `seen` is given
+    /// every observation on the way.
+    ///
+    /// # Errors
+    /// The world breaks, or `seen` fails.
+    pub fn repeat<E: From<CellError>>(
+        &mut self,
+        commands: &[Command],
+        mut seen: impl FnMut(Observation) -> Result<(), E>,
+    ) -> Result<(), E> {
+        for command in commands {
+            let done = match *command {
+                Command::Observe => {
+                    seen(self.observe()?)?;
+                    Ok(())
+                }
+                Command::Move(arm, pose, speed) => self.move_arm(arm, pose, speed),
+                Command::Close(arm) => self.close_jaw(arm),
+                Command::Open(arm) => self.open_jaw(arm),
+                Command::Home => self.home(),
+                Command::Stop => self.stop(),
+            };
+            match done {
+                // What was refused then is refused again, and changes nothing.
+                Ok(())
+                | Err(
+                    CellError::NothingGrasped { .. }
+                    | CellError::NoSuchArm { .. }
+                    | CellError::BadCommand { .. },
+                ) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
     fn wait_for_arms(&mut self) -> Result<(), CellError> {
         while self.grippers.iter().any(Gripper::moving) {
             self.advance_frame()?;
@@ -188,6 +239,7 @@ impl Cell for SimCell {
     }
 
     fn observe(&mut self) -> Result<Observation, CellError> {
+        self.journal.add(Command::Observe);
         self.advance_frame()?;
         let surface = self.surface();
         self.truth.record(&surface);
@@ -210,6 +262,7 @@ impl Cell for SimCell {
         camera_from_tip: Isometry3<f64>,
         speed: f64,
     ) -> Result<(), CellError> {
+        self.journal.add(Command::Move(arm, camera_from_tip, speed));
         self.gripper(arm)?;
         if !(speed > 0.0 && speed <= self.options.max_speed) {
             let reason = format!(
@@ -225,6 +278,7 @@ impl Cell for SimCell {
     }
 
     fn close_jaw(&mut self, arm: usize) -> Result<(), CellError> {
+        self.journal.add(Command::Close(arm));
         if self.gripper(arm)?.state().holding {
             return Ok(());
         }
@@ -253,15 +307,14 @@ impl Cell for SimCell {
     }
 
     fn open_jaw(&mut self, arm: usize) -> Result<(), CellError> {
-        for node in self.gripper(arm)?.open() {
-            self.body.pin(node, false);
-        }
-        Ok(())
+        self.journal.add(Command::Open(arm));
+        self.let_go(arm)
     }
 
     fn home(&mut self) -> Result<(), CellError> {
+        self.journal.add(Command::Home);
         // Homing with the object in hand would carry it off the table.
-        (0..self.grippers.len()).try_for_each(|arm| self.open_jaw(arm))?;
+        (0..self.grippers.len()).try_for_each(|arm| self.let_go(arm))?;
         let up = self.info.table.normal.into_inner();
         let speed = HOME_SPEED.min(self.options.max_speed);
         for g in &mut self.grippers {
@@ -281,6 +334,7 @@ impl Cell for SimCell {
     }
 
     fn stop(&mut self) -> Result<(), CellError> {
+        self.journal.add(Command::Stop);
         self.grippers.iter_mut().for_each(Gripper::stop);
         Ok(())
     }

@@ -1,0 +1,74 @@
+//! A pipeline of one's own, for rigid objects: the arms alone say where the object is, and grips are drawn at random.
+//!
+//! ```sh
+//! cargo run --release -p explore-loop --example custom_pipeline
+//! ```
+#![allow(clippy::print_stdout, dead_code)]
+
+#[path = "own_robot/egg.rs"]
+mod egg;
+
+use explore_loop::Error;
+use explore_loop::canonical::{CanonicalModel, NewVertex, graph::surface_edges};
+use explore_loop::cell::{ArmState, Observation, Plane};
+use explore_loop::explore::{ExploreOptions, Explorer};
+use explore_loop::nalgebra::{Isometry3, Point3};
+use explore_loop::plan::RandomPlanner;
+use explore_loop::reconstruct::{FrameReport, Reconstruct};
+
+/// What an arm holds moves as its tip does; points that no vertex is near enter the model.
+#[derive(Default)]
+struct ByArms {
+    model: CanonicalModel,
+    camera_from_rest: Isometry3<f64>,
+    tip_from_rest: Option<Isometry3<f64>>,
+}
+
+impl Reconstruct for ByArms {
+    fn process(&mut self, seen: &Observation, _: &Plane) -> Result<FrameReport, Error> {
+        let holds = |arm: &&ArmState| arm.holding;
+        let tip = seen.arms.iter().find(holds).map(|a| a.camera_from_tip);
+        let now = tip.map(|tip| tip.inverse() * self.camera_from_rest);
+        self.tip_from_rest = now.map(|now| self.tip_from_rest.unwrap_or(now));
+        if let (Some(tip), Some(tip_from_rest)) = (tip, self.tip_from_rest) {
+            self.camera_from_rest = tip * tip_from_rest;
+        }
+        let (pose, back) = (self.camera_from_rest, self.camera_from_rest.inverse());
+        let turn = *pose.rotation.to_rotation_matrix().matrix();
+        let normals = nonrigid_reg::estimate_normals(&seen.points, 16, &Point3::origin())?;
+        for (p, n) in seen.points.iter().zip(normals) {
+            let rest = back * p;
+            if self.model.rest.iter().all(|q| (q - rest).norm() > 4e-3) {
+                self.model.push(NewVertex::new(rest, back.rotation * n), 0);
+            }
+        }
+        self.model.live = self.model.rest.iter().map(|p| pose * p).collect();
+        self.model.rotations.fill(turn);
+        self.model.edges = surface_edges(&self.model, 5e-3);
+        Ok(FrameReport::measured(self.model.len()))
+    }
+
+    fn model(&self) -> &CanonicalModel {
+        &self.model
+    }
+}
+
+/// Explores the egg with it.
+pub fn main() -> Result<(), Error> {
+    let mut cell = egg::EggCell::new(0);
+    let mut planner = RandomPlanner::new(0);
+    let options = ExploreOptions::new(5e-3, 0.03);
+    let own = ByArms::default();
+    let mut watcher = ();
+    let mut explorer =
+        Explorer::with_reconstructor(&mut cell, &mut planner, &mut watcher, options, own);
+    let end = explorer.run()?;
+    drop(explorer);
+    let shown = 100.0 * cell.share_shown();
+    println!(
+        "{}, {} manipulations, {shown:.1} % shown",
+        end.stop.word(),
+        end.manipulations
+    );
+    Ok(())
+}

@@ -1,0 +1,82 @@
+//! The seam between the loop and a reconstruction.
+
+use super::{FrameReport, Reconstructor};
+use crate::Error;
+use crate::canonical::CanonicalModel;
+use crate::cell::{Observation, Plane};
+use crate::visibility::visible;
+
+/// Builds the canonical model from frames: what [`Explorer`](crate::explore::Explorer) drives. [`Reconstructor`] is the default, the example
+/// `custom_pipeline` another one.
+///
+/// Everything is in the camera frame, in metres.
+pub trait Reconstruct {
+    /// Takes one frame. A frame that cannot be used is no error: [`FrameReport::failure`] says why, and the model stays as it was.
+    ///
+    /// # Errors
+    /// Input that no later frame can mend: the exploration ends.
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error>;
+
+    /// The model so far; empty before anything was seen.
+    fn model(&self) -> &CanonicalModel;
+
+    /// Brings the model up to date before a decision is made on it. Nothing by default.
+    fn consolidate(&mut self, _table: &Plane) {}
+
+    /// For every vertex of the model, whether the camera sees it now; `spacing` is that of the model, metres. By default: it faces
+    /// the camera, and the cloud passes within two spacings of it.
+    fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
+        visible(self.model(), &observation.points, spacing)
+    }
+
+    /// Stiffness over weight `E / (ρ g)` of the object, metres, if it is estimated.
+    fn stiffness_over_weight(&self) -> Option<f64> {
+        None
+    }
+
+    /// Everything that is known, to be written to a checkpoint; `None` (the default) if this reconstruction cannot be resumed.
+    fn save(&self) -> Option<Vec<u8>> {
+        None
+    }
+
+    /// Goes on from what [`Self::save`] gave, to the bit.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the bytes are none of this reconstruction; it is then as before.
+    fn restore(&mut self, _saved: &[u8]) -> Result<(), Error> {
+        Err(Error::Resume {
+            reason: "this reconstruction cannot be resumed".into(),
+        })
+    }
+}
+
+impl Reconstruct for Reconstructor {
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
+        Self::process(self, observation, table)
+    }
+
+    fn model(&self) -> &CanonicalModel {
+        Self::model(self)
+    }
+
+    fn consolidate(&mut self, table: &Plane) {
+        Self::consolidate(self, table);
+    }
+
+    fn stiffness_over_weight(&self) -> Option<f64> {
+        Self::stiffness_over_weight(self)
+    }
+
+    fn save(&self) -> Option<Vec<u8>> {
+        postcard::to_allocvec(self).ok()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        let read: Self = postcard::from_bytes(saved).map_err(|error| Error::Resume {
+            reason: format!("the state of the reconstruction cannot be read: {error}"),
+        })?;
+        read.check_read()?;
+        *self = read;
+        Ok(())
+    }
+}
