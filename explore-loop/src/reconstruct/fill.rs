@@ -63,7 +63,9 @@ impl Columns {
             .collect();
         for (p, n) in later.points.iter().zip(&later.normals) {
             let flat = n.xy().norm();
-            if n.z.abs() > 0.7 { continue; }
+            if n.z.abs() > 0.7 {
+                continue;
+            }
             for k in 1..=SKIN {
                 let d = f64::from(k) * pitch;
                 let at = [p.x - n.x / flat * d, p.y - n.y / flat * d];
@@ -256,7 +258,11 @@ impl Local {
                     continue;
                 }
                 let run = [middle[0] - p.x, middle[1] - p.y];
-                let steep = if n.z < 0.0 { n.z.min(-0.1) } else { n.z.max(0.1) };
+                let steep = if n.z < 0.0 {
+                    n.z.min(-0.1)
+                } else {
+                    n.z.max(0.1)
+                };
                 let rise = -(n.x * run[0] + n.y * run[1]) / steep;
                 let rise = rise.clamp(-STEEPEST * distance, STEEPEST * distance);
                 let weight = 1.0 / (distance + 0.1 * pitch);
@@ -275,7 +281,9 @@ impl Local {
         let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
         let at = Point3::new(middle[0], middle[1], 0.0);
         let near = graph::near(self.flat.as_ref()?, &at, SIDE * spacing, SIDE_POINTS);
-        let upright = near.into_iter().filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
+        let upright = near
+            .into_iter()
+            .filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
         let mut heights: Vec<f64> = upright.map(|(i, _)| self.points[i].z.max(0.0)).collect();
         heights.sort_by(f64::total_cmp);
         (heights.len() >= 3).then(|| heights[heights.len() / 5])
@@ -307,9 +315,20 @@ fn rim(
         .collect();
     let mut known: Vec<f64> = turned.iter().flatten().copied().collect();
     known.sort_by(f64::total_cmp);
-    if std::env::var("DBG").is_ok() && !known.is_empty() { eprint!("{}/{}:{:.2} ", known.len(), outline.len(), known[known.len()/2]); }
+    if std::env::var("DBG").is_ok() && !known.is_empty() {
+        eprint!(
+            "{}/{}:{:.2} ",
+            known.len(),
+            outline.len(),
+            known[known.len() / 2]
+        );
+    }
     // The sides that nobody has seen yet turn under as those do that came into view.
-    let typical = if known.len() < FEWEST_TURNS { 1.0 } else { known[known.len() / 2] };
+    let typical = if known.len() < FEWEST_TURNS {
+        1.0
+    } else {
+        known[known.len() / 2]
+    };
     for ((_, top), turned) in outline.iter_mut().zip(turned) {
         *top *= turned.unwrap_or(typical);
     }

@@ -70,7 +70,11 @@ impl Pieces {
         let mut joins = Joins::of_links(&links, &part_of, &index, pieces.len());
         add_empty(&mut pieces, &mut joins, &needed);
         for piece in &mut pieces {
-            let scale = if surface.contains(&piece.place) { 1.0 } else { inner };
+            let scale = if surface.contains(&piece.place) {
+                1.0
+            } else {
+                inner
+            };
             piece.occupancy = piece.occupancy.map(|o| (o * scale).clamp(EMPTY, 1.0));
         }
         let joined = joins.pairs(&pieces);
@@ -109,7 +113,10 @@ fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
     for (i, s) in segments.iter().enumerate() {
         // The next segment of the same span begins where this one ends.
         let above = segments.get(i + 1).filter(|n| {
-            n.key == s.key && n.level == s.level + 1 && s.high == n.low && n.low == f64::from(n.level)
+            n.key == s.key
+                && n.level == s.level + 1
+                && s.high == n.low
+                && n.low == f64::from(n.level)
         });
         links.extend(above.map(|_| [i, i + 1]));
         for step in [[1, 0], [0, 1]] {
@@ -205,7 +212,11 @@ impl Joins {
         };
         let mut pairs = Vec::new();
         for (a, with) in self.0.iter().enumerate() {
-            pairs.extend(with.iter().filter(|&&b| b > a && touch(a, b)).map(|&b| [a, b]));
+            pairs.extend(
+                with.iter()
+                    .filter(|&&b| b > a && touch(a, b))
+                    .map(|&b| [a, b]),
+            );
         }
         pairs
     }
@@ -225,7 +236,11 @@ fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32;
     for (i, piece) in pieces.iter().enumerate() {
         at.entry(piece.place).or_default().push(i);
     }
-    let empty: Vec<[i32; 3]> = needed.iter().copied().filter(|p| !at.contains_key(p)).collect();
+    let empty: Vec<[i32; 3]> = needed
+        .iter()
+        .copied()
+        .filter(|p| !at.contains_key(p))
+        .collect();
     for place in empty {
         let own = pieces.len();
         let beside: Vec<usize> = FACES

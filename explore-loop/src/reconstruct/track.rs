@@ -3,8 +3,8 @@
 use super::ReconstructOptions;
 use super::fill::{self, Columns, Seen};
 use super::keyframe::{Keyframe, Keyframes};
-use super::pieces::Pieces;
 use super::matching::{Gates, Match, Posed, matches, rows};
+use super::pieces::Pieces;
 use super::view::FrameView;
 use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
@@ -504,7 +504,9 @@ impl Track {
                     continue;
                 }
                 let rest = lattice.rest_at(place, at.xi);
-                let near = tree.as_ref().map(|t| graph::near(t, &rest, f64::INFINITY, 1));
+                let near = tree
+                    .as_ref()
+                    .map(|t| graph::near(t, &rest, f64::INFINITY, 1));
                 if let Some(&(i, _)) = near.as_ref().and_then(|n| n.first()) {
                     let with = &lattice.cells()[embeddings[i].cell as usize];
                     let xi = [0, 1, 2].map(|a| f64::from(place[a] - with.place[a]) + at.xi[a]);
@@ -513,12 +515,17 @@ impl Track {
             }
         };
         self.grips.iter_mut().flatten().for_each(renew);
-        self.keyframes.all_mut().iter_mut().for_each(|k| renew(&mut k.grips));
+        self.keyframes
+            .all_mut()
+            .iter_mut()
+            .for_each(|k| renew(&mut k.grips));
     }
 
     /// Fills the body anew from what was seen since the first view, once that has grown by enough.
     pub fn refill_as_seen(&mut self, spacing: f64) {
-        let later: Vec<usize> = (0..self.model.len()).filter(|&i| self.model.born[i] > 0).collect();
+        let later: Vec<usize> = (0..self.model.len())
+            .filter(|&i| self.model.born[i] > 0)
+            .collect();
         let enough = LEAST_GROWN.max(self.model.len() / SHARE_GROWN);
         if later.len() < self.filled_with + enough {
             return;
@@ -528,7 +535,8 @@ impl Track {
             return;
         };
         let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest[i]).collect();
-        let normals: Vec<UnitVector3<f64>> = later.iter().map(|&i| self.model.rest_normals[i]).collect();
+        let normals: Vec<UnitVector3<f64>> =
+            later.iter().map(|&i| self.model.rest_normals[i]).collect();
         let first = Seen {
             points: &first.points,
             normals: &first.normals,

@@ -94,7 +94,9 @@ impl Elastic {
 
     /// Whether this was made for the lattice as it is.
     pub fn fits(&self, lattice: &Lattice) -> bool {
-        self.nodes == lattice.rest().len() && self.is_wired_as(lattice) && self.elements.fit(lattice)
+        self.nodes == lattice.rest().len()
+            && self.is_wired_as(lattice)
+            && self.elements.fit(lattice)
     }
 
     /// Whether the cells that this was made for have the nodes they had.

@@ -370,9 +370,7 @@ impl Lattice {
             && self.axes == old.axes
             && self.rest.starts_with(&old.rest);
         let kept = old.cells.iter().zip(&self.cells);
-        let first_lost = kept
-            .take_while(|(a, b)| a.place == b.place)
-            .count();
+        let first_lost = kept.take_while(|(a, b)| a.place == b.place).count();
         if same && first_lost == old.cells.len() {
             return Ok(());
         }

@@ -12,6 +12,7 @@ use explore_loop::measure::{Measurer, ShapeMeasures, TrueSurface};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{Cut, Metrics, Timing};
+use grip_planner::Plan;
 use std::time::Instant;
 
 /// Explores; true when the surface closed.
@@ -234,6 +235,8 @@ impl<'a> Recorder<'a> {
             spacing_m: spacing,
             manipulations: outcome.manipulations,
             stop: outcome.stop.word().into(),
+            reason: outcome.stop.reason(),
+            troubles: outcome.troubles.iter().map(ToString::to_string).collect(),
             betti: outcome.topology.persistent,
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
@@ -273,11 +276,39 @@ impl Watcher for Recorder<'_> {
                 self.model = model.clone();
             }
             Event::Missed(arm) => self.say(&format!("arm {arm} closed on nothing")),
-            Event::Planned(plan) => self.say(&format!("        {}", plan.summary)),
-            Event::Manipulated(_) => {}
+            Event::Planned(plan) => self.say(&format!("        {}", words(plan))),
+            Event::Fault(fault) => self.say(&format!("{:5.1} s  {fault}", self.last_stamp)),
+            Event::Trouble(trouble) => self.say(&format!(
+                "{:5.1} s  {trouble}: the arms are stopped",
+                self.last_stamp
+            )),
+            Event::Found => self.say("        the body was found again"),
+            _ => {}
         }
         Ok(())
     }
+}
+
+/// A plan in a line.
+fn words(plan: &Plan) -> String {
+    let arms: Vec<String> = plan
+        .grips
+        .iter()
+        .map(|g| format!("arm {} at vertex {}", g.arm, g.vertex))
+        .collect();
+    let action = match (plan.turn.is_some(), plan.across.is_some()) {
+        (true, true) => "turn over and stretch",
+        (false, _) => "stretch",
+        (true, false) => "turn over",
+    };
+    format!(
+        "{action}: {}; coverage {:.2}, score {:.2}, at most {:.0} mm/s, {:.1} s",
+        arms.join(", "),
+        plan.coverage,
+        plan.score,
+        1e3 * plan.speed_limit,
+        plan.motion.duration
+    )
 }
 
 fn phase_words(phase: Phase) -> &'static str {

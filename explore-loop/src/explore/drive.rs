@@ -1,0 +1,584 @@
+//! From planned motions to set-points: one for each arm and frame, none of them ever beyond the limits.
+//!
+//! ```text
+//! v = (p' − p)/T:    ‖p' − p‖ ≤ step,   ‖v‖ ≤ v_max,   ∠(q, q') ≤ ω_max T,   min over 0 ≤ s ≤ 1 of ‖v − s v_before‖ ≤ a T
+//! ```
+//!
+//! with `T` the time of a frame, `p, q` the last set-point (or where the arm is, once it was stopped) and `v_before` the velocity it was passed with. Braking
+//! is free: stopping must always be allowed. The set-points lie on the checked path: its clock runs as fast as the limits and the
+//! [`SpeedGovernor`] allow, for all arms alike. An arm that is off the path comes back to it in a straight line before the clock goes on.
+//!
+//! A set-point is never more than a frame ahead, so an arm that hears nothing more stops by itself. Before anything else that happens, what a
+//! fault asks for is [`Cell::stop`](crate::cell::Cell::stop), in the frame in which it is noticed.
+
+use super::set_down;
+use super::{Explorer, Followed, Halt, Manipulation, Trouble};
+use crate::cell::{ArmState, CellInfo};
+use crate::plan;
+use grip_planner::{
+    CarryOptions, GovernorOptions, Motion, ReachOptions, Refusal, Role, SpeedGovernor, Tip, carry,
+    go_home, lower,
+};
+use nalgebra::{Isometry3, Vector3};
+
+/// What a tip may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// Largest speed, m/s.
+    pub speed: f64,
+    /// How fast the velocity may grow or turn, m/s²; braking is not bounded.
+    pub acceleration: f64,
+    /// Largest rotation rate, rad/s.
+    pub turn_rate: f64,
+}
+
+/// What the arms may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limits {
+    /// An arm that holds the object.
+    pub holding: Bounds,
+    /// An arm with an empty jaw.
+    pub empty: Bounds,
+    /// Farthest that a set-point is from the one before, metres.
+    pub step: f64,
+}
+
+/// Distance from the tip at which a turn counts as motion, metres: the reach of the fingers.
+const FINGER: f64 = 0.02;
+/// Least speed that is commanded, m/s.
+const CRAWL: f64 = 1e-3;
+/// Shares of a step that are tried.
+const SHARES: [f64; 10] = [1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.12, 0.06, 0.03, 0.01];
+/// Rounding in a comparison with a limit.
+const ROUNDING: f64 = 1e-9;
+/// How far empty tips back off before they turn for home, metres.
+const RETREAT: f64 = 0.05;
+/// Residuals between which the governor slows down, in spacings.
+const CALM: f64 = 0.3;
+const ALARM: f64 = 0.8;
+
+/// Where an arm was sent last, and how fast it was sent there.
+#[derive(Clone, Copy)]
+struct SetPoint {
+    pose: Isometry3<f64>,
+    velocity: Vector3<f64>,
+}
+
+/// The last set-points.
+pub(super) struct Drive {
+    limits: Limits,
+    period: f64,
+    max_speed: Vec<f64>,
+    last: Vec<Option<SetPoint>>,
+}
+
+/// A command to an arm.
+pub(super) struct Command {
+    pub arm: usize,
+    pub camera_from_tip: Isometry3<f64>,
+    pub speed: f64,
+}
+
+impl Drive {
+    pub fn new(limits: Limits, info: &CellInfo) -> Self {
+        Self {
+            limits,
+            period: 1.0 / info.camera_rate,
+            max_speed: info.arms.iter().map(|a| a.max_speed).collect(),
+            last: vec![None; info.arms.len()],
+        }
+    }
+
+    /// The arms were stopped: the next set-points begin where they are, at rest.
+    pub fn forget(&mut self) {
+        self.last.fill(None);
+    }
+
+    /// The arms have stood still for a frame.
+    pub fn rest(&mut self) {
+        for last in self.last.iter_mut().flatten() {
+            last.velocity = Vector3::zeros();
+        }
+    }
+
+    /// Where an arm was sent last.
+    pub fn sent(&self, arm: usize) -> Option<Isometry3<f64>> {
+        self.last.get(arm).copied().flatten().map(|l| l.pose)
+    }
+
+    /// The next set-points on `motion`, at most `ahead` seconds after `time`, and the time of the motion that they are at.
+    pub fn advance(
+        &mut self,
+        motion: &Motion,
+        [time, ahead]: [f64; 2],
+        holds: &[bool],
+        now: &[ArmState],
+    ) -> (f64, Vec<Command>) {
+        let at = |time: f64| -> Vec<(usize, Isometry3<f64>)> {
+            let pose = |path: &grip_planner::ArmPath| Some((path.arm, path.at(time)?));
+            motion.arms.iter().filter_map(pose).collect()
+        };
+        let fits = |goals: &[(usize, Isometry3<f64>)]| {
+            let fit = |(arm, goal): &(usize, Isometry3<f64>)| self.allows(*arm, goal, holds, now);
+            goals.iter().all(fit)
+        };
+        let on_path = SHARES
+            .iter()
+            .map(|share| time + share * ahead)
+            .map(|later| (later, at(later)))
+            .find(|(_, goals)| fits(goals));
+        let (time, goals) = on_path.unwrap_or_else(|| {
+            // Off the path, or about to turn a corner: toward where the path is now.
+            let here = at(time);
+            let toward = |share: f64| -> Vec<(usize, Isometry3<f64>)> {
+                let part = |(arm, goal): &(usize, Isometry3<f64>)| {
+                    let from = self.start(*arm, now).pose;
+                    (*arm, between(&from, goal, share))
+                };
+                here.iter().map(part).collect()
+            };
+            let back = SHARES.iter().map(|s| s * s).map(toward).find(|g| fits(g));
+            (time, back.unwrap_or_default())
+        });
+        let commands = goals
+            .iter()
+            .filter_map(|(arm, goal)| self.send(*arm, goal, holds, now));
+        (time, commands.collect())
+    }
+
+    /// Where the next set-point of an arm begins.
+    fn start(&self, arm: usize, now: &[ArmState]) -> SetPoint {
+        let measured = || now.get(arm).map(|a| a.camera_from_tip);
+        self.last.get(arm).copied().flatten().unwrap_or(SetPoint {
+            pose: measured().unwrap_or_else(Isometry3::identity),
+            velocity: Vector3::zeros(),
+        })
+    }
+
+    fn bounds(&self, arm: usize, holds: &[bool]) -> Bounds {
+        let bounds = if holds.get(arm).copied().unwrap_or(false) {
+            self.limits.holding
+        } else {
+            self.limits.empty
+        };
+        let most = self.max_speed.get(arm).copied().unwrap_or(0.0);
+        Bounds {
+            speed: bounds.speed.min(most).min(self.limits.step / self.period),
+            ..bounds
+        }
+    }
+
+    fn allows(&self, arm: usize, goal: &Isometry3<f64>, holds: &[bool], now: &[ArmState]) -> bool {
+        let (from, bounds) = (self.start(arm, now), self.bounds(arm, holds));
+        let velocity = (goal.translation.vector - from.pose.translation.vector) / self.period;
+        let turn = from.pose.rotation.angle_to(&goal.rotation) / self.period;
+        velocity.norm() <= bounds.speed + ROUNDING
+            && turn <= bounds.turn_rate + ROUNDING
+            && beyond_braking(&velocity, &from.velocity)
+                <= bounds.acceleration * self.period + ROUNDING
+    }
+
+    /// Notes the set-point; nothing is commanded to an arm that stays where it was sent.
+    fn send(
+        &mut self,
+        arm: usize,
+        goal: &Isometry3<f64>,
+        holds: &[bool],
+        now: &[ArmState],
+    ) -> Option<Command> {
+        let (from, bounds) = (self.start(arm, now), self.bounds(arm, holds));
+        let velocity = (goal.translation.vector - from.pose.translation.vector) / self.period;
+        let known = self.sent(arm).is_some();
+        *self.last.get_mut(arm)? = Some(SetPoint {
+            pose: *goal,
+            velocity,
+        });
+        if known && from.pose == *goal {
+            return None;
+        }
+        // There at the next frame, also when the motion is mostly a turn.
+        let here = now.get(arm).map_or(from.pose, |a| a.camera_from_tip);
+        let way = (goal.translation.vector - here.translation.vector).norm();
+        let turn = FINGER * here.rotation.angle_to(&goal.rotation);
+        let speed = (way.max(turn) / self.period).clamp(CRAWL, bounds.speed.max(CRAWL));
+        Some(Command {
+            arm,
+            camera_from_tip: *goal,
+            speed,
+        })
+    }
+}
+
+/// Distance of a velocity from the nearest that mere braking leads to.
+fn beyond_braking(velocity: &Vector3<f64>, before: &Vector3<f64>) -> f64 {
+    let square = before.norm_squared();
+    let share = if square > 0.0 {
+        (velocity.dot(before) / square).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    (velocity - before * share).norm()
+}
+
+fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
+    a.try_lerp_slerp(b, share, 1e-9)
+        .unwrap_or(if share < 0.5 { *a } else { *b })
+}
+
+/// How a motion is followed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Care {
+    /// Jaws empty: whether the body can be followed meanwhile does not matter.
+    Empty,
+    /// Jaws hold: slowly when frames fit badly, and not at all when they do not fit.
+    Holding,
+    /// Something is being put down that may be lost: only the arms count.
+    PutDown,
+}
+
+/// What is counted while a motion is followed.
+struct Progress {
+    governor: Option<SpeedGovernor>,
+    time: f64,
+    residual: f64,
+    misfits: usize,
+    /// Seconds that some arm has lagged behind.
+    late: f64,
+}
+
+impl Explorer<'_> {
+    /// Follows a motion to its end, frame by frame.
+    pub(super) fn follow(&mut self, motion: &Motion, care: Care, cruise: f64) -> Followed {
+        let mut progress = Progress {
+            governor: self.governor(care, cruise)?,
+            time: 0.0,
+            residual: 0.0,
+            misfits: 0,
+            late: 0.0,
+        };
+        loop {
+            self.open_early(motion, progress.time)?;
+            let stands = self.stands(care, &progress);
+            if stands {
+                self.drive.rest();
+            } else {
+                self.command(motion, &mut progress)?;
+            }
+            self.step(motion, care, &mut progress)?;
+            let lag = self.lag(motion);
+            let moving = motion.arms.iter().any(|p| self.moves(p.arm));
+            if progress.time >= motion.duration && lag.is_none() && !moving {
+                return self.open_early(motion, motion.duration);
+            }
+            self.wait_for_arms(motion, lag, &mut progress)?;
+        }
+    }
+
+    fn governor(&self, care: Care, cruise: f64) -> Result<Option<SpeedGovernor>, Halt> {
+        if care == Care::Empty {
+            return Ok(None);
+        }
+        let options = GovernorOptions {
+            cruise: cruise.min(self.options.limits.holding.speed),
+            calm: CALM * self.options.spacing,
+            alarm: ALARM * self.options.spacing,
+            ..GovernorOptions::default()
+        };
+        Ok(Some(
+            SpeedGovernor::new(options).map_err(crate::Error::from)?,
+        ))
+    }
+
+    /// Whether the arms have to wait: for frames that can be used, for frames that fit, or for one of them.
+    fn stands(&self, care: Care, progress: &Progress) -> bool {
+        let blind = self.bad_frames > 0 && care != Care::PutDown;
+        let lost = progress.misfits > self.options.doubt && care == Care::Holding;
+        blind || lost || progress.late > 0.0
+    }
+
+    fn command(&mut self, motion: &Motion, progress: &mut Progress) -> Followed {
+        let period = 1.0 / self.cell.info().camera_rate;
+        let rate = match &mut progress.governor {
+            Some(governor) => motion.rate(governor.next(period, progress.residual)),
+            None => 1.0,
+        };
+        // A jaw that lets go early does so before its arm moves on.
+        let stops = motion
+            .arms
+            .iter()
+            .filter(|p| self.closed[p.arm] && p.release > progress.time);
+        let until = stops.map(|p| p.release).fold(motion.duration, f64::min);
+        let ahead = (rate * period).min(until - progress.time).max(0.0);
+        let (time, commands) =
+            self.drive
+                .advance(motion, [progress.time, ahead], &self.closed, &self.arms);
+        progress.time = time;
+        if until - time < 1e-9 {
+            progress.time = until;
+        }
+        for command in commands {
+            let sent = self
+                .cell
+                .move_arm(command.arm, command.camera_from_tip, command.speed);
+            sent.map_err(|error| self.refused(error))?;
+        }
+        Ok(())
+    }
+
+    /// A supporting jaw opens at its own time.
+    fn open_early(&mut self, motion: &Motion, time: f64) -> Followed {
+        for path in &motion.arms {
+            let due = path.release < motion.duration && time >= path.release;
+            if path.role == Role::Support && due && self.closed[path.arm] {
+                self.open(path.arm)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets a frame pass and looks for trouble in it.
+    fn step(&mut self, motion: &Motion, care: Care, progress: &mut Progress) -> Followed {
+        let report = self.frame()?;
+        if let Some(report) = &report {
+            let misfit = report.failure.is_some();
+            progress.misfits = if misfit { progress.misfits + 1 } else { 0 };
+            progress.residual = if misfit { f64::NAN } else { report.residual };
+            if progress.misfits == self.options.doubt + 1 && care == Care::Holding {
+                self.halt()?;
+            }
+        }
+        if care != Care::Holding {
+            return Ok(());
+        }
+        let frames = progress.misfits;
+        if frames > self.options.doubt + self.options.patience {
+            return Err(Trouble::Lost { frames }.into());
+        }
+        if report.is_none() {
+            return Ok(());
+        }
+        let lifting = motion.arms.iter().filter(|p| p.role == Role::Lift);
+        let slipped = lifting
+            .map(|p| p.arm)
+            .find(|&arm| self.closed[arm] && !self.arms[arm].holding);
+        match slipped {
+            Some(arm) => Err(Trouble::Slipped { arm }.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// The arm that is farthest from where it was sent, and how far, if that is too far.
+    fn lag(&self, motion: &Motion) -> Option<(usize, f64)> {
+        let distance = |arm: usize| {
+            let (sent, at) = (self.drive.sent(arm)?, self.arms.get(arm)?.camera_from_tip);
+            let way = (sent.translation.vector - at.translation.vector).norm();
+            Some((arm, way.max(FINGER * sent.rotation.angle_to(&at.rotation))))
+        };
+        let lags = motion.arms.iter().filter_map(|p| distance(p.arm));
+        lags.filter(|(_, way)| *way > self.options.lag)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn moves(&self, arm: usize) -> bool {
+        self.arms.get(arm).is_some_and(|a| a.moving)
+    }
+
+    fn wait_for_arms(
+        &self,
+        motion: &Motion,
+        lag: Option<(usize, f64)>,
+        progress: &mut Progress,
+    ) -> Followed {
+        let at_end = progress.time >= motion.duration;
+        let moving = motion
+            .arms
+            .iter()
+            .map(|p| p.arm)
+            .find(|&arm| self.moves(arm));
+        let waits_for = lag.or(moving.filter(|_| at_end).map(|arm| (arm, 0.0)));
+        let Some((arm, distance)) = waits_for else {
+            progress.late = 0.0;
+            return Ok(());
+        };
+        progress.late += 1.0 / self.cell.info().camera_rate;
+        let seconds = progress.late;
+        if seconds <= self.options.arrival {
+            return Ok(());
+        }
+        Err(Trouble::NotArriving {
+            arm,
+            distance,
+            seconds,
+        }
+        .into())
+    }
+
+    /// Stops every arm where it is.
+    pub(super) fn halt(&mut self) -> Followed {
+        self.drive.forget();
+        self.cell.stop().map_err(|error| self.refused(error))
+    }
+
+    /// Opens a jaw.
+    pub(super) fn open(&mut self, arm: usize) -> Followed {
+        self.cell
+            .open_jaw(arm)
+            .map_err(|error| self.refused(error))?;
+        if let Some(closed) = self.closed.get_mut(arm) {
+            *closed = false;
+        }
+        self.guard.pause();
+        Ok(())
+    }
+
+    /// Opens every jaw that was closed.
+    pub(super) fn open_all(&mut self) -> Followed {
+        (0..self.closed.len())
+            .filter(|&arm| self.closed[arm])
+            .collect::<Vec<_>>()
+            .into_iter()
+            .try_for_each(|arm| self.open(arm))
+    }
+
+    /// Watches until the seen surface rests: it moves less than a tenth of a spacing a frame, three frames in a row.
+    pub(super) fn settle(&mut self) -> Followed {
+        let mut still = 0;
+        for _ in 0..self.options.settle_frames {
+            let before = self.reconstructor.model().live.clone();
+            let Some(report) = self.frame()? else {
+                continue;
+            };
+            let model = self.reconstructor.model();
+            let moved: Vec<f64> = before
+                .iter()
+                .zip(&model.live)
+                .zip(&report.measured)
+                .filter(|(_, seen)| **seen)
+                .map(|((a, b), _)| (a - b).norm())
+                .collect();
+            let mean = moved.iter().sum::<f64>() / moved.len().max(1) as f64;
+            still = if mean < 0.1 * self.options.spacing {
+                still + 1
+            } else {
+                0
+            };
+            if still == 3 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Out to the width of the body at rest and down to the table, where a turn ends: see `set_down`.
+    pub(super) fn spread_out(&mut self, manipulation: &Manipulation) -> Followed {
+        let table = self.cell.info().table;
+        let Some(latest) = &self.latest else {
+            return Ok(());
+        };
+        let rest = &self.reconstructor.model().rest;
+        let height = self.options.set_down;
+        let goals = set_down::goals(manipulation, latest, rest, &table, height);
+        let (arms, goals): (Vec<usize>, Vec<Isometry3<f64>>) = goals.into_iter().unzip();
+        let (tips, options) = (self.tips(&arms), self.carrying(0.7));
+        let live = &self.reconstructor.model().live;
+        let motion = self.with_scene(|scene| {
+            carry(live, scene, &tips, &goals, &options)
+                // Where the body hangs is known least below the grips; it gives way.
+                .or_else(|_| carry(&[], scene, &tips, &goals, &options))
+        });
+        match motion {
+            Ok(motion) => self.follow(&motion, Care::Holding, options.speed),
+            // The turn itself ends where jaws may open.
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Puts down what the jaws hold, straight down from here, opens them and lets the body come to rest.
+    pub(super) fn lower_from_here(&mut self) -> Followed {
+        let held: Vec<usize> = (0..self.closed.len()).filter(|&a| self.closed[a]).collect();
+        if held.is_empty() {
+            return Ok(());
+        }
+        let (tips, options) = (self.tips(&held), self.carrying(0.5));
+        let motion = self
+            .with_scene(|scene| lower(scene, &tips, &options))
+            .map_err(no_way)?;
+        self.follow(&motion, Care::PutDown, options.speed)?;
+        self.settle()?;
+        self.open_all()?;
+        self.settle()
+    }
+
+    /// Every arm that is not at home goes there, its jaw open, along a checked way.
+    pub(super) fn go_home_from_here(&mut self) -> Followed {
+        let all: Vec<usize> = (0..self.arms.len()).collect();
+        self.send_home(&all)
+    }
+
+    /// The same for some arms, past the others where they are.
+    pub(super) fn send_home(&mut self, arms: &[usize]) -> Followed {
+        let away = |arm: &usize| !self.is_home(*arm);
+        let away: Vec<usize> = arms.iter().copied().filter(away).collect();
+        if away.is_empty() {
+            return Ok(());
+        }
+        let (tips, options) = (self.tips(&away), self.reaching());
+        let live = &self.reconstructor.model().live;
+        let motion = self.with_scene(|scene| {
+            go_home(live, scene, &tips, RETREAT, &options)
+                // What lies over an open jaw is drawn off it; a way that only the body is in is better than none.
+                .or_else(|_| go_home(&[], scene, &tips, RETREAT, &options))
+        });
+        let motion = motion.map_err(no_way)?;
+        self.follow(&motion, Care::Empty, options.speed)
+    }
+
+    fn is_home(&self, arm: usize) -> bool {
+        let (home, here) = (
+            &self.cell.info().arms[arm].camera_from_home,
+            &self.arms[arm].camera_from_tip,
+        );
+        let way = (home.translation.vector - here.translation.vector).norm();
+        way.max(FINGER * home.rotation.angle_to(&here.rotation)) < 1e-3
+    }
+
+    fn tips(&self, arms: &[usize]) -> Vec<Tip> {
+        let tip = |&arm: &usize| Tip {
+            arm,
+            role: Role::Lift,
+            camera_from_tip: self.drive.start(arm, &self.arms).pose,
+        };
+        arms.iter().map(tip).collect()
+    }
+
+    fn carrying(&self, share: f64) -> CarryOptions {
+        let bounds = self.options.limits.holding;
+        CarryOptions {
+            speed: share * bounds.speed,
+            acceleration: bounds.acceleration,
+            turn_rate: bounds.turn_rate,
+            release_height: self.options.set_down,
+        }
+    }
+
+    fn reaching(&self) -> ReachOptions {
+        let bounds = self.options.limits.empty;
+        ReachOptions {
+            speed: bounds.speed,
+            acceleration: bounds.acceleration,
+            turn_rate: bounds.turn_rate,
+        }
+    }
+
+    fn with_scene<T>(&self, work: impl FnOnce(&grip_planner::Scene<'_>) -> T) -> T {
+        let arms = plan::arms(self.cell.info());
+        work(&plan::scene(self.cell.info(), &arms))
+    }
+}
+
+fn no_way(reason: Refusal) -> Halt {
+    match reason {
+        Refusal::Input(error) => Halt::Error(error.into()),
+        reason => Trouble::NoWay { reason }.into(),
+    }
+}

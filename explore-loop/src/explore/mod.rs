@@ -1,0 +1,766 @@
+//! The exploration as a state machine.
+//!
+//! ```text
+//!   Home ─► Look ─► Decide ─┬─► Reach ─► Grasp ─► Manipulate ─► Lower ─► Release ─┐
+//!    ▲                      └─► done                                              │
+//!    ├────────────────────────────────────────────────────────────────────────────┘
+//!    └── trouble, anywhere: stop ─► lower from here ─► open
+//! ```
+//! The arms go home so that nothing hides the object; the model is brought up to date; its topology decides
+//! whether to stop; otherwise a [`Plan`] is made and carried out frame by frame while the reconstruction follows: its checked way to
+//! the grips, its motion as fast as [`grip_planner::SpeedGovernor`] allows, and a checked way home.
+//!
+//! | file | question |
+//! |---|---|
+//! | `drive` | which set-point is next, and is it within the limits? |
+//! | `guard` | what is wrong with a frame? |
+//! | `set_down` | where do lifting tips let go? |
+//! | `trouble` | what is given up, and what ends it all? |
+//! | `watch` | who is told? |
+//!
+//! # What happens to the arms and the jaws
+//!
+//! | what ends a manipulation | the arms | the jaws |
+//! |---|---|---|
+//! | all went well | set down, withdraw, home | open on the table |
+//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, lower straight from where they are, home | open when lowered |
+//! | an error or a panic in a stage, a planner or a watcher | the same, without asking the stages | open when lowered |
+//! | an arm that refuses, does not arrive, or is nowhere; no free way down | stop | stay as they are |
+//! | the cell fails | asked to stop | stay as they are |
+
+use crate::Error;
+use crate::canonical::CanonicalModel;
+use crate::canonical::surface::{triangulate, vertex_areas};
+use crate::canonical::topology::{self, Topology};
+use crate::cell::{ArmState, Cell, CellError, Observation};
+use crate::plan::{NoPlan, PlanInput, Planner};
+use crate::reconstruct::{FrameReport, ReconstructOptions, Reconstructor};
+use drive::{Care, Drive};
+use grip_planner::{Plan, Role};
+use guard::Guard;
+use nalgebra::{Point3, UnitVector3};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+mod drive;
+mod guard;
+mod set_down;
+mod trouble;
+mod watch;
+
+pub use drive::{Bounds, Limits};
+pub use guard::FrameFault;
+pub use trouble::{Stop, Trouble};
+pub use watch::{Event, Watcher};
+
+/// Settings of an exploration.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ExploreOptions {
+    /// Spacing ε of the model, metres.
+    pub spacing: f64,
+    /// What the arms may do. Holding: the speed given, 0.05 m/s², 1 rad/s. Empty: 0.25 m/s, 0.4 m/s², 1.5 rad/s. A set-point is at most 30 mm
+    /// from the one before.
+    pub limits: Limits,
+    /// Manipulations after which the exploration gives up. Default 8.
+    pub max_manipulations: usize,
+    /// Attempts to grasp in a row, or grips that slip, after which it gives up. Default 4.
+    pub max_misses: usize,
+    /// Times that something was given up after which the next ends the exploration. Default 4.
+    pub max_recoveries: usize,
+    /// Frames to look at the object at rest before each decision. Default 6.
+    pub look_frames: usize,
+    /// Most frames to wait for the object to rest. Default 25.
+    pub settle_frames: usize,
+    /// Height above the table at which grips are let go, metres. Default 0.013.
+    pub set_down: f64,
+    /// Frames in a row that may fail to register before the arms are stopped. Default 2: until then they go slowly.
+    pub doubt: usize,
+    /// Frames in a row that may fail to register after that, before what is held is lowered. Default 6.
+    pub patience: usize,
+    /// Frames in a row that cannot be used before what is under way is given up. Default 15.
+    pub blind_frames: usize,
+    /// Farthest that an arm may be from where it was sent when a frame is taken before the others wait for it, metres. Default 0.01.
+    pub lag: f64,
+    /// How long they wait, seconds. Default 5.
+    pub arrival: f64,
+}
+
+impl ExploreOptions {
+    /// Defaults at a spacing and a fastest grip speed, m and m/s.
+    pub fn new(spacing: f64, speed: f64) -> Self {
+        let holding = Bounds {
+            speed,
+            acceleration: 0.05,
+            turn_rate: 1.0,
+        };
+        let empty = Bounds {
+            speed: 0.25,
+            acceleration: 0.4,
+            turn_rate: 1.5,
+        };
+        Self {
+            spacing,
+            limits: Limits {
+                holding,
+                empty,
+                step: 0.03,
+            },
+            max_manipulations: 8,
+            max_misses: 4,
+            max_recoveries: 4,
+            look_frames: 6,
+            settle_frames: 25,
+            set_down: 0.013,
+            doubt: 2,
+            patience: 6,
+            blind_frames: 15,
+            lag: 0.01,
+            arrival: 5.0,
+        }
+    }
+}
+
+/// Where the exploration is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The arms leave the camera's view.
+    Home,
+    /// The object at rest is looked at.
+    Look,
+    /// Topology, then stop or plan.
+    Decide,
+    /// The arms go to their grips.
+    Reach,
+    /// The jaws close.
+    Grasp,
+    /// The object is moved.
+    Manipulate,
+    /// What was lifted is put down.
+    Lower,
+    /// The jaws open and withdraw.
+    Release,
+}
+
+/// How an exploration ended.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Outcome {
+    /// Why.
+    pub stop: Stop,
+    /// Manipulations made.
+    pub manipulations: usize,
+    /// What was given up on the way, in order.
+    pub troubles: Vec<Trouble>,
+    /// Topology at the end.
+    pub topology: Topology,
+    /// Stiffness over weight `E / (ρ g)` of the object as it was estimated from how it sags, m, once something was lifted.
+    pub stiffness_over_weight: Option<f64>,
+}
+
+/// Explores the object in a cell.
+pub struct Explorer<'a> {
+    cell: &'a mut dyn Cell,
+    planner: &'a mut dyn Planner,
+    watcher: &'a mut dyn Watcher,
+    options: ExploreOptions,
+    reconstructor: Reconstructor,
+    guard: Guard,
+    drive: Drive,
+    /// The arms where they are or were last known to be.
+    arms: Vec<ArmState>,
+    /// The jaws that were closed on something.
+    closed: Vec<bool>,
+    /// The last frame that could be used.
+    latest: Option<Observation>,
+    /// Frames in a row that could not be used.
+    bad_frames: usize,
+    /// Whether the body may be elsewhere than the model.
+    lost: bool,
+    manipulations: usize,
+    misses: usize,
+    troubles: Vec<Trouble>,
+    asked_to_stop: Option<Arc<AtomicBool>>,
+    mode: Mode,
+}
+
+/// What a frame is good for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// Everything.
+    Exploring,
+    /// Something is being put down: nothing interrupts it.
+    PuttingDown,
+    /// The same after a stage has failed: only the arms are looked at.
+    ArmsOnly,
+}
+
+/// A plan, and where what it grips lies at rest: vertices are renumbered when the model is fused anew.
+struct Manipulation {
+    plan: Plan,
+    at_rest: Vec<Point3<f64>>,
+}
+
+enum State {
+    Home,
+    Look,
+    Decide,
+    Reach(Box<Manipulation>),
+    Grasp(Box<Manipulation>),
+    Manipulate(Box<Manipulation>),
+    Lower(Box<Manipulation>),
+    Release(Box<Manipulation>),
+    Done(Box<Outcome>),
+}
+
+/// What ends a state early.
+enum Halt {
+    Trouble(Box<Trouble>),
+    Error(Error),
+}
+
+impl From<Trouble> for Halt {
+    fn from(trouble: Trouble) -> Self {
+        Self::Trouble(Box::new(trouble))
+    }
+}
+
+impl<E: Into<Error>> From<E> for Halt {
+    fn from(error: E) -> Self {
+        Self::Error(error.into())
+    }
+}
+
+type Followed = Result<(), Halt>;
+
+/// Share of the vertices that a body found again must have in the cloud: about half of a closed one faces the camera.
+const FOUND: f64 = 0.3;
+/// A plan's own way home is taken when it begins this near to where the tips are, metres.
+const SAME_PLACE: f64 = 1e-3;
+
+impl<'a> Explorer<'a> {
+    /// An exploration of what lies in `cell`, with the default reconstruction.
+    ///
+    /// # Errors
+    /// A spacing that is not a length.
+    pub fn new(
+        cell: &'a mut dyn Cell,
+        planner: &'a mut dyn Planner,
+        watcher: &'a mut dyn Watcher,
+        options: ExploreOptions,
+    ) -> Result<Self, Error> {
+        let reconstructor = Reconstructor::new(ReconstructOptions::new(options.spacing))?;
+        Ok(Self::with_reconstructor(
+            cell,
+            planner,
+            watcher,
+            options,
+            reconstructor,
+        ))
+    }
+
+    /// The same with a reconstruction of the caller's, with settings of the caller's.
+    pub fn with_reconstructor(
+        cell: &'a mut dyn Cell,
+        planner: &'a mut dyn Planner,
+        watcher: &'a mut dyn Watcher,
+        options: ExploreOptions,
+        reconstructor: Reconstructor,
+    ) -> Self {
+        let info = cell.info();
+        let home = |arm: &crate::cell::ArmInfo| ArmState {
+            camera_from_tip: arm.camera_from_home,
+            jaw: 0.0,
+            holding: false,
+            moving: false,
+        };
+        Self {
+            guard: Guard::new(options.spacing),
+            drive: Drive::new(options.limits, info),
+            arms: info.arms.iter().map(home).collect(),
+            closed: vec![false; info.arms.len()],
+            cell,
+            planner,
+            watcher,
+            options,
+            reconstructor,
+            latest: None,
+            bad_frames: 0,
+            lost: false,
+            manipulations: 0,
+            misses: 0,
+            troubles: Vec::new(),
+            asked_to_stop: None,
+            mode: Mode::Exploring,
+        }
+    }
+
+    /// A flag that ends the exploration when it is set, from a signal handler or another thread: arms are stopped, what they hold is lowered, and
+    /// they go home.
+    #[must_use]
+    pub fn interrupt(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.asked_to_stop = Some(flag);
+        self
+    }
+
+    /// The model so far.
+    pub fn model(&self) -> &CanonicalModel {
+        self.reconstructor.model()
+    }
+
+    /// Explores until the surface is closed or nothing more can be done.
+    ///
+    /// What goes wrong in the cell is answered or ends the exploration with its reason in [`Outcome::stop`]. Whatever ends it, the arms are stopped; what
+    /// the jaws do is said in [`crate::explore`].
+    ///
+    /// # Errors
+    /// Nothing was ever seen, a stage refuses its input, or the watcher cannot record.
+    ///
+    /// # Panics
+    /// When a stage, planner or watcher panics: after the arms have been seen to, the panic goes on.
+    pub fn run(&mut self) -> Result<Outcome, Error> {
+        let ended = catch_unwind(AssertUnwindSafe(|| self.explore()));
+        let well = matches!(&ended, Ok(Ok(_)));
+        // Not even a second failure may keep the arms from being stopped.
+        let secured = catch_unwind(AssertUnwindSafe(|| self.secure(well)));
+        let _nothing_left_to_do = secured;
+        match ended {
+            Ok(outcome) => outcome,
+            Err(panic) => resume_unwind(panic),
+        }
+    }
+
+    fn explore(&mut self) -> Result<Outcome, Error> {
+        let mut state = State::Home;
+        loop {
+            state = match self.next(state) {
+                Ok(State::Done(outcome)) => return Ok(*outcome),
+                Ok(next) => next,
+                Err(Halt::Error(error)) => self.failed(error)?,
+                Err(Halt::Trouble(trouble)) => match self.recover(*trouble) {
+                    Ok(next) => next,
+                    Err(Halt::Error(error)) => self.failed(error)?,
+                    Err(Halt::Trouble(trouble)) => self.done(Stop::Trouble(*trouble))?,
+                },
+            };
+        }
+    }
+
+    fn next(&mut self, state: State) -> Result<State, Halt> {
+        match state {
+            State::Home => self.home(),
+            State::Look => self.look(),
+            State::Decide => self.decide(),
+            State::Reach(manipulation) => self.reach(manipulation),
+            State::Grasp(manipulation) => self.grasp(manipulation),
+            State::Manipulate(manipulation) => self.manipulate(manipulation),
+            State::Lower(manipulation) => self.lower(manipulation),
+            State::Release(manipulation) => self.release(&manipulation),
+            State::Done(outcome) => Ok(State::Done(outcome)),
+        }
+    }
+
+    /// A cell that fails ends the exploration with what is known; anything else is an error.
+    fn failed(&mut self, error: Error) -> Result<State, Error> {
+        match error {
+            Error::Cell(cell) if !self.reconstructor.model().is_empty() => {
+                Ok(self.done(Stop::CellFailed(cell.to_string()))?)
+            }
+            error => Err(error),
+        }
+    }
+
+    fn home(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Home)?;
+        if self.latest.is_none() {
+            self.cell.home().map_err(|error| self.refused(error))?;
+            self.guard.pause();
+        } else {
+            // Watched all the way, so that the model follows whatever the leaving arms stir.
+            self.go_home_from_here()?;
+        }
+        Ok(State::Look)
+    }
+
+    fn look(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Look)?;
+        let fits = self.watch()?;
+        let points = self.latest.as_ref().map_or(0, |o| o.points.len());
+        if self.reconstructor.model().is_empty() {
+            return Err(Error::NothingToSee { points, needed: 20 }.into());
+        }
+        if self.lost {
+            if !fits && !self.find_again()? {
+                let frames = self.options.look_frames;
+                return Ok(self.done(Stop::Trouble(Trouble::Lost { frames }))?);
+            }
+            self.lost = false;
+        }
+        Ok(State::Decide)
+    }
+
+    /// Looks at the object at rest; whether the last frame fitted.
+    fn watch(&mut self) -> Result<bool, Halt> {
+        let (mut seen, mut fits) = (0, false);
+        while seen < self.options.look_frames.max(1) {
+            if let Some(report) = self.frame()? {
+                seen += 1;
+                fits = report.failure.is_none();
+            }
+        }
+        Ok(fits)
+    }
+
+    /// Looks for the body in the cloud by rigid alignment, first with what was seen last and then with all of it, and carries the model there.
+    fn find_again(&mut self) -> Result<bool, Halt> {
+        for all in [false, true] {
+            let Some(pose) = self.aligned(all) else {
+                continue;
+            };
+            self.reconstructor.relocate(&pose);
+            if self.watch()? {
+                self.tell(Event::Found)?;
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    /// Rigid motion of the live model, or of its part that was seen lately, to the latest cloud.
+    fn aligned(&self, all: bool) -> Option<nalgebra::Isometry3<f64>> {
+        let model = self.reconstructor.model();
+        let latest = self.latest.as_ref()?;
+        let last = model.last_seen.iter().copied().max()?;
+        let lately = |i: &usize| all || model.last_seen[*i] + LATELY >= last;
+        let kept: Vec<usize> = (0..model.len()).filter(lately).collect();
+        let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live[i]).collect();
+        let normals: Vec<UnitVector3<f64>> = kept.iter().map(|&i| model.live_normal(i)).collect();
+        let seen_normals =
+            nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &Point3::origin()).ok()?;
+        let cloud = nonrigid_reg::Cloud {
+            points: &latest.points,
+            normals: &seen_normals,
+        };
+        let body = nonrigid_reg::Cloud {
+            points: &points,
+            normals: &normals,
+        };
+        let found = nonrigid_reg::align_rigid(&body, &cloud).ok()?;
+        (found.overlap >= FOUND).then_some(found.target_from_source)
+    }
+
+    fn decide(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Decide)?;
+        let table = self.cell.info().table;
+        self.reconstructor.consolidate(&table);
+        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        self.tell(Event::Topology(&topology))?;
+        let stop = if topology.is_closed() {
+            Stop::Closed
+        } else if self.manipulations >= self.options.max_manipulations {
+            Stop::TooManyManipulations
+        } else if self.misses >= self.options.max_misses {
+            Stop::GraspFailed
+        } else {
+            match self.plan(&topology)? {
+                Ok(plan) => {
+                    self.tell(Event::Planned(&plan))?;
+                    let rest = &self.reconstructor.model().rest;
+                    let at = |g: &grip_planner::Grip| rest.get(g.vertex as usize).copied();
+                    let at_rest = plan
+                        .grips
+                        .iter()
+                        .map(|g| at(g).unwrap_or_else(|| g.tip()))
+                        .collect();
+                    self.guard.pause();
+                    return Ok(State::Reach(Box::new(Manipulation { plan, at_rest })));
+                }
+                Err(reason) => Stop::NothingToGrip(reason),
+            }
+        };
+        Ok(self.done_with(stop, topology))
+    }
+
+    fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
+        let model = self.reconstructor.model();
+        let visible = match &self.latest {
+            Some(observation) => self.reconstructor.visible_now(observation),
+            None => vec![false; model.len()],
+        };
+        let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
+        let input = PlanInput {
+            points: &model.live,
+            normals: &model.live_normals(),
+            areas: &vertex_areas(&model.live, &triangles),
+            edges: &model.edges,
+            topology,
+            visible: &visible,
+            cell: self.cell.info(),
+            limits: self.options.limits,
+            attempt: self.manipulations + self.misses,
+        };
+        self.planner.plan(&input)
+    }
+
+    /// The plan's own way from home: orientation first, high above the grip, then down along the approach.
+    fn reach(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Reach)?;
+        let speed = self.options.limits.empty.speed;
+        self.follow(&manipulation.plan.reach, Care::Empty, speed)?;
+        Ok(State::Grasp(manipulation))
+    }
+
+    fn grasp(&mut self, mut manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Grasp)?;
+        let mut lifting_missed = false;
+        for grip in manipulation.plan.grips.clone() {
+            match self.cell.close_jaw(grip.arm) {
+                Ok(()) => self.closed[grip.arm] = true,
+                Err(CellError::NothingGrasped { arm }) => {
+                    self.tell(Event::Missed(arm))?;
+                    lifting_missed |= grip.role == Role::Lift;
+                }
+                Err(error) => return Err(self.refused(error)),
+            }
+        }
+        self.guard.pause();
+        self.frame()?;
+        // A supporting arm may miss; the arms that lift must all hold.
+        if lifting_missed {
+            self.misses += 1;
+            self.open_all()?;
+            return Ok(State::Home);
+        }
+        if manipulation.plan.grips.iter().any(|g| !self.closed[g.arm]) {
+            manipulation = self.without_missed(manipulation)?;
+        }
+        Ok(State::Manipulate(manipulation))
+    }
+
+    /// Arms that missed stay where they are meanwhile: their paths are those of tools that hold.
+    fn without_missed(
+        &mut self,
+        mut manipulation: Box<Manipulation>,
+    ) -> Result<Box<Manipulation>, Halt> {
+        let closed = self.closed.clone();
+        let plan = &mut manipulation.plan;
+        plan.motion.arms.retain(|path| closed[path.arm]);
+        let missed: Vec<usize> = plan
+            .grips
+            .iter()
+            .map(|g| g.arm)
+            .filter(|&a| !closed[a])
+            .collect();
+        self.send_home(&missed)?;
+        Ok(manipulation)
+    }
+
+    /// Follows the planned paths; slows down while registration has trouble, and gives up when the body is lost.
+    fn manipulate(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Manipulate)?;
+        let plan = &manipulation.plan;
+        self.follow(&plan.motion, Care::Holding, plan.speed_limit)?;
+        self.misses = 0;
+        Ok(State::Lower(manipulation))
+    }
+
+    fn lower(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Lower)?;
+        if manipulation.plan.turn.is_some() {
+            self.spread_out(&manipulation)?;
+        }
+        Ok(State::Release(manipulation))
+    }
+
+    fn release(&mut self, manipulation: &Manipulation) -> Result<State, Halt> {
+        self.enter(Phase::Release)?;
+        // Let what still moves come to rest before the grips, the only landmarks, are given up.
+        self.settle()?;
+        self.open_all()?;
+        self.settle()?;
+        let withdraw = &manipulation.plan.withdraw;
+        let begins_here = withdraw.arms.iter().all(|path| {
+            let here = self.arms[path.arm].camera_from_tip;
+            let way = |from: nalgebra::Isometry3<f64>| {
+                (from.translation.vector - here.translation.vector).norm()
+            };
+            path.at(0.0).is_some_and(|from| way(from) < SAME_PLACE)
+        });
+        if begins_here {
+            self.follow(withdraw, Care::Empty, self.options.limits.empty.speed)?;
+        } else {
+            self.go_home_from_here()?;
+        }
+        self.manipulations += 1;
+        self.tell(Event::Manipulated(self.manipulations))?;
+        Ok(State::Home)
+    }
+
+    /// Stops, puts down what is held, and says how to go on.
+    fn recover(&mut self, trouble: Trouble) -> Result<State, Halt> {
+        self.halt()?;
+        self.tell(Event::Trouble(&trouble))?;
+        self.troubles.push(trouble.clone());
+        self.mode = Mode::PuttingDown;
+        let free = self.put_down(&trouble);
+        self.mode = Mode::Exploring;
+        let free = free?;
+        let ends = matches!(trouble, Trouble::Interrupted | Trouble::ArmFault { .. });
+        if ends || !free || self.troubles.len() > self.options.max_recoveries {
+            return Ok(self.done(Stop::Trouble(trouble))?);
+        }
+        match trouble {
+            Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
+            Trouble::Slipped { .. } | Trouble::NotArriving { .. } => self.misses += 1,
+            _ => {}
+        }
+        Ok(State::Home)
+    }
+
+    /// Whether the jaws are open afterwards.
+    fn put_down(&mut self, trouble: &Trouble) -> Result<bool, Halt> {
+        let held = self.closed.contains(&true);
+        if held && !trouble.arms_obey() {
+            return Ok(false);
+        }
+        let down = self.lower_from_here();
+        let down = match down {
+            Ok(()) if matches!(trouble, Trouble::Interrupted) => self.go_home_from_here(),
+            other => other,
+        };
+        match down {
+            Ok(()) => Ok(true),
+            Err(Halt::Error(error)) => Err(Halt::Error(error)),
+            Err(Halt::Trouble(second)) => {
+                self.halt()?;
+                self.tell(Event::Trouble(&second))?;
+                self.troubles.push(*second);
+                Ok(!self.closed.contains(&true))
+            }
+        }
+    }
+
+    /// What is done with the arms at the end, whatever the end is.
+    fn secure(&mut self, well: bool) {
+        let stopped = self.halt();
+        if !well && stopped.is_ok() {
+            self.mode = Mode::ArmsOnly;
+            let down = self
+                .lower_from_here()
+                .and_then(|()| self.go_home_from_here());
+            if down.is_err() {
+                let _nothing_left_to_do = self.halt();
+            }
+        }
+    }
+
+    /// Waits for a frame, judges it and takes it into the model; `None` when it could not be used.
+    fn frame(&mut self) -> Result<Option<FrameReport>, Halt> {
+        let asked = |flag: &Arc<AtomicBool>| flag.load(Ordering::Relaxed);
+        if self.mode == Mode::Exploring && self.asked_to_stop.as_ref().is_some_and(asked) {
+            return Err(Trouble::Interrupted.into());
+        }
+        let observation = self.cell.observe().map_err(|error| self.refused(error))?;
+        let (model, info) = (self.reconstructor.model(), self.cell.info());
+        let judged = self.guard.judge(observation, model, info);
+        self.arms.clone_from(&judged.observation.arms);
+        if self.mode == Mode::ArmsOnly {
+            return Ok(None);
+        }
+        let mut fault = judged.fault;
+        let mut report = None;
+        if fault.as_ref().is_none_or(FrameFault::is_usable) {
+            let table = self.cell.info().table;
+            match self.reconstructor.process(&judged.observation, &table) {
+                Ok(made) => report = Some(made),
+                Err(error) => {
+                    let reason = error.to_string();
+                    fault = Some(FrameFault::Refused { reason });
+                }
+            }
+        }
+        self.note(fault)?;
+        if let Some(report) = &report {
+            let model = self.reconstructor.model();
+            self.watcher
+                .event(Event::Frame(&judged.observation, report), model)?;
+            self.latest = Some(judged.observation);
+        }
+        Ok(report)
+    }
+
+    /// Stops the arms for what is wrong with a frame, and gives up when that lasts.
+    fn note(&mut self, fault: Option<FrameFault>) -> Followed {
+        let Some(fault) = fault else {
+            self.bad_frames = 0;
+            return Ok(());
+        };
+        let arms = matches!(
+            fault,
+            FrameFault::NonFinitePose { .. } | FrameFault::WrongArms { .. }
+        );
+        if fault.is_serious() && (self.mode == Mode::Exploring || arms) {
+            self.halt()?;
+        }
+        self.tell(Event::Fault(&fault))?;
+        if fault.is_usable() {
+            self.bad_frames = 0;
+            return Ok(());
+        }
+        self.bad_frames += 1;
+        let frames = self.bad_frames;
+        if frames >= self.options.blind_frames && (self.mode == Mode::Exploring || arms) {
+            return Err(Trouble::Blind { frames, fault }.into());
+        }
+        Ok(())
+    }
+
+    /// What a command that was refused means.
+    fn refused(&self, error: CellError) -> Halt {
+        match error {
+            CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {
+                Trouble::ArmFault { arm, reason }.into()
+            }
+            error => Halt::Error(error.into()),
+        }
+    }
+
+    fn enter(&mut self, phase: Phase) -> Result<(), Error> {
+        self.tell(Event::Phase(phase))
+    }
+
+    fn tell(&mut self, event: Event<'_>) -> Result<(), Error> {
+        if self.mode == Mode::ArmsOnly {
+            return Ok(());
+        }
+        self.watcher.event(event, self.reconstructor.model())
+    }
+
+    /// The end, with the topology of what is known.
+    fn done(&mut self, stop: Stop) -> Result<State, Error> {
+        if self.reconstructor.model().is_empty() {
+            return Err(Error::NothingToSee {
+                points: 0,
+                needed: 20,
+            });
+        }
+        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        Ok(self.done_with(stop, topology))
+    }
+
+    fn done_with(&self, stop: Stop, topology: Topology) -> State {
+        State::Done(Box::new(Outcome {
+            stop,
+            manipulations: self.manipulations,
+            troubles: self.troubles.clone(),
+            topology,
+            stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
+        }))
+    }
+}
+
+/// Frames before the last sight of the body in which what was seen counts as seen lately.
+const LATELY: u32 = 5;
+/// Neighbours that the normals of a cloud are fitted to.
+const NEIGHBOURS: usize = 16;
