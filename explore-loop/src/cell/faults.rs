@@ -262,7 +262,9 @@ impl<C: Cell> Cell for FaultyCell<C> {
         self.frame += 1;
         let holds = frame.arms.iter().any(|a| a.holding);
         self.held += usize::from(holds);
-        self.moving += usize::from(!holds && frame.arms.iter().any(|a| a.moving));
+        let last = self.before.last().map_or(&[][..], |f| &f.arms);
+        let goes = |(a, b): (&ArmState, &ArmState)| a.camera_from_tip != b.camera_from_tip;
+        self.moving += usize::from(!holds && last.iter().zip(&frame.arms).any(goes));
         self.begin();
         frame.stamp += self.clock;
         let whole = frame.clone();

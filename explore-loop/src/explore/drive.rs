@@ -12,7 +12,7 @@
 //! fault asks for is [`Cell::stop`](crate::cell::Cell::stop), in the frame in which it is noticed.
 
 use super::set_down;
-use super::{Explorer, Followed, Halt, Manipulation, Trouble};
+use super::{Explorer, Followed, FrameFault, Halt, Manipulation, Trouble};
 use crate::cell::{ArmState, CellInfo};
 use crate::plan;
 use grip_planner::{
@@ -225,6 +225,12 @@ fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64>
         .unwrap_or(if share < 0.5 { *a } else { *b })
 }
 
+/// How far a tip goes from one pose to the other, its fingers counted, metres.
+fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
+    let way = (a.translation.vector - b.translation.vector).norm();
+    way.max(FINGER * a.rotation.angle_to(&b.rotation))
+}
+
 /// How a motion is followed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Care {
@@ -242,7 +248,7 @@ struct Progress {
     time: f64,
     residual: f64,
     misfits: usize,
-    /// Seconds that some arm has lagged behind.
+    /// Seconds for which the motion did not get on.
     late: f64,
 }
 
@@ -259,18 +265,21 @@ impl Explorer<'_> {
         loop {
             self.open_early(motion, progress.time)?;
             let stands = self.stands(care, &progress);
+            let before = progress.time;
             if stands {
+                // What was stopped starts as slowly as in the beginning.
                 self.drive.rest();
+                progress.governor = self.governor(care, cruise)?;
             } else {
                 self.command(motion, &mut progress)?;
             }
             self.step(motion, care, &mut progress)?;
-            let lag = self.lag(motion);
-            let moving = motion.arms.iter().any(|p| self.moves(p.arm));
-            if progress.time >= motion.duration && lag.is_none() && !moving {
+            let arrived = !motion.arms.iter().any(|p| self.moves(p.arm));
+            if progress.time >= motion.duration && arrived && self.lag(motion).is_none() {
                 return self.open_early(motion, motion.duration);
             }
-            self.wait_for_arms(motion, lag, &mut progress)?;
+            let advanced = progress.time > before || stands;
+            self.wait_for_arms(motion, advanced, &mut progress)?;
         }
     }
 
@@ -289,11 +298,11 @@ impl Explorer<'_> {
         ))
     }
 
-    /// Whether the arms have to wait: for frames that can be used, for frames that fit, or for one of them.
+    /// Whether the arms have to wait for frames that can be used or that fit.
     fn stands(&self, care: Care, progress: &Progress) -> bool {
         let blind = self.bad_frames > 0 && care != Care::PutDown;
         let lost = progress.misfits > self.options.doubt && care == Care::Holding;
-        blind || lost || progress.late > 0.0
+        blind || lost
     }
 
     fn command(&mut self, motion: &Motion, progress: &mut Progress) -> Followed {
@@ -344,7 +353,8 @@ impl Explorer<'_> {
             progress.misfits = if misfit { progress.misfits + 1 } else { 0 };
             progress.residual = if misfit { f64::NAN } else { report.residual };
             if progress.misfits == self.options.doubt + 1 && care == Care::Holding {
-                self.halt()?;
+                let frames = progress.misfits;
+                self.note(Some(FrameFault::Misfits { frames }))?;
             }
         }
         if care != Care::Holding {
@@ -371,8 +381,7 @@ impl Explorer<'_> {
     fn lag(&self, motion: &Motion) -> Option<(usize, f64)> {
         let distance = |arm: usize| {
             let (sent, at) = (self.drive.sent(arm)?, self.arms.get(arm)?.camera_from_tip);
-            let way = (sent.translation.vector - at.translation.vector).norm();
-            Some((arm, way.max(FINGER * sent.rotation.angle_to(&at.rotation))))
+            Some((arm, apart(&sent, &at)))
         };
         let lags = motion.arms.iter().filter_map(|p| distance(p.arm));
         lags.filter(|(_, way)| *way > self.options.lag)
@@ -383,28 +392,33 @@ impl Explorer<'_> {
         self.arms.get(arm).is_some_and(|a| a.moving)
     }
 
+    /// Stops all arms when one lags behind, from where they come back to the path; gives up when they do not get on.
     fn wait_for_arms(
-        &self,
+        &mut self,
         motion: &Motion,
-        lag: Option<(usize, f64)>,
+        advanced: bool,
         progress: &mut Progress,
     ) -> Followed {
-        let at_end = progress.time >= motion.duration;
-        let moving = motion
-            .arms
-            .iter()
-            .map(|p| p.arm)
-            .find(|&arm| self.moves(arm));
-        let waits_for = lag.or(moving.filter(|_| at_end).map(|arm| (arm, 0.0)));
-        let Some((arm, distance)) = waits_for else {
+        if advanced {
             progress.late = 0.0;
-            return Ok(());
-        };
-        progress.late += 1.0 / self.cell.info().camera_rate;
+        } else {
+            progress.late += 1.0 / self.cell.info().camera_rate;
+        }
+        if self.lag(motion).is_some() {
+            self.halt()?;
+        }
         let seconds = progress.late;
         if seconds <= self.options.arrival {
             return Ok(());
         }
+        let off = |path: &grip_planner::ArmPath| {
+            let (at, here) = (path.at(progress.time)?, self.arms.get(path.arm)?);
+            Some((path.arm, apart(&at, &here.camera_from_tip)))
+        };
+        let farthest = motion.arms.iter().filter_map(off);
+        let (arm, distance) = farthest
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, 0.0));
         Err(Trouble::NotArriving {
             arm,
             distance,
@@ -538,8 +552,7 @@ impl Explorer<'_> {
             &self.cell.info().arms[arm].camera_from_home,
             &self.arms[arm].camera_from_tip,
         );
-        let way = (home.translation.vector - here.translation.vector).norm();
-        way.max(FINGER * home.rotation.angle_to(&here.rotation)) < 1e-3
+        apart(home, here) < 1e-3
     }
 
     fn tips(&self, arms: &[usize]) -> Vec<Tip> {

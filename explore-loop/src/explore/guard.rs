@@ -82,6 +82,12 @@ pub enum FrameFault {
         /// How many.
         points: usize,
     },
+    /// The body did not fit for several frames; the arms wait for it.
+    #[error("{frames} frames in a row did not fit")]
+    Misfits {
+        /// How many.
+        frames: usize,
+    },
     /// The reconstruction refused it.
     #[error("the reconstruction refused the frame: {reason}")]
     Refused {
@@ -95,8 +101,16 @@ impl FrameFault {
     pub fn is_usable(&self) -> bool {
         matches!(
             self,
-            Self::Late { .. } | Self::ClockJump { .. } | Self::Foreign { .. }
+            Self::Late { .. }
+                | Self::ClockJump { .. }
+                | Self::Foreign { .. }
+                | Self::Misfits { .. }
         )
+    }
+
+    /// Whether it leaves open where the arms are.
+    pub fn is_of_arms(&self) -> bool {
+        matches!(self, Self::NonFinitePose { .. } | Self::WrongArms { .. })
     }
 
     /// Whether the arms have to be stopped for it.

@@ -174,7 +174,7 @@ pub struct Explorer<'a> {
     closed: Vec<bool>,
     /// The last frame that could be used.
     latest: Option<Observation>,
-    /// Frames in a row that could not be used.
+    /// Frames in a row for which the arms had to be stopped.
     bad_frames: usize,
     /// Whether the body may be elsewhere than the model.
     lost: bool,
@@ -365,7 +365,12 @@ impl<'a> Explorer<'a> {
     fn failed(&mut self, error: Error) -> Result<State, Error> {
         match error {
             Error::Cell(cell) if !self.reconstructor.model().is_empty() => {
-                Ok(self.done(Stop::CellFailed(cell.to_string()))?)
+                let reason = cell.to_string();
+                let trouble = Trouble::CellFailed { reason };
+                let _may_fail_too = self.halt();
+                self.tell(Event::Trouble(&trouble))?;
+                self.troubles.push(trouble.clone());
+                self.done(Stop::Trouble(trouble))
             }
             error => Err(error),
         }
@@ -390,13 +395,11 @@ impl<'a> Explorer<'a> {
         if self.reconstructor.model().is_empty() {
             return Err(Error::NothingToSee { points, needed: 20 }.into());
         }
-        if self.lost {
-            if !fits && !self.find_again()? {
-                let frames = self.options.look_frames;
-                return Ok(self.done(Stop::Trouble(Trouble::Lost { frames }))?);
-            }
-            self.lost = false;
+        if !fits && !self.find_again()? && self.lost {
+            let frames = self.options.look_frames;
+            return Ok(self.done(Stop::Trouble(Trouble::Lost { frames }))?);
         }
+        self.lost = false;
         Ok(State::Decide)
     }
 
@@ -423,6 +426,7 @@ impl<'a> Explorer<'a> {
                 self.tell(Event::Found)?;
                 return Ok(true);
             }
+            self.reconstructor.relocate(&pose.inverse());
         }
         Ok(false)
     }
@@ -696,15 +700,12 @@ impl<'a> Explorer<'a> {
             self.bad_frames = 0;
             return Ok(());
         };
-        let arms = matches!(
-            fault,
-            FrameFault::NonFinitePose { .. } | FrameFault::WrongArms { .. }
-        );
+        let arms = fault.is_of_arms();
         if fault.is_serious() && (self.mode == Mode::Exploring || arms) {
             self.halt()?;
         }
         self.tell(Event::Fault(&fault))?;
-        if fault.is_usable() {
+        if !fault.is_serious() {
             self.bad_frames = 0;
             return Ok(());
         }

@@ -58,6 +58,12 @@ pub enum Trouble {
         /// Why the best one was refused.
         reason: Refusal,
     },
+    /// The world behind the cell failed.
+    #[error("{reason}")]
+    CellFailed {
+        /// What it said.
+        reason: String,
+    },
     /// Somebody asked for the end.
     #[error("interrupted")]
     Interrupted,
@@ -73,13 +79,18 @@ impl Trouble {
             Self::NotArriving { .. } => "not_arriving",
             Self::ArmFault { .. } => "arm_fault",
             Self::NoWay { .. } => "no_way",
+            Self::CellFailed { .. } => "cell_failed",
             Self::Interrupted => "interrupted",
         }
     }
 
-    /// Whether all arms do as they are told.
+    /// Whether all arms do as they are told, and it is known where they are.
     pub(super) fn arms_obey(&self) -> bool {
-        !matches!(self, Self::NotArriving { .. } | Self::ArmFault { .. })
+        match self {
+            Self::NotArriving { .. } | Self::ArmFault { .. } => false,
+            Self::Blind { fault, .. } => !fault.is_of_arms(),
+            _ => true,
+        }
     }
 }
 
@@ -97,8 +108,6 @@ pub enum Stop {
     GraspFailed,
     /// Something happened that could not be recovered from.
     Trouble(Trouble),
-    /// The world behind the cell failed: what it said.
-    CellFailed(String),
 }
 
 impl Stop {
@@ -110,7 +119,6 @@ impl Stop {
             Self::NothingToGrip(_) => "nothing_to_grip",
             Self::GraspFailed => "grasp_failed",
             Self::Trouble(trouble) => trouble.word(),
-            Self::CellFailed(_) => "cell_failed",
         }
     }
 
@@ -120,7 +128,6 @@ impl Stop {
             Self::Closed | Self::TooManyManipulations | Self::GraspFailed => None,
             Self::NothingToGrip(none) => Some(none.to_string()),
             Self::Trouble(trouble) => Some(trouble.to_string()),
-            Self::CellFailed(reason) => Some(reason.clone()),
         }
     }
 }

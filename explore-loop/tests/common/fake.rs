@@ -36,6 +36,9 @@ pub struct World {
     body: Isometry3<f64>,
     arms: Vec<Arm>,
     hold: Option<Hold>,
+    held: usize,
+    /// After so many frames in the jaws somebody takes the body out of them and puts it elsewhere.
+    pub taken_at: Option<usize>,
 }
 
 /// A handle on the world: clones see the same one.
@@ -87,6 +90,8 @@ impl FakeCell {
                 })
                 .collect(),
             hold: None,
+            held: 0,
+            taken_at: None,
         };
         let table = Plane {
             normal: -Vector3::z_axis(),
@@ -137,6 +142,17 @@ impl World {
             } else {
                 arm.pose = arm.pose.lerp_slerp(&goal, share);
             }
+        }
+        self.held += usize::from(self.hold.is_some());
+        if self.taken_at.is_some_and(|at| self.held > at) {
+            self.taken_at = None;
+            self.hold = None;
+            self.arms.iter_mut().for_each(|a| a.holding = false);
+            let middle = self.body.translation.vector;
+            self.body = Translation3::from(middle + Vector3::new(0.03, 0.05, 0.0))
+                * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.7)
+                * Translation3::from(-middle)
+                * self.body;
         }
         self.carry();
     }
