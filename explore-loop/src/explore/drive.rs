@@ -12,7 +12,7 @@
 //! fault asks for is [`Cell::stop`](crate::cell::Cell::stop), in the frame in which it is noticed.
 
 use super::set_down;
-use super::{Explorer, Followed, FrameFault, Halt, Manipulation, Trouble};
+use super::{Event, Explorer, Followed, FrameFault, Halt, Manipulation, Trouble};
 use crate::cell::{ArmState, CellInfo};
 use crate::plan;
 use grip_planner::{
@@ -404,8 +404,9 @@ impl Explorer<'_> {
         } else {
             progress.late += 1.0 / self.cell.info().camera_rate;
         }
-        if self.lag(motion).is_some() {
+        if let Some((arm, _)) = self.lag(motion) {
             self.halt()?;
+            self.tell(Event::Waiting(arm))?;
         }
         let seconds = progress.late;
         if seconds <= self.options.arrival {

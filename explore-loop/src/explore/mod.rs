@@ -607,7 +607,8 @@ impl<'a> Explorer<'a> {
         self.tell(Event::Trouble(&trouble))?;
         self.troubles.push(trouble.clone());
         self.mode = Mode::PuttingDown;
-        let free = self.put_down(&trouble);
+        // The arms stand for a frame before anything is done about it.
+        let free = self.frame().and_then(|_| self.put_down(&trouble));
         self.mode = Mode::Exploring;
         let free = free?;
         let ends = matches!(trouble, Trouble::Interrupted | Trouble::ArmFault { .. });

@@ -26,6 +26,8 @@ pub enum Event<'a> {
     Planned(&'a Plan),
     /// An arm found nothing in its jaw.
     Missed(usize),
+    /// An arm is not where it was sent: all are stopped, and go on from where they are.
+    Waiting(usize),
     /// What was under way is given up: the arms have been stopped.
     Trouble(&'a Trouble),
     /// A body that was lost has been found again, turned and moved.

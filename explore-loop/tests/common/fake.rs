@@ -149,8 +149,8 @@ impl World {
             self.hold = None;
             self.arms.iter_mut().for_each(|a| a.holding = false);
             let middle = self.body.translation.vector;
-            self.body = Translation3::from(middle + Vector3::new(0.03, 0.05, 0.0))
-                * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.7)
+            self.body = Translation3::from(middle + Vector3::new(0.08, 0.06, 0.0))
+                * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 1.6)
                 * Translation3::from(-middle)
                 * self.body;
         }
