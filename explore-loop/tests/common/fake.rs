@@ -116,6 +116,11 @@ impl FakeCell {
         self.world.borrow().arms.iter().map(|a| a.pose).collect()
     }
 
+    /// The middle of the body.
+    pub fn middle(&self) -> Point3<f64> {
+        Point3::from(self.world.borrow().body.translation.vector)
+    }
+
     /// Which jaws are closed.
     pub fn closed(&self) -> Vec<bool> {
         self.world.borrow().arms.iter().map(|a| !a.open).collect()
