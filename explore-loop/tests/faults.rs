@@ -251,7 +251,7 @@ fn case(name: &'static str, kind: FaultKind, begin: Begin, frames: usize, comes:
 
 fn cases() -> Vec<Case> {
     use Begin::{Frame, Held, Moving};
-    use Comes::{Ends, Found, Kept, On};
+    use Comes::{Ends, Kept, On};
     use FaultKind as F;
     let lift = Held(30);
     let moved = F::Moved {

@@ -12,11 +12,13 @@
 //!
 //! | file | question |
 //! |---|---|
-//! | `drive` | which set-point is next, and is it within the limits? |
+//! | `drive` | how is a motion followed, and what is planned from here? |
+//! | `set_point` | which pose is next, and is it within the limits? |
 //! | `guard` | what is wrong with a frame? |
-//! | `set_down` | where do lifting tips let go? |
+//! | `watch` | what is done with a frame, and who is told? |
 //! | `trouble` | what is given up, and what ends it all? |
-//! | `watch` | who is told? |
+//! | `recover` | what is done about it? |
+//! | `set_down` | where do lifting tips let go? |
 //!
 //! # What happens to the arms and the jaws
 //!
@@ -34,23 +36,26 @@ use crate::canonical::surface::{triangulate, vertex_areas};
 use crate::canonical::topology::{self, Topology};
 use crate::cell::{ArmState, Cell, CellError, Observation};
 use crate::plan::{NoPlan, PlanInput, Planner};
-use crate::reconstruct::{FrameReport, ReconstructOptions, Reconstructor};
-use drive::{Care, Drive};
+use crate::reconstruct::{ReconstructOptions, Reconstructor};
+use drive::Care;
 use grip_planner::{Plan, Role};
 use guard::Guard;
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::Point3;
+use set_point::Drive;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 mod drive;
 mod guard;
+mod recover;
 mod set_down;
+mod set_point;
 mod trouble;
 mod watch;
 
-pub use drive::{Bounds, Limits};
 pub use guard::FrameFault;
+pub use set_point::{Bounds, Limits};
 pub use trouble::{Stop, Trouble};
 pub use watch::{Event, Watcher};
 
@@ -234,8 +239,6 @@ impl<E: Into<Error>> From<E> for Halt {
 
 type Followed = Result<(), Halt>;
 
-/// Share of the vertices that a body found again must have in the cloud: about half of a closed one faces the camera.
-const FOUND: f64 = 0.3;
 /// A plan's own way home is taken when it begins this near to where the tips are, metres.
 const SAME_PLACE: f64 = 1e-3;
 
@@ -361,21 +364,6 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// A cell that fails ends the exploration with what is known; anything else is an error.
-    fn failed(&mut self, error: Error) -> Result<State, Error> {
-        match error {
-            Error::Cell(cell) if !self.reconstructor.model().is_empty() => {
-                let reason = cell.to_string();
-                let trouble = Trouble::CellFailed { reason };
-                let _may_fail_too = self.halt();
-                self.tell(Event::Trouble(&trouble))?;
-                self.troubles.push(trouble.clone());
-                self.done(Stop::Trouble(trouble))
-            }
-            error => Err(error),
-        }
-    }
-
     fn home(&mut self) -> Result<State, Halt> {
         self.enter(Phase::Home)?;
         if self.latest.is_none() {
@@ -413,45 +401,6 @@ impl<'a> Explorer<'a> {
             }
         }
         Ok(fits)
-    }
-
-    /// Looks for the body in the cloud by rigid alignment, first with what was seen last and then with all of it, and carries the model there.
-    fn find_again(&mut self) -> Result<bool, Halt> {
-        for all in [false, true] {
-            let Some(pose) = self.aligned(all) else {
-                continue;
-            };
-            self.reconstructor.relocate(&pose);
-            if self.watch()? {
-                self.tell(Event::Found)?;
-                return Ok(true);
-            }
-            self.reconstructor.relocate(&pose.inverse());
-        }
-        Ok(false)
-    }
-
-    /// Rigid motion of the live model, or of its part that was seen lately, to the latest cloud.
-    fn aligned(&self, all: bool) -> Option<nalgebra::Isometry3<f64>> {
-        let model = self.reconstructor.model();
-        let latest = self.latest.as_ref()?;
-        let last = model.last_seen.iter().copied().max()?;
-        let lately = |i: &usize| all || model.last_seen[*i] + LATELY >= last;
-        let kept: Vec<usize> = (0..model.len()).filter(lately).collect();
-        let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live[i]).collect();
-        let normals: Vec<UnitVector3<f64>> = kept.iter().map(|&i| model.live_normal(i)).collect();
-        let seen_normals =
-            nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &Point3::origin()).ok()?;
-        let cloud = nonrigid_reg::Cloud {
-            points: &latest.points,
-            normals: &seen_normals,
-        };
-        let body = nonrigid_reg::Cloud {
-            points: &points,
-            normals: &normals,
-        };
-        let found = nonrigid_reg::align_rigid(&body, &cloud).ok()?;
-        (found.overlap >= FOUND).then_some(found.target_from_source)
     }
 
     fn decide(&mut self) -> Result<State, Halt> {
@@ -601,144 +550,6 @@ impl<'a> Explorer<'a> {
         Ok(State::Home)
     }
 
-    /// Stops, puts down what is held, and says how to go on.
-    fn recover(&mut self, trouble: Trouble) -> Result<State, Halt> {
-        self.halt()?;
-        self.tell(Event::Trouble(&trouble))?;
-        self.troubles.push(trouble.clone());
-        self.mode = Mode::PuttingDown;
-        // The arms stand for a frame before anything is done about it.
-        let free = self.frame().and_then(|_| self.put_down(&trouble));
-        self.mode = Mode::Exploring;
-        let free = free?;
-        let ends = matches!(trouble, Trouble::Interrupted | Trouble::ArmFault { .. });
-        if ends || !free || self.troubles.len() > self.options.max_recoveries {
-            return Ok(self.done(Stop::Trouble(trouble))?);
-        }
-        match trouble {
-            Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
-            Trouble::Slipped { .. } | Trouble::NotArriving { .. } => self.misses += 1,
-            _ => {}
-        }
-        Ok(State::Home)
-    }
-
-    /// Whether the jaws are open afterwards.
-    fn put_down(&mut self, trouble: &Trouble) -> Result<bool, Halt> {
-        let held = self.closed.contains(&true);
-        if held && !trouble.arms_obey() {
-            return Ok(false);
-        }
-        let down = self.lower_from_here();
-        let down = match down {
-            Ok(()) if matches!(trouble, Trouble::Interrupted) => self.go_home_from_here(),
-            other => other,
-        };
-        match down {
-            Ok(()) => Ok(true),
-            Err(Halt::Error(error)) => Err(Halt::Error(error)),
-            Err(Halt::Trouble(second)) => {
-                self.halt()?;
-                self.tell(Event::Trouble(&second))?;
-                self.troubles.push(*second);
-                Ok(!self.closed.contains(&true))
-            }
-        }
-    }
-
-    /// What is done with the arms at the end, whatever the end is.
-    fn secure(&mut self, well: bool) {
-        let stopped = self.halt();
-        if !well && stopped.is_ok() {
-            self.mode = Mode::ArmsOnly;
-            let down = self
-                .lower_from_here()
-                .and_then(|()| self.go_home_from_here());
-            if down.is_err() {
-                let _nothing_left_to_do = self.halt();
-            }
-        }
-    }
-
-    /// Waits for a frame, judges it and takes it into the model; `None` when it could not be used.
-    fn frame(&mut self) -> Result<Option<FrameReport>, Halt> {
-        let asked = |flag: &Arc<AtomicBool>| flag.load(Ordering::Relaxed);
-        if self.mode == Mode::Exploring && self.asked_to_stop.as_ref().is_some_and(asked) {
-            return Err(Trouble::Interrupted.into());
-        }
-        let observation = self.cell.observe().map_err(|error| self.refused(error))?;
-        let (model, info) = (self.reconstructor.model(), self.cell.info());
-        let judged = self.guard.judge(observation, model, info);
-        self.arms.clone_from(&judged.observation.arms);
-        if self.mode == Mode::ArmsOnly {
-            return Ok(None);
-        }
-        let mut fault = judged.fault;
-        let mut report = None;
-        if fault.as_ref().is_none_or(FrameFault::is_usable) {
-            let table = self.cell.info().table;
-            match self.reconstructor.process(&judged.observation, &table) {
-                Ok(made) => report = Some(made),
-                Err(error) => {
-                    let reason = error.to_string();
-                    fault = Some(FrameFault::Refused { reason });
-                }
-            }
-        }
-        self.note(fault)?;
-        if let Some(report) = &report {
-            let model = self.reconstructor.model();
-            self.watcher
-                .event(Event::Frame(&judged.observation, report), model)?;
-            self.latest = Some(judged.observation);
-        }
-        Ok(report)
-    }
-
-    /// Stops the arms for what is wrong with a frame, and gives up when that lasts.
-    fn note(&mut self, fault: Option<FrameFault>) -> Followed {
-        let Some(fault) = fault else {
-            self.bad_frames = 0;
-            return Ok(());
-        };
-        let arms = fault.is_of_arms();
-        if fault.is_serious() && (self.mode == Mode::Exploring || arms) {
-            self.halt()?;
-        }
-        self.tell(Event::Fault(&fault))?;
-        if !fault.is_serious() {
-            self.bad_frames = 0;
-            return Ok(());
-        }
-        self.bad_frames += 1;
-        let frames = self.bad_frames;
-        if frames >= self.options.blind_frames && (self.mode == Mode::Exploring || arms) {
-            return Err(Trouble::Blind { frames, fault }.into());
-        }
-        Ok(())
-    }
-
-    /// What a command that was refused means.
-    fn refused(&self, error: CellError) -> Halt {
-        match error {
-            CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {
-                Trouble::ArmFault { arm, reason }.into()
-            }
-            error => Halt::Error(error.into()),
-        }
-    }
-
-    fn enter(&mut self, phase: Phase) -> Result<(), Error> {
-        self.tell(Event::Phase(phase))
-    }
-
-    fn tell(&mut self, event: Event<'_>) -> Result<(), Error> {
-        if self.mode == Mode::ArmsOnly {
-            return Ok(());
-        }
-        self.watcher.event(event, self.reconstructor.model())
-    }
-
     /// The end, with the topology of what is known.
     fn done(&mut self, stop: Stop) -> Result<State, Error> {
         if self.reconstructor.model().is_empty() {
@@ -761,8 +572,3 @@ impl<'a> Explorer<'a> {
         }))
     }
 }
-
-/// Frames before the last sight of the body in which what was seen counts as seen lately.
-const LATELY: u32 = 5;
-/// Neighbours that the normals of a cloud are fitted to.
-const NEIGHBOURS: usize = 16;

@@ -1,14 +1,21 @@
-//! What is told while an exploration runs, and to whom.
+//! What is seen and what is told while an exploration runs.
+//!
+//! ```text
+//! observe ─► judge ─┬─ usable ─► reconstruct ─► tell
+//!                   └─ not ─► stop the arms, tell; too often in a row: trouble
+//! ```
 //!
 //! A [`Watcher`] sees everything and changes nothing: progress, recording, measures. `()` watches nothing.
 
-use super::{FrameFault, Phase, Trouble};
+use super::{Explorer, Followed, FrameFault, Halt, Mode, Phase, Trouble};
 use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::canonical::topology::Topology;
-use crate::cell::Observation;
+use crate::cell::{CellError, Observation};
 use crate::reconstruct::FrameReport;
 use grip_planner::Plan;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What is told to a [`Watcher`].
 #[derive(Debug, Clone, Copy)]
@@ -49,5 +56,90 @@ pub trait Watcher {
 impl Watcher for () {
     fn event(&mut self, _: Event<'_>, _: &CanonicalModel) -> Result<(), Error> {
         Ok(())
+    }
+}
+
+impl Explorer<'_> {
+    /// Waits for a frame, judges it and takes it into the model; `None` when it could not be used.
+    pub(super) fn frame(&mut self) -> Result<Option<FrameReport>, Halt> {
+        let asked = |flag: &Arc<AtomicBool>| flag.load(Ordering::Relaxed);
+        if self.mode == Mode::Exploring && self.asked_to_stop.as_ref().is_some_and(asked) {
+            return Err(Trouble::Interrupted.into());
+        }
+        let observation = self.cell.observe().map_err(|error| self.refused(error))?;
+        let (model, info) = (self.reconstructor.model(), self.cell.info());
+        let judged = self.guard.judge(observation, model, info);
+        self.arms.clone_from(&judged.observation.arms);
+        if self.mode == Mode::ArmsOnly {
+            let unknown = judged.fault.filter(FrameFault::is_of_arms);
+            return match unknown {
+                Some(fault) => Err(Trouble::Blind { frames: 1, fault }.into()),
+                None => Ok(None),
+            };
+        }
+        let mut fault = judged.fault;
+        let mut report = None;
+        if fault.as_ref().is_none_or(FrameFault::is_usable) {
+            let table = self.cell.info().table;
+            match self.reconstructor.process(&judged.observation, &table) {
+                Ok(made) => report = Some(made),
+                Err(error) => {
+                    let reason = error.to_string();
+                    fault = Some(FrameFault::Refused { reason });
+                }
+            }
+        }
+        self.note(fault)?;
+        if let Some(report) = &report {
+            let model = self.reconstructor.model();
+            self.watcher
+                .event(Event::Frame(&judged.observation, report), model)?;
+            self.latest = Some(judged.observation);
+        }
+        Ok(report)
+    }
+
+    /// Stops the arms for what is wrong with a frame, and gives up when that lasts.
+    pub(super) fn note(&mut self, fault: Option<FrameFault>) -> Followed {
+        let Some(fault) = fault else {
+            self.bad_frames = 0;
+            return Ok(());
+        };
+        let arms = fault.is_of_arms();
+        if fault.is_serious() && (self.mode == Mode::Exploring || arms) {
+            self.halt()?;
+        }
+        self.tell(Event::Fault(&fault))?;
+        if !fault.is_serious() {
+            self.bad_frames = 0;
+            return Ok(());
+        }
+        self.bad_frames += 1;
+        let frames = self.bad_frames;
+        if frames >= self.options.blind_frames && (self.mode == Mode::Exploring || arms) {
+            return Err(Trouble::Blind { frames, fault }.into());
+        }
+        Ok(())
+    }
+
+    /// What a command that was refused means.
+    pub(super) fn refused(&self, error: CellError) -> Halt {
+        match error {
+            CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {
+                Trouble::ArmFault { arm, reason }.into()
+            }
+            error => Halt::Error(error.into()),
+        }
+    }
+
+    pub(super) fn enter(&mut self, phase: Phase) -> Result<(), Error> {
+        self.tell(Event::Phase(phase))
+    }
+
+    pub(super) fn tell(&mut self, event: Event<'_>) -> Result<(), Error> {
+        if self.mode == Mode::ArmsOnly {
+            return Ok(());
+        }
+        self.watcher.event(event, self.reconstructor.model())
     }
 }
