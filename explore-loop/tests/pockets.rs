@@ -148,7 +148,7 @@ fn opens(body: &Body, plan: &Plan, angle: f64) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 0, ..ProptestConfig::with_cases(8) })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 0, ..ProptestConfig::with_cases(cases(8)) })]
 
     #[test]
     fn a_pocket_that_alone_is_left_is_stretched(angle in 0.0..3.1, arms in 2usize..4) {
@@ -203,4 +203,10 @@ fn a_pocket_out_of_sight_is_left() {
     }
     let plan = body.plan(2);
     assert!(plan.turn.is_some() && plan.across.is_none());
+}
+
+/// The usual number of cases, unless more are wanted from outside.
+fn cases(usual: u32) -> u32 {
+    let wanted = std::env::var("PROPTEST_CASES");
+    wanted.ok().and_then(|w| w.parse().ok()).unwrap_or(usual)
 }

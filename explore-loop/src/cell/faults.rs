@@ -131,6 +131,11 @@ impl<C: Cell> FaultyCell<C> {
         &self.cell
     }
 
+    /// The first frame with each of the faults, counted from 0, once it has begun.
+    pub fn began(&self) -> Vec<Option<usize>> {
+        self.faults.iter().map(|(_, began)| *began).collect()
+    }
+
     /// Kinds of the faults that are on, and for how many frames they have been.
     fn on(&self) -> Vec<(FaultKind, usize)> {
         let age = |(fault, began): &(Fault, Option<usize>)| {

@@ -12,6 +12,7 @@
 
 use super::set_down;
 use super::set_point::apart;
+use super::watch::refused;
 use super::{Event, Explorer, Followed, FrameFault, Halt, Manipulation, Mode, Trouble};
 use crate::plan;
 use grip_planner::{
@@ -124,7 +125,7 @@ impl Explorer<'_> {
             let sent = self
                 .cell
                 .move_arm(command.arm, command.camera_from_tip, command.speed);
-            sent.map_err(|error| self.refused(error))?;
+            sent.map_err(refused)?;
         }
         Ok(())
     }
@@ -226,14 +227,12 @@ impl Explorer<'_> {
     /// Stops every arm where it is.
     pub(super) fn halt(&mut self) -> Followed {
         self.drive.forget();
-        self.cell.stop().map_err(|error| self.refused(error))
+        self.cell.stop().map_err(refused)
     }
 
     /// Opens a jaw.
     pub(super) fn open(&mut self, arm: usize) -> Followed {
-        self.cell
-            .open_jaw(arm)
-            .map_err(|error| self.refused(error))?;
+        self.cell.open_jaw(arm).map_err(refused)?;
         if let Some(closed) = self.closed.get_mut(arm) {
             *closed = false;
         }

@@ -45,6 +45,7 @@ use set_point::Drive;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use watch::refused;
 
 mod drive;
 mod guard;
@@ -367,7 +368,7 @@ impl<'a> Explorer<'a> {
     fn home(&mut self) -> Result<State, Halt> {
         self.enter(Phase::Home)?;
         if self.latest.is_none() {
-            self.cell.home().map_err(|error| self.refused(error))?;
+            self.cell.home().map_err(refused)?;
             self.guard.pause();
         } else {
             // Watched all the way, so that the model follows whatever the leaving arms stir.
@@ -474,7 +475,7 @@ impl<'a> Explorer<'a> {
                     self.tell(Event::Missed(arm))?;
                     lifting_missed |= grip.role == Role::Lift;
                 }
-                Err(error) => return Err(self.refused(error)),
+                Err(error) => return Err(refused(error)),
             }
         }
         self.guard.pause();

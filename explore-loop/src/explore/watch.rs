@@ -66,7 +66,7 @@ impl Explorer<'_> {
         if self.mode == Mode::Exploring && self.asked_to_stop.as_ref().is_some_and(asked) {
             return Err(Trouble::Interrupted.into());
         }
-        let observation = self.cell.observe().map_err(|error| self.refused(error))?;
+        let observation = self.cell.observe().map_err(refused)?;
         let (model, info) = (self.reconstructor.model(), self.cell.info());
         let judged = self.guard.judge(observation, model, info);
         self.arms.clone_from(&judged.observation.arms);
@@ -122,16 +122,6 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// What a command that was refused means.
-    pub(super) fn refused(&self, error: CellError) -> Halt {
-        match error {
-            CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {
-                Trouble::ArmFault { arm, reason }.into()
-            }
-            error => Halt::Error(error.into()),
-        }
-    }
-
     pub(super) fn enter(&mut self, phase: Phase) -> Result<(), Error> {
         self.tell(Event::Phase(phase))
     }
@@ -141,5 +131,15 @@ impl Explorer<'_> {
             return Ok(());
         }
         self.watcher.event(event, self.reconstructor.model())
+    }
+}
+
+/// What a command that was refused means.
+pub(super) fn refused(error: CellError) -> Halt {
+    match error {
+        CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {
+            Trouble::ArmFault { arm, reason }.into()
+        }
+        error => Halt::Error(error.into()),
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Holes that the camera looks into come first: they are opened, during a turn when more than they is missing. Then the sets for turning over,
 //! best first, with one exception: turned about its shorter side a long soft body stands upright on its end and buckles, so sets that
-//! do that come after those that do not, unless the latter are worth less than half of them.
+//! do that come after those that do not, unless the latter are worth less than nine tenths of them.
 
 use super::hole::{self, Hole};
 use super::{NoPlan, PlanInput, Planner, arms, model, paced, refused_set, scene};
@@ -19,7 +19,7 @@ pub struct CoveragePlanner {
 }
 
 /// Sets that keep a body flat come first unless they are worth less than this share of the best one that does not.
-const POOR: f64 = 0.5;
+const POOR: f64 = 0.9;
 
 /// Holes that are tried, largest first.
 const HOLES: usize = 3;

@@ -22,10 +22,6 @@ pub(crate) const ALONG: i32 = 4;
 const BESIDE: f64 = 0.85;
 /// Steepest slope that a point of the cloud continues with: rise over run.
 const STEEPEST: f64 = 1.5;
-/// Least vertical part of the normal of surface that is the top or the bottom of a column.
-const UPWARD: f64 = 0.3;
-/// Surface whose normal points down by less than this has not turned under yet.
-const SIDEWAYS: f64 = 0.1;
 /// How far beside a column at the outline the side of the body is looked for, in spacings, and at how many points most.
 const SIDE: f64 = 1.5;
 const SIDE_POINTS: usize = 40;

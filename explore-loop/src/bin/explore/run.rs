@@ -48,7 +48,13 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     let mut recorder = Recorder::new(args, &out, &cell, truth)?;
     let outcome = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?.run();
     let recorder = recorder.finish()?;
-    let outcome = outcome?;
+    let outcome = match outcome {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            out.metrics(&recorder.failure(args, &options, &error))?;
+            return Err(error.into());
+        }
+    };
     let mesh = FinalMesh::of(&recorder.model, &outcome.topology, args.spacing * 1e-3);
     out.frames(&recorder.lines)?;
     out.mesh(&mesh)?;
@@ -210,6 +216,22 @@ impl<'a> Recorder<'a> {
         Ok(self)
     }
 
+    /// What can be said of a run that an error has ended.
+    fn failure(&self, args: &RunArgs, options: &SimOptions, error: &Error) -> Metrics {
+        Metrics {
+            scene: options.scene.name().to_owned(),
+            arms: options.arms,
+            seed: args.seed,
+            spacing_m: args.spacing * 1e-3,
+            stop: "error".into(),
+            reason: Some(error.to_string()),
+            frames: self.frames.len(),
+            vertices: self.model.len(),
+            robot_time_s: self.last_stamp,
+            ..Metrics::default()
+        }
+    }
+
     fn metrics(
         &self,
         args: &RunArgs,
@@ -327,7 +349,13 @@ fn phase_words(phase: Phase) -> &'static str {
 fn print(metrics: &Metrics) -> Result<(), Failure> {
     let timing = |t: &Timing| format!("{:.1} ms median, {:.1} ms p95", t.median, t.p95);
     let mut rows = vec![
-        ("stop", metrics.stop.clone()),
+        (
+            "stop",
+            match &metrics.reason {
+                Some(reason) => format!("{}: {reason}", metrics.stop),
+                None => metrics.stop.clone(),
+            },
+        ),
         ("Betti numbers", format!("{:?}", metrics.betti)),
         ("manipulations", metrics.manipulations.to_string()),
     ];
