@@ -57,7 +57,6 @@ pub mod measure;
 pub mod plan;
 pub mod reconstruct;
 pub mod report;
-mod set_down;
 pub mod visibility;
 
 pub use error::Error;

@@ -4,10 +4,12 @@
 //! the time it takes is what the slowest needs:
 //!
 //! ```text
-//! Δt = max over arms( |Δp| / v,  Δφ / ω ),     v(σ) = min(v_max, √(v_0² + 2 a σ), √(v_0² + 2 a (σ_end − σ)))
+//! Δt = max over arms( |Δp| / v,  Δφ / ω ),     v(σ) = min(v_max, min over corners √(v_c² + 2 a |σ − σ_c|))
 //! ```
 //!
-//! with `σ` the way gone by the tip that moves most, so that the body is never jerked at the start or dropped at the end.
+//! with `σ` the way gone by the tip that moves most. The corners are both ends, with `v_c = v_0`, and the way points, with `v_c = v_0 / b`
+//! where `b` is how much the velocity of a tip changes there for each m/s of speed: the body is never jerked at the start, dropped at the
+//! end, nor pulled round a corner.
 
 use std::fmt;
 
@@ -203,6 +205,12 @@ pub(crate) struct Pace {
 /// Speed at the very start and end, as a share of the full speed: with none it would never begin.
 const CREEP: f64 = 0.1;
 
+/// A place on the way where the tips have to be slow: metres from the start, m/s.
+struct Corner {
+    at: f64,
+    speed: f64,
+}
+
 /// Times at which the way points are passed; `paths` all have the same number of them.
 pub(crate) fn times(paths: &[Vec<Isometry3<f64>>], pace: &Pace) -> Vec<f64> {
     let count = paths.first().map_or(0, Vec::len);
@@ -218,17 +226,54 @@ pub(crate) fn times(paths: &[Vec<Isometry3<f64>>], pace: &Pace) -> Vec<f64> {
         (moved, turned)
     };
     let steps: Vec<(f64, f64)> = (0..count.saturating_sub(1)).map(step).collect();
-    let whole: f64 = steps.iter().map(|s| s.0).sum();
-    let creep = CREEP * pace.speed;
-    let ramp = |way: f64| (creep * creep + 2.0 * pace.acceleration * way).sqrt();
+    let corners = corners(paths, &steps, CREEP * pace.speed);
+    let allowed = |at: f64| {
+        let ramp =
+            |c: &Corner| (c.speed * c.speed + 2.0 * pace.acceleration * (at - c.at).abs()).sqrt();
+        corners.iter().map(ramp).fold(pace.speed, f64::min)
+    };
     let (mut gone, mut time) = (0.0, 0.0);
     let mut times = vec![0.0; count.min(1)];
     for (moved, turned) in steps {
-        let middle = gone + 0.5 * moved;
-        let speed = pace.speed.min(ramp(middle)).min(ramp(whole - middle));
+        let speed = allowed(gone + 0.5 * moved);
         time += (moved / speed).max(turned / pace.turn_rate);
         gone += moved;
         times.push(time);
     }
     times
+}
+
+/// The ends of the way, and every way point at which the velocity of a tip would change by more than the creep at full speed.
+fn corners(paths: &[Vec<Isometry3<f64>>], steps: &[(f64, f64)], creep: f64) -> Vec<Corner> {
+    let whole: f64 = steps.iter().map(|s| s.0).sum();
+    let mut corners = vec![
+        Corner {
+            at: 0.0,
+            speed: creep,
+        },
+        Corner {
+            at: whole,
+            speed: creep,
+        },
+    ];
+    // Way of a tip for each metre that the fastest tip goes.
+    let course = |path: &[Isometry3<f64>], k: usize| {
+        let way = path[k + 1].translation.vector - path[k].translation.vector;
+        if steps[k].0 > 0.0 {
+            way / steps[k].0
+        } else {
+            way
+        }
+    };
+    let mut gone = 0.0;
+    for k in 1..steps.len() {
+        gone += steps[k - 1].0;
+        let bend = |path: &Vec<Isometry3<f64>>| (course(path, k) - course(path, k - 1)).norm();
+        let bend = paths.iter().map(bend).fold(0.0, f64::max);
+        if bend > 0.0 {
+            let speed = creep / bend;
+            corners.push(Corner { at: gone, speed });
+        }
+    }
+    corners
 }

@@ -17,6 +17,9 @@ pub(crate) struct Mouth {
     pub(crate) across: UnitVector3<f64>,
 }
 
+/// Least sine of the angle between a slit and a grip that opens it: 20°.
+const BESIDE: f64 = 0.34;
+
 impl Mouth {
     pub(crate) fn new(model: &Model, scene: &Scene, hole: &[u32]) -> Result<Self, Refusal> {
         let points = model.points.len();
@@ -65,13 +68,23 @@ impl Mouth {
         self.across.dot(&(point - self.center))
     }
 
-    /// How well grips that go apart along `axis` open the mouth, 0 to 1; 0 when both are on the same side.
+    /// How well grips that go apart along `axis` open the mouth, 0 to 1; 0 when they are not on both sides of it: a grip in line with
+    /// the slit pulls it along and not apart.
     pub(crate) fn opened_by(&self, grips: [&Point3<f64>; 2], axis: &UnitVector3<f64>) -> f64 {
-        let [a, b] = grips.map(|p| self.side(p));
-        if a * b < 0.0 {
-            self.across.dot(axis).abs()
+        let [a, b] = grips.map(|p| self.beside(p));
+        let least = a.abs().min(b.abs());
+        if a * b < 0.0 && least >= BESIDE {
+            self.across.dot(axis).abs() * least
         } else {
             0.0
         }
+    }
+
+    /// Sine of the angle between the slit and the way from its middle to a point, negative on the first side.
+    fn beside(&self, point: &Point3<f64>) -> f64 {
+        let d = point - self.center;
+        let (side, along) = (self.across.dot(&d), self.long.dot(&d));
+        let away = side.hypot(along);
+        if away > 0.0 { side / away } else { 0.0 }
     }
 }

@@ -13,6 +13,7 @@ use nalgebra::{Isometry3, Point3, Translation3};
 
 use crate::check::{Carried, Surroundings};
 use crate::motion::{Pace, assemble, between, times, travelled};
+use crate::orientation::retreat;
 use crate::scene::positive;
 use crate::{Error, Grip, Leg, Motion, Refusal, Scene, Stage};
 
@@ -44,7 +45,7 @@ impl ReachOptions {
         positive("reach turn_rate", self.turn_rate)
     }
 
-    fn pace(&self, grips: &[Grip], scene: &Scene) -> Pace {
+    pub(crate) fn pace(&self, grips: &[Grip], scene: &Scene) -> Pace {
         let limit = |most: f64, g: &Grip| most.min(scene.arms[g.arm].max_speed);
         Pace {
             speed: grips.iter().fold(self.speed, limit),
@@ -102,8 +103,6 @@ pub(crate) fn withdraw(
     camera_from_body: &Isometry3<f64>,
     options: &ReachOptions,
 ) -> Result<Motion, Refusal> {
-    let scene = around.scene;
-    let level = level(grips, scene);
     let end = |grip: &Grip| {
         let path = done.arms.iter().find(|p| p.arm == grip.arm);
         let last = path.and_then(|p| p.keyframes.last());
@@ -113,9 +112,39 @@ pub(crate) fn withdraw(
             retreat,
         )
     };
+    let ends: Vec<_> = grips.iter().map(end).collect();
+    leave(around, grips, &ends, camera_from_body, options)
+}
+
+/// The same from anywhere, with the body lying where it is: `distance` back along the tool first.
+pub(crate) fn withdraw_from(
+    around: &Surroundings,
+    grips: &[Grip],
+    distance: f64,
+    options: &ReachOptions,
+) -> Result<Motion, Refusal> {
+    let end = |g: &Grip| {
+        let here = g.camera_from_tip;
+        (here, retreat(&here, around.scene, distance))
+    };
+    let ends: Vec<_> = grips.iter().map(end).collect();
+    leave(around, grips, &ends, &Isometry3::identity(), options)
+}
+
+/// From each end by its retreat home.
+fn leave(
+    around: &Surroundings,
+    grips: &[Grip],
+    ends: &[(Isometry3<f64>, Isometry3<f64>)],
+    camera_from_body: &Isometry3<f64>,
+    options: &ReachOptions,
+) -> Result<Motion, Refusal> {
+    let scene = around.scene;
+    let level = level(grips, scene);
     let way = |grip: &Grip, route: Route| {
         let home = scene.arms[grip.arm].home;
-        let (end, retreat) = end(grip);
+        let at = grips.iter().position(|g| g.arm == grip.arm);
+        let (end, retreat) = at.map_or((home, home), |at| ends[at]);
         let turned = with_rotation(&home, &retreat);
         let mut way = vec![end, retreat];
         if !matches!(route, Route::Straight) {
@@ -125,7 +154,6 @@ pub(crate) fn withdraw(
         way.extend([turned, home]);
         way
     };
-    let ends: Vec<_> = grips.iter().map(end).collect();
     let grasps: Vec<Point3<f64>> = ends
         .iter()
         .map(|(pose, _)| Point3::from(pose.translation.vector))
@@ -191,7 +219,7 @@ fn one_by_one(ways: &[Vec<Isometry3<f64>>], stage: Stage) -> Vec<Vec<Isometry3<f
 }
 
 /// Way points close enough for the check, as many for every arm.
-fn dense(stations: &[Vec<Isometry3<f64>>]) -> Vec<Vec<Isometry3<f64>>> {
+pub(crate) fn dense(stations: &[Vec<Isometry3<f64>>]) -> Vec<Vec<Isometry3<f64>>> {
     let legs = stations.first().map_or(0, Vec::len).saturating_sub(1);
     let mut paths: Vec<Vec<_>> = stations.iter().map(|s| s[..1].to_vec()).collect();
     for leg in 0..legs {

@@ -28,6 +28,7 @@
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+pub mod faults;
 #[cfg(feature = "sim")]
 pub mod mesh_io;
 pub mod replay;
@@ -132,6 +133,14 @@ pub enum CellError {
         /// Index of the arm.
         arm: usize,
         /// What is wrong with the command.
+        reason: String,
+    },
+    /// The arm does not take commands: a fault state, an emergency stop.
+    #[error("arm {arm} is in a fault state: {reason}")]
+    ArmFault {
+        /// Index of the arm.
+        arm: usize,
+        /// What it says.
         reason: String,
     },
     /// The world behind the cell failed.

@@ -16,6 +16,7 @@
 //! | `track` | where is the body now? |
 //! | `grow` | which points extend it, and where do they lie at rest? |
 //! | `keyframe` | which frames are kept? |
+//! | `relocate` | what if it was lost and found again? |
 //! | `fuse` | what do all of them say of the rest shape? |
 
 use crate::Error;
@@ -35,6 +36,7 @@ mod grow;
 mod keyframe;
 mod matching;
 mod pieces;
+mod relocate;
 mod stage;
 mod track;
 mod view;

@@ -5,6 +5,7 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::visible;
+use nalgebra::Isometry3;
 
 /// Builds the canonical model from frames: what [`Explorer`](crate::explore::Explorer) drives. [`Reconstructor`] is the default, the example
 /// `custom_pipeline` another one.
@@ -33,6 +34,9 @@ pub trait Reconstruct {
     fn stiffness_over_weight(&self) -> Option<f64> {
         None
     }
+
+    /// Carries the body, as it is bent now, by a rigid motion of the camera frame: it was lost, and found again there. Nothing by default.
+    fn relocate(&mut self, _found_from_lost: &Isometry3<f64>) {}
 
     /// Everything that is known, to be written to a checkpoint; `None` (the default) if this reconstruction cannot be resumed.
     fn save(&self) -> Option<Vec<u8>> {
@@ -65,6 +69,10 @@ impl Reconstruct for Reconstructor {
 
     fn stiffness_over_weight(&self) -> Option<f64> {
         Self::stiffness_over_weight(self)
+    }
+
+    fn relocate(&mut self, found_from_lost: &Isometry3<f64>) {
+        Self::relocate(self, found_from_lost);
     }
 
     fn save(&self) -> Option<Vec<u8>> {

@@ -99,6 +99,12 @@ pub struct Metrics {
     pub manipulations: usize,
     /// Why the run ended: `closed`, or what stopped it.
     pub stop: String,
+    /// The same as a sentence where the word does not say it all.
+    #[serde(default)]
+    pub reason: Option<String>,
+    /// What was given up on the way, in order.
+    #[serde(default)]
+    pub troubles: Vec<String>,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
     /// Share of the true area within one spacing of the model's points, before the first manipulation and after each.

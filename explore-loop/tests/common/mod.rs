@@ -93,3 +93,5 @@ pub fn net(
     }
     (points, normals)
 }
+
+pub mod fake;

@@ -158,6 +158,21 @@ impl BodyFilter {
         &self.options
     }
 
+    /// Carries the body by a rigid motion, bent as it is and at rest from then on: it was lost and has been found elsewhere.
+    pub fn relocate(&mut self, found_from_lost: &nalgebra::Isometry3<f64>) {
+        let turn = found_from_lost.rotation.to_rotation_matrix();
+        for place in &mut self.state.pose.live {
+            *place = found_from_lost * *place;
+        }
+        for own in &mut self.state.pose.turns {
+            *own = turn * *own;
+        }
+        self.state.velocity.fill(Vector3::zeros());
+        self.state.raised.fill(Vector3::zeros());
+        self.state.falling = 0;
+        self.last = None;
+    }
+
     /// Weight over stiffness `ρ g / E`, 1/m, as estimated from how the held body sags.
     pub fn weight_over_stiffness(&self) -> f64 {
         self.weight.value()

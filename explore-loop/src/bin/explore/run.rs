@@ -14,6 +14,7 @@ use explore_loop::measure::{Measurer, MeasurerState, ShapeMeasures, TrueSurface}
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use grip_planner::Plan;
 use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
@@ -71,8 +72,14 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
             )
             .into());
         }
-        // What went wrong first is what there is to say, not that the recording cannot be closed after it.
-        outcome => outcome?,
+        // What went wrong first is what there is to say, not that the recording or the metrics cannot be written after it.
+        Err(error) => {
+            if let Ok(recorder) = finished {
+                let _unwritten = out.metrics(&recorder.failure(args, &options, &error));
+            }
+            return Err(error.into());
+        }
+        Ok(outcome) => outcome,
     };
     let recorder = finished?;
     let mesh = FinalMesh::of(
@@ -366,6 +373,22 @@ impl<'a> Recorder<'a> {
         Ok(self)
     }
 
+    /// What can be said of a run that an error has ended.
+    fn failure(&self, args: &RunArgs, options: &SimOptions, error: &Error) -> Metrics {
+        Metrics {
+            scene: options.scene.name().to_owned(),
+            arms: options.arms,
+            seed: args.seed,
+            spacing_m: args.spacing * 1e-3,
+            stop: "error".into(),
+            reason: Some(error.to_string()),
+            frames: self.so_far.frames.len(),
+            vertices: self.so_far.model.len(),
+            robot_time_s: self.so_far.last_stamp,
+            ..Metrics::default()
+        }
+    }
+
     fn metrics(
         &self,
         args: &RunArgs,
@@ -394,6 +417,8 @@ impl<'a> Recorder<'a> {
             spacing_m: spacing,
             manipulations: outcome.manipulations,
             stop: outcome.stop.word().into(),
+            reason: outcome.stop.reason(),
+            troubles: outcome.troubles.iter().map(ToString::to_string).collect(),
             betti: outcome.topology.persistent,
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
@@ -442,9 +467,16 @@ impl Watcher for Recorder<'_> {
                 self.so_far.model = model.clone();
             }
             Event::Missed(arm) => self.say(&format!("arm {arm} closed on nothing")),
-            Event::Planned(plan) => self.say(&format!("        {}", plan.summary)),
+            Event::Planned(plan) => self.say(&format!("        {}", words(plan))),
+            Event::Fault(fault) => self.say(&format!("{:5.1} s  {fault}", self.so_far.last_stamp)),
+            Event::Trouble(trouble) => self.say(&format!(
+                "{:5.1} s  {trouble}: the arms are stopped",
+                self.so_far.last_stamp
+            )),
+            Event::Found => self.say("        the body was found again"),
             Event::Manipulated(count) => self.so_far.manipulations = count,
             Event::State(state) => self.save(Some(state))?,
+            _ => {}
         }
         Ok(())
     }
@@ -452,6 +484,28 @@ impl Watcher for Recorder<'_> {
     fn wants_state(&self) -> bool {
         true
     }
+}
+
+/// A plan in a line.
+fn words(plan: &Plan) -> String {
+    let arms: Vec<String> = plan
+        .grips
+        .iter()
+        .map(|g| format!("arm {} at vertex {}", g.arm, g.vertex))
+        .collect();
+    let action = match (plan.turn.is_some(), plan.across.is_some()) {
+        (true, true) => "turn over and stretch",
+        (false, _) => "stretch",
+        (true, false) => "turn over",
+    };
+    format!(
+        "{action}: {}; coverage {:.2}, score {:.2}, at most {:.0} mm/s, {:.1} s",
+        arms.join(", "),
+        plan.coverage,
+        plan.score,
+        1e3 * plan.speed_limit,
+        plan.motion.duration
+    )
 }
 
 fn phase_words(phase: Phase) -> &'static str {
@@ -470,7 +524,13 @@ fn phase_words(phase: Phase) -> &'static str {
 fn print(metrics: &Metrics) -> Result<(), Failure> {
     let timing = |t: &Timing| format!("{:.1} ms median, {:.1} ms p95", t.median, t.p95);
     let mut rows = vec![
-        ("stop", metrics.stop.clone()),
+        (
+            "stop",
+            match &metrics.reason {
+                Some(reason) => format!("{}: {reason}", metrics.stop),
+                None => metrics.stop.clone(),
+            },
+        ),
         ("Betti numbers", format!("{:?}", metrics.betti)),
         ("manipulations", metrics.manipulations.to_string()),
     ];

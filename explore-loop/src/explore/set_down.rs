@@ -7,47 +7,57 @@
 //! body reaches in it, and `h` the height of the tip: out to the width of the body at rest, and down to the table.
 //! What is let go bunched up springs out, what is let go high falls, and both are too fast to follow.
 
+use super::Manipulation;
 use crate::cell::{Observation, Plane};
-use crate::plan::{ManipulationPlan, PlannedGrip};
+use grip_planner::Role;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 /// Farthest that tips go out, metres.
 const MOST_OUTWARD: f64 = 0.06;
 
 /// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` in metres.
-pub(crate) fn goals(
-    plan: &ManipulationPlan,
+pub(super) fn goals(
+    manipulation: &Manipulation,
     latest: &Observation,
     rest: &[Point3<f64>],
     table: &Plane,
     release_height: f64,
 ) -> Vec<(usize, Isometry3<f64>)> {
-    let out = outward(plan, latest, rest, table);
-    let lifting = plan.grips.iter().filter(|grip| grip.lifts);
+    let lifting = lifting(manipulation);
+    let out = outward(&lifting, latest, rest, table);
     lifting
-        .map(|grip| {
-            let tip = latest.arms[grip.arm].camera_from_tip;
+        .iter()
+        .map(|&(arm, _)| {
+            let tip = latest.arms[arm].camera_from_tip;
             let height = table.height(&tip.translation.vector.into());
             let down = -table.normal.into_inner() * (height - release_height).max(0.0);
-            (grip.arm, Translation3::from(down + out) * tip)
+            (arm, Translation3::from(down + out) * tip)
         })
+        .collect()
+}
+
+/// The lifting arms, and where what they hold lies at rest.
+fn lifting(manipulation: &Manipulation) -> Vec<(usize, Point3<f64>)> {
+    let grips = manipulation.plan.grips.iter().zip(&manipulation.at_rest);
+    grips
+        .filter(|(grip, _)| grip.role == Role::Lift)
+        .map(|(grip, at_rest)| (grip.arm, *at_rest))
         .collect()
 }
 
 /// How far the tips must go away from the body for it to lie at its width at rest.
 fn outward(
-    plan: &ManipulationPlan,
+    lifting: &[(usize, Point3<f64>)],
     latest: &Observation,
     rest: &[Point3<f64>],
     table: &Plane,
 ) -> Vector3<f64> {
-    let lifting: Vec<&PlannedGrip> = plan.grips.iter().filter(|grip| grip.lifts).collect();
-    let [first, second] = lifting[..] else {
+    let [first, second] = lifting else {
         return Vector3::zeros();
     };
-    let tip = |grip: &PlannedGrip| latest.arms[grip.arm].camera_from_tip.translation.vector;
-    let (across, now) = extent(tip(first), tip(second), &latest.points, table);
-    let (_, at_rest) = extent(first.at_rest.coords, second.at_rest.coords, rest, table);
+    let tip = |arm: usize| latest.arms[arm].camera_from_tip.translation.vector;
+    let (across, now) = extent(tip(first.0), tip(second.0), &latest.points, table);
+    let (_, at_rest) = extent(first.1.coords, second.1.coords, rest, table);
     across * -(at_rest - now).clamp(0.0, MOST_OUTWARD)
 }
 

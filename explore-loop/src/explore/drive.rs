@@ -1,0 +1,392 @@
+//! Along planned motions, frame by frame.
+//!
+//! ```text
+//! clock of the motion:  t ← t + min(1, v_governor / v_peak) · T        as far as the set-points allow
+//! ```
+//!
+//! The [`SpeedGovernor`] starts slowly, ramps up and slows down when frames fit badly; while they do not fit, or cannot be used, the arms stand. A supporting
+//! jaw opens at its own time. An arm that lags behind stops all of them, and they go on from where they are.
+//!
+//! A set-point is never more than a frame ahead, so an arm that hears nothing more stops by itself. What a fault asks for before anything else is
+//! [`Cell::stop`](crate::cell::Cell::stop), in the frame in which it is noticed. What no plan foresees, going on from here, is planned and checked like the rest.
+
+use super::set_down;
+use super::set_point::apart;
+use super::watch::refused;
+use super::{Event, Explorer, Followed, FrameFault, Halt, Manipulation, Mode, Trouble};
+use crate::plan;
+use grip_planner::{
+    CarryOptions, GovernorOptions, Motion, ReachOptions, Refusal, Role, SpeedGovernor, Tip, carry,
+    go_home, lower,
+};
+use nalgebra::Isometry3;
+
+/// How far empty tips back off before they turn for home, metres.
+const RETREAT: f64 = 0.05;
+/// Residuals between which the governor slows down, in spacings.
+const CALM: f64 = 0.3;
+const ALARM: f64 = 0.8;
+
+/// How a motion is followed.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Care {
+    /// Jaws empty: whether the body can be followed meanwhile does not matter.
+    Empty,
+    /// Jaws hold: slowly when frames fit badly, and not at all when they do not fit.
+    Holding,
+    /// Something is being put down that may be lost: only the arms count.
+    PutDown,
+}
+
+/// What is counted while a motion is followed.
+struct Progress {
+    governor: Option<SpeedGovernor>,
+    time: f64,
+    residual: f64,
+    misfits: usize,
+    /// Seconds for which the motion did not get on.
+    late: f64,
+}
+
+impl Explorer<'_> {
+    /// Follows a motion to its end, frame by frame.
+    pub(super) fn follow(&mut self, motion: &Motion, care: Care, cruise: f64) -> Followed {
+        let mut progress = Progress {
+            governor: self.governor(care, cruise)?,
+            time: 0.0,
+            residual: 0.0,
+            misfits: 0,
+            late: 0.0,
+        };
+        loop {
+            self.open_early(motion, progress.time)?;
+            let stands = self.stands(care, &progress);
+            let before = progress.time;
+            if stands {
+                // What was stopped starts as slowly as in the beginning.
+                self.drive.rest();
+                progress.governor = self.governor(care, cruise)?;
+            } else {
+                self.command(motion, &mut progress)?;
+            }
+            self.step(motion, care, &mut progress)?;
+            let arrived = !motion.arms.iter().any(|p| self.moves(p.arm));
+            if progress.time >= motion.duration && arrived && self.lag(motion).is_none() {
+                return self.open_early(motion, motion.duration);
+            }
+            let advanced = progress.time > before || stands;
+            self.wait_for_arms(motion, advanced, &mut progress)?;
+        }
+    }
+
+    fn governor(&self, care: Care, cruise: f64) -> Result<Option<SpeedGovernor>, Halt> {
+        if care == Care::Empty {
+            return Ok(None);
+        }
+        let options = GovernorOptions {
+            cruise: cruise.min(self.options.limits.holding.speed),
+            calm: CALM * self.options.spacing,
+            alarm: ALARM * self.options.spacing,
+            ..GovernorOptions::default()
+        };
+        Ok(Some(
+            SpeedGovernor::new(options).map_err(crate::Error::from)?,
+        ))
+    }
+
+    /// Whether the arms have to wait for frames that can be used or that fit.
+    fn stands(&self, care: Care, progress: &Progress) -> bool {
+        let blind = self.bad_frames > 0 && care != Care::PutDown && self.mode == Mode::Exploring;
+        let lost = progress.misfits > self.options.doubt && care == Care::Holding;
+        blind || lost
+    }
+
+    fn command(&mut self, motion: &Motion, progress: &mut Progress) -> Followed {
+        let period = 1.0 / self.cell.info().camera_rate;
+        let rate = match &mut progress.governor {
+            Some(governor) => motion.rate(governor.next(period, progress.residual)),
+            None => 1.0,
+        };
+        // A jaw that lets go early does so before its arm moves on.
+        let stops = motion
+            .arms
+            .iter()
+            .filter(|p| self.closed[p.arm] && p.release > progress.time);
+        let until = stops.map(|p| p.release).fold(motion.duration, f64::min);
+        let ahead = (rate * period).min(until - progress.time).max(0.0);
+        let (time, commands) =
+            self.drive
+                .advance(motion, [progress.time, ahead], &self.closed, &self.arms);
+        progress.time = time;
+        if until - time < 1e-9 {
+            progress.time = until;
+        }
+        for command in commands {
+            let sent = self
+                .cell
+                .move_arm(command.arm, command.camera_from_tip, command.speed);
+            sent.map_err(refused)?;
+        }
+        Ok(())
+    }
+
+    /// A supporting jaw opens at its own time.
+    fn open_early(&mut self, motion: &Motion, time: f64) -> Followed {
+        for path in &motion.arms {
+            let due = path.release < motion.duration && time >= path.release;
+            if path.role == Role::Support && due && self.closed[path.arm] {
+                self.open(path.arm)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets a frame pass and looks for trouble in it.
+    fn step(&mut self, motion: &Motion, care: Care, progress: &mut Progress) -> Followed {
+        let report = self.frame()?;
+        if let Some(report) = &report {
+            let misfit = report.failure.is_some();
+            progress.misfits = if misfit { progress.misfits + 1 } else { 0 };
+            progress.residual = if misfit { f64::NAN } else { report.residual };
+            if progress.misfits == self.options.doubt + 1 && care == Care::Holding {
+                let frames = progress.misfits;
+                self.note(Some(FrameFault::Misfits { frames }))?;
+            }
+        }
+        if care != Care::Holding {
+            return Ok(());
+        }
+        let frames = progress.misfits;
+        if frames > self.options.doubt + self.options.patience {
+            return Err(Trouble::Lost { frames }.into());
+        }
+        if report.is_none() {
+            return Ok(());
+        }
+        let lifting = motion.arms.iter().filter(|p| p.role == Role::Lift);
+        let slipped = lifting
+            .map(|p| p.arm)
+            .find(|&arm| self.closed[arm] && !self.arms[arm].holding);
+        match slipped {
+            Some(arm) => Err(Trouble::Slipped { arm }.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// The arm that is farthest from where it was sent, and how far, if that is too far.
+    fn lag(&self, motion: &Motion) -> Option<(usize, f64)> {
+        let distance = |arm: usize| {
+            let (sent, at) = (self.drive.sent(arm)?, self.arms.get(arm)?.camera_from_tip);
+            Some((arm, apart(&sent, &at)))
+        };
+        let lags = motion.arms.iter().filter_map(|p| distance(p.arm));
+        lags.filter(|(_, way)| *way > self.options.lag)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    fn moves(&self, arm: usize) -> bool {
+        self.arms.get(arm).is_some_and(|a| a.moving)
+    }
+
+    /// Stops all arms when one lags behind, from where they come back to the path; gives up when they do not get on.
+    fn wait_for_arms(
+        &mut self,
+        motion: &Motion,
+        advanced: bool,
+        progress: &mut Progress,
+    ) -> Followed {
+        if advanced {
+            progress.late = 0.0;
+        } else {
+            progress.late += 1.0 / self.cell.info().camera_rate;
+        }
+        if let Some((arm, _)) = self.lag(motion) {
+            self.halt()?;
+            self.tell(Event::Waiting(arm))?;
+        }
+        let seconds = progress.late;
+        if seconds <= self.options.arrival {
+            return Ok(());
+        }
+        let off = |path: &grip_planner::ArmPath| {
+            let (at, here) = (path.at(progress.time)?, self.arms.get(path.arm)?);
+            Some((path.arm, apart(&at, &here.camera_from_tip)))
+        };
+        let farthest = motion.arms.iter().filter_map(off);
+        let (arm, distance) = farthest
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, 0.0));
+        Err(Trouble::NotArriving {
+            arm,
+            distance,
+            seconds,
+        }
+        .into())
+    }
+
+    /// Stops every arm where it is.
+    pub(super) fn halt(&mut self) -> Followed {
+        self.drive.forget();
+        self.cell.stop().map_err(refused)
+    }
+
+    /// Opens a jaw.
+    pub(super) fn open(&mut self, arm: usize) -> Followed {
+        self.cell.open_jaw(arm).map_err(refused)?;
+        if let Some(closed) = self.closed.get_mut(arm) {
+            *closed = false;
+        }
+        self.guard.pause();
+        Ok(())
+    }
+
+    /// Opens every jaw that was closed.
+    pub(super) fn open_all(&mut self) -> Followed {
+        (0..self.closed.len())
+            .filter(|&arm| self.closed[arm])
+            .collect::<Vec<_>>()
+            .into_iter()
+            .try_for_each(|arm| self.open(arm))
+    }
+
+    /// Watches until the seen surface rests: it moves less than a tenth of a spacing a frame, three frames in a row.
+    pub(super) fn settle(&mut self) -> Followed {
+        let mut still = 0;
+        for _ in 0..self.options.settle_frames {
+            let before = self.reconstructor.model().live.clone();
+            let Some(report) = self.frame()? else {
+                continue;
+            };
+            let model = self.reconstructor.model();
+            let moved: Vec<f64> = before
+                .iter()
+                .zip(&model.live)
+                .zip(&report.measured)
+                .filter(|(_, seen)| **seen)
+                .map(|((a, b), _)| (a - b).norm())
+                .collect();
+            let mean = moved.iter().sum::<f64>() / moved.len().max(1) as f64;
+            still = if mean < 0.1 * self.options.spacing {
+                still + 1
+            } else {
+                0
+            };
+            if still == 3 {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Out to the width of the body at rest and down to the table, where a turn ends: see `set_down`.
+    pub(super) fn spread_out(&mut self, manipulation: &Manipulation) -> Followed {
+        let table = self.cell.info().table;
+        let Some(latest) = &self.latest else {
+            return Ok(());
+        };
+        let rest = &self.reconstructor.model().rest;
+        let height = self.options.set_down;
+        let goals = set_down::goals(manipulation, latest, rest, &table, height);
+        let (arms, goals): (Vec<usize>, Vec<Isometry3<f64>>) = goals.into_iter().unzip();
+        let (tips, options) = (self.tips(&arms), self.carrying(0.7));
+        let live = &self.reconstructor.model().live;
+        let motion = self.with_scene(|scene| {
+            carry(live, scene, &tips, &goals, &options)
+                // Where the body hangs is known least below the grips; it gives way.
+                .or_else(|_| carry(&[], scene, &tips, &goals, &options))
+        });
+        match motion {
+            Ok(motion) => self.follow(&motion, Care::Holding, options.speed),
+            // The turn itself ends where jaws may open.
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Puts down what the jaws hold, straight down from here, opens them and lets the body come to rest.
+    pub(super) fn lower_from_here(&mut self) -> Followed {
+        let held: Vec<usize> = (0..self.closed.len()).filter(|&a| self.closed[a]).collect();
+        if held.is_empty() {
+            return Ok(());
+        }
+        let (tips, options) = (self.tips(&held), self.carrying(0.5));
+        let motion = self
+            .with_scene(|scene| lower(scene, &tips, &options))
+            .map_err(no_way)?;
+        self.follow(&motion, Care::PutDown, options.speed)?;
+        self.settle()?;
+        self.open_all()?;
+        self.settle()
+    }
+
+    /// Every arm that is not at home goes there, its jaw open, along a checked way.
+    pub(super) fn go_home_from_here(&mut self) -> Followed {
+        let all: Vec<usize> = (0..self.arms.len()).collect();
+        self.send_home(&all)
+    }
+
+    /// The same for some arms, past the others where they are.
+    pub(super) fn send_home(&mut self, arms: &[usize]) -> Followed {
+        let away = |arm: &usize| !self.is_home(*arm);
+        let away: Vec<usize> = arms.iter().copied().filter(away).collect();
+        if away.is_empty() {
+            return Ok(());
+        }
+        let (tips, options) = (self.tips(&away), self.reaching());
+        let live = &self.reconstructor.model().live;
+        let motion = self.with_scene(|scene| {
+            go_home(live, scene, &tips, RETREAT, &options)
+                // What lies over an open jaw is drawn off it; a way that only the body is in is better than none.
+                .or_else(|_| go_home(&[], scene, &tips, RETREAT, &options))
+        });
+        let motion = motion.map_err(no_way)?;
+        self.follow(&motion, Care::Empty, options.speed)
+    }
+
+    fn is_home(&self, arm: usize) -> bool {
+        let (home, here) = (
+            &self.cell.info().arms[arm].camera_from_home,
+            &self.arms[arm].camera_from_tip,
+        );
+        apart(home, here) < 1e-3
+    }
+
+    fn tips(&self, arms: &[usize]) -> Vec<Tip> {
+        let tip = |&arm: &usize| Tip {
+            arm,
+            role: Role::Lift,
+            camera_from_tip: self.drive.start(arm, &self.arms).pose,
+        };
+        arms.iter().map(tip).collect()
+    }
+
+    fn carrying(&self, share: f64) -> CarryOptions {
+        let bounds = self.options.limits.holding;
+        CarryOptions {
+            speed: share * bounds.speed,
+            acceleration: bounds.acceleration,
+            turn_rate: bounds.turn_rate,
+            release_height: self.options.set_down,
+        }
+    }
+
+    fn reaching(&self) -> ReachOptions {
+        let bounds = self.options.limits.empty;
+        ReachOptions {
+            speed: bounds.speed,
+            acceleration: bounds.acceleration,
+            turn_rate: bounds.turn_rate,
+        }
+    }
+
+    fn with_scene<T>(&self, work: impl FnOnce(&grip_planner::Scene<'_>) -> T) -> T {
+        let arms = plan::arms(self.cell.info());
+        work(&plan::scene(self.cell.info(), &arms))
+    }
+}
+
+fn no_way(reason: Refusal) -> Halt {
+    match reason {
+        Refusal::Input(error) => Halt::Error(error.into()),
+        reason => Trouble::NoWay { reason }.into(),
+    }
+}

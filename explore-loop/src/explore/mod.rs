@@ -1,0 +1,581 @@
+//! The exploration as a state machine.
+//!
+//! ```text
+//!   Home ─► Look ─► Decide ─┬─► Reach ─► Grasp ─► Manipulate ─► Lower ─► Release ─┐
+//!    ▲                      └─► done                                              │
+//!    ├────────────────────────────────────────────────────────────────────────────┘
+//!    └── trouble, anywhere: stop ─► lower from here ─► open
+//! ```
+//! The arms go home so that nothing hides the object; the model is brought up to date; its topology decides
+//! whether to stop; otherwise a [`Plan`] is made and carried out frame by frame while the reconstruction follows: its checked way to
+//! the grips, its motion as fast as [`grip_planner::SpeedGovernor`] allows, and a checked way home.
+//!
+//! | file | question |
+//! |---|---|
+//! | `drive` | how is a motion followed, and what is planned from here? |
+//! | `set_point` | which pose is next, and is it within the limits? |
+//! | `guard` | what is wrong with a frame? |
+//! | `watch` | what is done with a frame, and who is told? |
+//! | `trouble` | what is given up, and what ends it all? |
+//! | `recover` | what is done about it? |
+//! | `resume` | what is written down between two manipulations? |
+//! | `set_down` | where do lifting tips let go? |
+//!
+//! # What happens to the arms and the jaws
+//!
+//! | what ends a manipulation | the arms | the jaws |
+//! |---|---|---|
+//! | all went well | set down, withdraw, home | open on the table |
+//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, lower straight from where they are, home | open when lowered |
+//! | an error or a panic in a stage, a planner or a watcher | the same, without asking the stages | open when lowered |
+//! | an arm that refuses, does not arrive, or is nowhere; no free way down | stop | stay as they are |
+//! | the cell fails | asked to stop | stay as they are |
+
+use crate::Error;
+use crate::canonical::CanonicalModel;
+use crate::canonical::surface::{triangulate, vertex_areas};
+use crate::canonical::topology::{self, Topology};
+use crate::cell::{ArmState, Cell, CellError, Observation};
+use crate::plan::{NoPlan, PlanInput, Planner};
+use crate::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
+use drive::Care;
+use grip_planner::{Plan, Role};
+use guard::Guard;
+use nalgebra::Point3;
+use set_point::Drive;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use watch::refused;
+
+mod drive;
+mod guard;
+mod recover;
+mod resume;
+mod set_down;
+mod set_point;
+mod trouble;
+mod watch;
+
+pub use guard::FrameFault;
+pub use resume::SavedState;
+pub use set_point::{Bounds, Limits};
+pub use trouble::{Stop, Trouble};
+pub use watch::{Event, Watcher};
+
+/// Settings of an exploration.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ExploreOptions {
+    /// Spacing ε of the model, metres.
+    pub spacing: f64,
+    /// What the arms may do. Holding: the speed given, 0.05 m/s², 1 rad/s. Empty: 0.25 m/s, 0.4 m/s², 1.5 rad/s. A set-point is at most 30 mm
+    /// from the one before.
+    pub limits: Limits,
+    /// Manipulations after which the exploration gives up. Default 8.
+    pub max_manipulations: usize,
+    /// Attempts to grasp in a row, or grips that slip, after which it gives up. Default 4.
+    pub max_misses: usize,
+    /// Times that something was given up after which the next ends the exploration. Default 4.
+    pub max_recoveries: usize,
+    /// Frames to look at the object at rest before each decision. Default 6.
+    pub look_frames: usize,
+    /// Most frames to wait for the object to rest. Default 25.
+    pub settle_frames: usize,
+    /// Height above the table at which grips are let go, metres. Default 0.013.
+    pub set_down: f64,
+    /// Frames in a row that may fail to register before the arms are stopped. Default 2: until then they go slowly.
+    pub doubt: usize,
+    /// Frames in a row that may fail to register after that, before what is held is lowered. Default 6.
+    pub patience: usize,
+    /// Frames in a row that cannot be used before what is under way is given up. Default 15.
+    pub blind_frames: usize,
+    /// Farthest that an arm may be from where it was sent when a frame is taken before the others wait for it, metres. Default 0.01.
+    pub lag: f64,
+    /// How long they wait, seconds. Default 5.
+    pub arrival: f64,
+}
+
+impl ExploreOptions {
+    /// Defaults at a spacing and a fastest grip speed, m and m/s.
+    pub fn new(spacing: f64, speed: f64) -> Self {
+        let holding = Bounds {
+            speed,
+            acceleration: 0.05,
+            turn_rate: 1.0,
+        };
+        let empty = Bounds {
+            speed: 0.25,
+            acceleration: 0.4,
+            turn_rate: 1.5,
+        };
+        Self {
+            spacing,
+            limits: Limits {
+                holding,
+                empty,
+                step: 0.03,
+            },
+            max_manipulations: 8,
+            max_misses: 4,
+            max_recoveries: 4,
+            look_frames: 6,
+            settle_frames: 25,
+            set_down: 0.013,
+            doubt: 2,
+            patience: 6,
+            blind_frames: 15,
+            lag: 0.01,
+            arrival: 5.0,
+        }
+    }
+}
+
+/// Where the exploration is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The arms leave the camera's view.
+    Home,
+    /// The object at rest is looked at.
+    Look,
+    /// Topology, then stop or plan.
+    Decide,
+    /// The arms go to their grips.
+    Reach,
+    /// The jaws close.
+    Grasp,
+    /// The object is moved.
+    Manipulate,
+    /// What was lifted is put down.
+    Lower,
+    /// The jaws open and withdraw.
+    Release,
+}
+
+/// How an exploration ended.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Outcome {
+    /// Why.
+    pub stop: Stop,
+    /// Manipulations made.
+    pub manipulations: usize,
+    /// What was given up on the way, in order.
+    pub troubles: Vec<Trouble>,
+    /// Topology at the end.
+    pub topology: Topology,
+    /// Stiffness over weight `E / (ρ g)` of the object as it was estimated from how it sags, m, once something was lifted.
+    pub stiffness_over_weight: Option<f64>,
+}
+
+/// Explores the object in a cell.
+pub struct Explorer<'a> {
+    cell: &'a mut dyn Cell,
+    planner: &'a mut dyn Planner,
+    watcher: &'a mut dyn Watcher,
+    options: ExploreOptions,
+    reconstructor: Box<dyn Reconstruct + 'a>,
+    guard: Guard,
+    drive: Drive,
+    /// The arms where they are or were last known to be.
+    arms: Vec<ArmState>,
+    /// The jaws that were closed on something.
+    closed: Vec<bool>,
+    /// The last frame that could be used.
+    latest: Option<Observation>,
+    /// Frames in a row for which the arms had to be stopped.
+    bad_frames: usize,
+    /// Whether the body may be elsewhere than the model.
+    lost: bool,
+    manipulations: usize,
+    misses: usize,
+    troubles: Vec<Trouble>,
+    asked_to_stop: Option<Arc<AtomicBool>>,
+    mode: Mode,
+}
+
+/// What a frame is good for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Mode {
+    /// Everything.
+    Exploring,
+    /// Something is being put down: nothing interrupts it.
+    PuttingDown,
+    /// The same after a stage has failed: only the arms are looked at.
+    ArmsOnly,
+}
+
+/// A plan, and where what it grips lies at rest: vertices are renumbered when the model is fused anew.
+struct Manipulation {
+    plan: Plan,
+    at_rest: Vec<Point3<f64>>,
+}
+
+enum State {
+    Home,
+    Look,
+    Decide,
+    Reach(Box<Manipulation>),
+    Grasp(Box<Manipulation>),
+    Manipulate(Box<Manipulation>),
+    Lower(Box<Manipulation>),
+    Release(Box<Manipulation>),
+    Done(Box<Outcome>),
+}
+
+/// What ends a state early.
+enum Halt {
+    Trouble(Box<Trouble>),
+    Error(Error),
+}
+
+impl From<Trouble> for Halt {
+    fn from(trouble: Trouble) -> Self {
+        Self::Trouble(Box::new(trouble))
+    }
+}
+
+impl<E: Into<Error>> From<E> for Halt {
+    fn from(error: E) -> Self {
+        Self::Error(error.into())
+    }
+}
+
+type Followed = Result<(), Halt>;
+
+/// A plan's own way home is taken when it begins this near to where the tips are, metres.
+const SAME_PLACE: f64 = 1e-3;
+
+impl<'a> Explorer<'a> {
+    /// An exploration of what lies in `cell`, with the default reconstruction.
+    ///
+    /// # Errors
+    /// A spacing that is not a length.
+    pub fn new(
+        cell: &'a mut dyn Cell,
+        planner: &'a mut dyn Planner,
+        watcher: &'a mut dyn Watcher,
+        options: ExploreOptions,
+    ) -> Result<Self, Error> {
+        let reconstructor = Reconstructor::new(ReconstructOptions::new(options.spacing))?;
+        Ok(Self::with_reconstructor(
+            cell,
+            planner,
+            watcher,
+            options,
+            reconstructor,
+        ))
+    }
+
+    /// The same with a reconstruction of the caller's: a [`Reconstructor`] with other settings, or another [`Reconstruct`].
+    pub fn with_reconstructor(
+        cell: &'a mut dyn Cell,
+        planner: &'a mut dyn Planner,
+        watcher: &'a mut dyn Watcher,
+        options: ExploreOptions,
+        reconstructor: impl Reconstruct + 'a,
+    ) -> Self {
+        let info = cell.info();
+        let home = |arm: &crate::cell::ArmInfo| ArmState {
+            camera_from_tip: arm.camera_from_home,
+            jaw: 0.0,
+            holding: false,
+            moving: false,
+        };
+        Self {
+            guard: Guard::new(options.spacing),
+            drive: Drive::new(options.limits, info),
+            arms: info.arms.iter().map(home).collect(),
+            closed: vec![false; info.arms.len()],
+            cell,
+            planner,
+            watcher,
+            options,
+            reconstructor: Box::new(reconstructor),
+            latest: None,
+            bad_frames: 0,
+            lost: false,
+            manipulations: 0,
+            misses: 0,
+            troubles: Vec::new(),
+            asked_to_stop: None,
+            mode: Mode::Exploring,
+        }
+    }
+
+    /// A flag that ends the exploration when it is set, from a signal handler or another thread: arms are stopped, what they hold is lowered, and
+    /// they go home.
+    #[must_use]
+    pub fn interrupt(mut self, flag: Arc<AtomicBool>) -> Self {
+        self.asked_to_stop = Some(flag);
+        self
+    }
+
+    /// The model so far.
+    pub fn model(&self) -> &CanonicalModel {
+        self.reconstructor.model()
+    }
+
+    /// Explores until the surface is closed or nothing more can be done.
+    ///
+    /// What goes wrong in the cell is answered or ends the exploration with its reason in [`Outcome::stop`]. Whatever ends it, the arms are stopped; what
+    /// the jaws do is said in [`crate::explore`].
+    ///
+    /// # Errors
+    /// Nothing was ever seen, a stage refuses its input, or the watcher cannot record.
+    ///
+    /// # Panics
+    /// When a stage, planner or watcher panics: after the arms have been seen to, the panic goes on.
+    pub fn run(&mut self) -> Result<Outcome, Error> {
+        let ended = catch_unwind(AssertUnwindSafe(|| self.explore()));
+        let well = matches!(&ended, Ok(Ok(_)));
+        // Not even a second failure may keep the arms from being stopped.
+        let secured = catch_unwind(AssertUnwindSafe(|| self.secure(well)));
+        let _nothing_left_to_do = secured;
+        match ended {
+            Ok(outcome) => outcome,
+            Err(panic) => resume_unwind(panic),
+        }
+    }
+
+    fn explore(&mut self) -> Result<Outcome, Error> {
+        let mut state = State::Home;
+        loop {
+            state = match self.next(state) {
+                Ok(State::Done(outcome)) => return Ok(*outcome),
+                Ok(next) => next,
+                Err(Halt::Error(error)) => self.failed(error)?,
+                Err(Halt::Trouble(trouble)) => match self.recover(*trouble) {
+                    Ok(next) => next,
+                    Err(Halt::Error(error)) => self.failed(error)?,
+                    Err(Halt::Trouble(trouble)) => self.done(Stop::Trouble(*trouble))?,
+                },
+            };
+        }
+    }
+
+    fn next(&mut self, state: State) -> Result<State, Halt> {
+        match state {
+            State::Home => self.home(),
+            State::Look => self.look(),
+            State::Decide => self.decide(),
+            State::Reach(manipulation) => self.reach(manipulation),
+            State::Grasp(manipulation) => self.grasp(manipulation),
+            State::Manipulate(manipulation) => self.manipulate(manipulation),
+            State::Lower(manipulation) => self.lower(manipulation),
+            State::Release(manipulation) => self.release(&manipulation),
+            State::Done(outcome) => Ok(State::Done(outcome)),
+        }
+    }
+
+    fn home(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Home)?;
+        if self.latest.is_none() {
+            self.cell.home().map_err(refused)?;
+            self.guard.pause();
+        } else {
+            // Watched all the way, so that the model follows whatever the leaving arms stir.
+            self.go_home_from_here()?;
+        }
+        Ok(State::Look)
+    }
+
+    fn look(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Look)?;
+        let fits = self.watch()?;
+        let points = self.latest.as_ref().map_or(0, |o| o.points.len());
+        if self.reconstructor.model().is_empty() {
+            return Err(Error::NothingToSee { points, needed: 20 }.into());
+        }
+        if !fits && !self.find_again()? && self.lost {
+            let frames = self.options.look_frames;
+            return Ok(self.done(Stop::Trouble(Trouble::Lost { frames }))?);
+        }
+        self.lost = false;
+        Ok(State::Decide)
+    }
+
+    /// Looks at the object at rest; whether the last frame fitted.
+    fn watch(&mut self) -> Result<bool, Halt> {
+        let (mut seen, mut fits) = (0, false);
+        while seen < self.options.look_frames.max(1) {
+            if let Some(report) = self.frame()? {
+                seen += 1;
+                fits = report.failure.is_none();
+            }
+        }
+        Ok(fits)
+    }
+
+    fn decide(&mut self) -> Result<State, Halt> {
+        self.enter(Phase::Decide)?;
+        let table = self.cell.info().table;
+        self.reconstructor.consolidate(&table);
+        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        self.tell(Event::Topology(&topology))?;
+        let stop = if topology.is_closed() {
+            Stop::Closed
+        } else if self.manipulations >= self.options.max_manipulations {
+            Stop::TooManyManipulations
+        } else if self.misses >= self.options.max_misses {
+            Stop::GraspFailed
+        } else {
+            match self.plan(&topology)? {
+                Ok(plan) => {
+                    self.tell(Event::Planned(&plan))?;
+                    let rest = &self.reconstructor.model().rest;
+                    let at = |g: &grip_planner::Grip| rest.get(g.vertex as usize).copied();
+                    let at_rest = plan
+                        .grips
+                        .iter()
+                        .map(|g| at(g).unwrap_or_else(|| g.tip()))
+                        .collect();
+                    self.guard.pause();
+                    return Ok(State::Reach(Box::new(Manipulation { plan, at_rest })));
+                }
+                Err(reason) => Stop::NothingToGrip(reason),
+            }
+        };
+        Ok(self.done_with(stop, topology))
+    }
+
+    fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
+        let model = self.reconstructor.model();
+        let visible = match &self.latest {
+            Some(observation) => self
+                .reconstructor
+                .visible_now(observation, self.options.spacing),
+            None => vec![false; model.len()],
+        };
+        let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
+        let input = PlanInput {
+            points: &model.live,
+            normals: &model.live_normals(),
+            areas: &vertex_areas(&model.live, &triangles),
+            edges: &model.edges,
+            topology,
+            visible: &visible,
+            cell: self.cell.info(),
+            limits: self.options.limits,
+            attempt: self.manipulations + self.misses,
+        };
+        self.planner.plan(&input)
+    }
+
+    /// The plan's own way from home: orientation first, high above the grip, then down along the approach.
+    fn reach(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Reach)?;
+        let speed = self.options.limits.empty.speed;
+        self.follow(&manipulation.plan.reach, Care::Empty, speed)?;
+        Ok(State::Grasp(manipulation))
+    }
+
+    fn grasp(&mut self, mut manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Grasp)?;
+        let mut lifting_missed = false;
+        for grip in manipulation.plan.grips.clone() {
+            match self.cell.close_jaw(grip.arm) {
+                Ok(()) => self.closed[grip.arm] = true,
+                Err(CellError::NothingGrasped { arm }) => {
+                    self.tell(Event::Missed(arm))?;
+                    lifting_missed |= grip.role == Role::Lift;
+                }
+                Err(error) => return Err(refused(error)),
+            }
+        }
+        self.guard.pause();
+        self.frame()?;
+        // A supporting arm may miss; the arms that lift must all hold.
+        if lifting_missed {
+            self.misses += 1;
+            self.open_all()?;
+            return Ok(State::Home);
+        }
+        if manipulation.plan.grips.iter().any(|g| !self.closed[g.arm]) {
+            manipulation = self.without_missed(manipulation)?;
+        }
+        Ok(State::Manipulate(manipulation))
+    }
+
+    /// Arms that missed stay where they are meanwhile: their paths are those of tools that hold.
+    fn without_missed(
+        &mut self,
+        mut manipulation: Box<Manipulation>,
+    ) -> Result<Box<Manipulation>, Halt> {
+        let closed = self.closed.clone();
+        let plan = &mut manipulation.plan;
+        plan.motion.arms.retain(|path| closed[path.arm]);
+        let missed: Vec<usize> = plan
+            .grips
+            .iter()
+            .map(|g| g.arm)
+            .filter(|&a| !closed[a])
+            .collect();
+        self.send_home(&missed)?;
+        Ok(manipulation)
+    }
+
+    /// Follows the planned paths; slows down while registration has trouble, and gives up when the body is lost.
+    fn manipulate(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Manipulate)?;
+        let plan = &manipulation.plan;
+        self.follow(&plan.motion, Care::Holding, plan.speed_limit)?;
+        self.misses = 0;
+        Ok(State::Lower(manipulation))
+    }
+
+    fn lower(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
+        self.enter(Phase::Lower)?;
+        if manipulation.plan.turn.is_some() {
+            self.spread_out(&manipulation)?;
+        }
+        Ok(State::Release(manipulation))
+    }
+
+    fn release(&mut self, manipulation: &Manipulation) -> Result<State, Halt> {
+        self.enter(Phase::Release)?;
+        // Let what still moves come to rest before the grips, the only landmarks, are given up.
+        self.settle()?;
+        self.open_all()?;
+        self.settle()?;
+        let withdraw = &manipulation.plan.withdraw;
+        let begins_here = withdraw.arms.iter().all(|path| {
+            let here = self.arms[path.arm].camera_from_tip;
+            let way = |from: nalgebra::Isometry3<f64>| {
+                (from.translation.vector - here.translation.vector).norm()
+            };
+            path.at(0.0).is_some_and(|from| way(from) < SAME_PLACE)
+        });
+        if begins_here {
+            self.follow(withdraw, Care::Empty, self.options.limits.empty.speed)?;
+        } else {
+            self.go_home_from_here()?;
+        }
+        self.manipulations += 1;
+        self.tell(Event::Manipulated(self.manipulations))?;
+        self.tell_state()?;
+        Ok(State::Home)
+    }
+
+    /// The end, with the topology of what is known.
+    fn done(&mut self, stop: Stop) -> Result<State, Error> {
+        if self.reconstructor.model().is_empty() {
+            return Err(Error::NothingToSee {
+                points: 0,
+                needed: 20,
+            });
+        }
+        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        Ok(self.done_with(stop, topology))
+    }
+
+    fn done_with(&self, stop: Stop, topology: Topology) -> State {
+        State::Done(Box::new(Outcome {
+            stop,
+            manipulations: self.manipulations,
+            troubles: self.troubles.clone(),
+            topology,
+            stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
+        }))
+    }
+}

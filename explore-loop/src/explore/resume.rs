@@ -1,0 +1,92 @@
+//! What the loop knows between two manipulations, to be written down and gone on from.
+
+use super::guard::Guard;
+use super::set_point::SetPoint;
+use super::{Event, Explorer, Trouble};
+use crate::Error;
+use crate::cell::{ArmState, Observation};
+
+/// All that the loop knows between two manipulations. With a world in the same state an exploration goes on from it to the bit.
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+pub struct SavedState {
+    manipulations: usize,
+    misses: usize,
+    troubles: Vec<String>,
+    lost: bool,
+    bad_frames: usize,
+    latest: Option<Observation>,
+    arms: Vec<ArmState>,
+    closed: Vec<bool>,
+    set_points: Vec<Option<SetPoint>>,
+    guard: Guard,
+    planner: Vec<u8>,
+    reconstruction: Vec<u8>,
+}
+
+impl Explorer<'_> {
+    /// All that the loop knows, between two manipulations.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the reconstruction cannot be saved.
+    pub fn save(&self) -> Result<SavedState, Error> {
+        let saved = self.reconstructor.save();
+        let reconstruction = saved.ok_or_else(|| Error::Resume {
+            reason: "this reconstruction cannot be resumed".into(),
+        })?;
+        Ok(SavedState {
+            manipulations: self.manipulations,
+            misses: self.misses,
+            troubles: self.troubles.iter().map(ToString::to_string).collect(),
+            lost: self.lost,
+            bad_frames: self.bad_frames,
+            latest: self.latest.clone(),
+            arms: self.arms.clone(),
+            closed: self.closed.clone(),
+            set_points: self.drive.last().to_vec(),
+            guard: self.guard.clone(),
+            planner: self.planner.save(),
+            reconstruction,
+        })
+    }
+
+    /// Takes over what another exploration knew; [`Self::run`] then goes on from there. The world has to be as it was then. What was given up
+    /// before is listed as [`Trouble::Earlier`].
+    ///
+    /// # Errors
+    /// [`Error::Resume`] or [`Error::Filter`]: the state is not of such a reconstruction, planner or cell.
+    pub fn resume(&mut self, saved: SavedState) -> Result<(), Error> {
+        let arms = self.arms.len();
+        if saved.arms.len() != arms || saved.closed.len() != arms {
+            return Err(Error::Resume {
+                reason: format!("it is of {} arms, the cell has {arms}", saved.arms.len()),
+            });
+        }
+        self.planner.restore(&saved.planner)?;
+        self.reconstructor.restore(&saved.reconstruction)?;
+        if !self.drive.restore(saved.set_points) {
+            return Err(Error::Resume {
+                reason: "its set-points are not of these arms".into(),
+            });
+        }
+        self.manipulations = saved.manipulations;
+        self.misses = saved.misses;
+        let earlier = saved.troubles.into_iter();
+        self.troubles = earlier.map(|what| Trouble::Earlier { what }).collect();
+        self.lost = saved.lost;
+        self.bad_frames = saved.bad_frames;
+        self.latest = saved.latest;
+        self.arms = saved.arms;
+        self.closed = saved.closed;
+        self.guard = saved.guard;
+        Ok(())
+    }
+
+    /// Tells a watcher that wants it what to go on from.
+    pub(super) fn tell_state(&mut self) -> Result<(), Error> {
+        if self.watcher.wants_state() {
+            let saved = self.save()?;
+            self.tell(Event::State(&saved))?;
+        }
+        Ok(())
+    }
+}

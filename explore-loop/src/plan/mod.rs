@@ -1,0 +1,191 @@
+//! Planning a manipulation: from what is known of the object to a [`Plan`] of `grip-planner`.
+//!
+//! ```text
+//! model, topology ─► holes inside the outline? ─┬─ none ───► turn over
+//!                                               ├─ nothing else missing ─► stretch
+//!                                               └─ both ───► turn over and stretch; else stretch; else turn over
+//! ```
+//!
+//! [`Planner`] is the seam; [`CoveragePlanner`] takes the set with the best null-space coverage whose motions can all be done,
+//! [`RandomPlanner`] draws feasible grips at random on the boundary and moves them the same way: the paper's baseline.
+//!
+//! | file | question |
+//! |---|---|
+//! | `coverage` | which action with which grips is best? |
+//! | `hole` | which loops are mouths that the camera looks into? |
+//! | `random` | what is planning worth? |
+
+use crate::Error;
+use crate::canonical::topology::Topology;
+use crate::cell::CellInfo;
+use crate::explore::Limits;
+use grip_planner::{
+    Arm, GripSet, Model, Plan, PlanOptions, ReachOptions, Reason, Refusal, RefusedSet, Scene,
+    Workspace,
+};
+use nalgebra::{Point3, UnitVector3};
+
+mod coverage;
+mod hole;
+mod random;
+
+pub use coverage::CoveragePlanner;
+pub use random::RandomPlanner;
+
+/// What a planner may know.
+#[derive(Debug, Clone, Copy)]
+pub struct PlanInput<'a> {
+    /// Live points of the model, camera frame.
+    pub points: &'a [Point3<f64>],
+    /// Their outward normals.
+    pub normals: &'a [UnitVector3<f64>],
+    /// Area of each vertex, m².
+    pub areas: &'a [f64],
+    /// The surface graph.
+    pub edges: &'a [[u32; 2]],
+    /// Boundary and loops.
+    pub topology: &'a Topology,
+    /// What the camera sees now.
+    pub visible: &'a [bool],
+    /// The arms and the table.
+    pub cell: &'a CellInfo,
+    /// How fast the arms may go.
+    pub limits: Limits,
+    /// How many manipulations and missed grasps there were before.
+    pub attempt: usize,
+}
+
+/// Why there is no plan.
+#[derive(Debug, Clone, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoPlan {
+    /// No set of vertices can be gripped.
+    #[error(
+        "no grips: {accepted} vertices can be gripped, {} were rejected, and no set of the former can be used",
+        rejected.len()
+    )]
+    NoGrips {
+        /// Vertices that can be gripped.
+        accepted: usize,
+        /// The others that were looked at, with their reasons.
+        rejected: Vec<(u32, Reason)>,
+    },
+    /// The motion of every set was refused.
+    #[error("all {} motions were refused, the best one because {}", refused.len(), first_reason(refused))]
+    AllRefused {
+        /// Each set with the reason, best first.
+        refused: Vec<RefusedSet>,
+    },
+    /// A planner of one's own has none, for a reason of its own.
+    #[error("{0}")]
+    Other(String),
+}
+
+fn first_reason(refused: &[RefusedSet]) -> String {
+    let first = refused.first().map(|r| r.reason.to_string());
+    first.unwrap_or_else(|| "none was tried".into())
+}
+
+/// Decides where to grip and how to move.
+pub trait Planner {
+    /// A plan, or the reason why there is none (which ends the exploration).
+    ///
+    /// # Errors
+    /// Input that cannot be planned with.
+    fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<Plan, NoPlan>, Error>;
+
+    /// What the planner remembers, to be written to a checkpoint. Nothing by default.
+    fn save(&self) -> Vec<u8> {
+        Vec::new()
+    }
+
+    /// Goes on from what [`Self::save`] gave. Remembers nothing by default.
+    ///
+    /// # Errors
+    /// [`Error::Resume`]: the bytes are none of this planner.
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        if saved.is_empty() {
+            return Ok(());
+        }
+        Err(Error::Resume {
+            reason: "it was saved with another planner".into(),
+        })
+    }
+}
+
+/// The settings with the speeds of the loop and the frame rate of the cell.
+fn paced(options: &PlanOptions, input: &PlanInput<'_>) -> PlanOptions {
+    let mut options = options.clone();
+    let (holding, empty) = (input.limits.holding, input.limits.empty);
+    options.turn.speed = holding.speed;
+    options.turn.acceleration = holding.acceleration;
+    options.turn.turn_rate = holding.turn_rate;
+    options.stretch.speed = options.stretch.speed.min(holding.speed);
+    options.stretch.acceleration = options.stretch.acceleration.min(holding.acceleration);
+    options.reach = ReachOptions {
+        speed: empty.speed,
+        acceleration: empty.acceleration,
+        turn_rate: empty.turn_rate,
+    };
+    options.tracking.frame_rate = input.cell.camera_rate;
+    options
+}
+
+fn refused_set(set: &GripSet, reason: Refusal) -> RefusedSet {
+    RefusedSet {
+        vertices: set.vertices(),
+        arms: set.grips.iter().map(|g| g.arm).collect(),
+        score: set.score,
+        reason,
+    }
+}
+
+fn model<'a>(input: &PlanInput<'a>) -> Model<'a> {
+    Model {
+        points: input.points,
+        normals: input.normals,
+        areas: input.areas,
+        edges: input.edges,
+        boundary: &input.topology.boundary,
+        visible: input.visible,
+    }
+}
+
+/// The arms of a cell as the planner sees them.
+pub(crate) fn arms(cell: &CellInfo) -> Vec<Arm> {
+    cell.arms
+        .iter()
+        .map(|arm| Arm {
+            base: arm.base,
+            workspace: Workspace::Ball {
+                center: arm.base,
+                radius: arm.reach,
+            },
+            home: arm.camera_from_home,
+            max_speed: arm.max_speed,
+        })
+        .collect()
+}
+
+/// Table, arms and camera as the planner sees them.
+pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm]) -> Scene<'a> {
+    let table = grip_planner::Plane {
+        normal: cell.table.normal,
+        offset: cell.table.offset,
+    };
+    let jaw_radius = cell
+        .arms
+        .iter()
+        .map(|a| a.jaw_radius)
+        .fold(0.0, f64::max)
+        .max(1e-3);
+    Scene {
+        table,
+        arms,
+        camera: Point3::origin(),
+        jaw_radius,
+        shaft_length: 0.05,
+        jaw_separation: 4.0 * jaw_radius,
+        clearance: 2e-3,
+    }
+}

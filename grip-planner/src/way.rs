@@ -1,0 +1,226 @@
+//! From where the tips are: for what no plan foresees.
+//!
+//! ```text
+//! carry      here ─► goal                  holding; the body goes with the tips
+//! lower      here ─► release height        the same, straight down: what is done when a motion is given up
+//! go_home    here ─► retreat ─► home       empty; straight, over, or one arm after the other
+//! ```
+//!
+//! A plan begins where its arms are at home and ends where they are at home again. What interrupts it leaves them anywhere, so these begin
+//! anywhere, with the same checks and the same timing. The table is approached along its normal, so that nothing is dragged along it.
+
+use nalgebra::{Isometry3, Point3, Translation3};
+
+use crate::body::Body;
+use crate::check::{Carried, Surroundings};
+use crate::motion::{assemble, times};
+use crate::reach::{dense, withdraw_from};
+use crate::scene::{not_negative, positive};
+use crate::{Error, Grip, Leg, Motion, ReachOptions, Refusal, Role, Scene, Stage};
+
+/// A tool somewhere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tip {
+    /// The arm.
+    pub arm: usize,
+    /// What its grip is for.
+    pub role: Role,
+    /// Where it is.
+    pub camera_from_tip: Isometry3<f64>,
+}
+
+/// How the body is carried where no plan says it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CarryOptions {
+    /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.02.
+    pub speed: f64,
+    /// How fast that speed is reached and left, m/s². Default 0.05.
+    pub acceleration: f64,
+    /// Largest rotation rate of a tip, rad/s. Default 1.
+    pub turn_rate: f64,
+    /// Height of the tips above the table at which [`lower`] ends, metres. Default 0.012.
+    pub release_height: f64,
+}
+
+impl Default for CarryOptions {
+    fn default() -> Self {
+        Self {
+            speed: 0.02,
+            acceleration: 0.05,
+            turn_rate: 1.0,
+            release_height: 0.012,
+        }
+    }
+}
+
+impl CarryOptions {
+    fn check(&self) -> Result<(), Error> {
+        positive("carry speed", self.speed)?;
+        positive("carry acceleration", self.acceleration)?;
+        positive("carry turn_rate", self.turn_rate)?;
+        not_negative("release_height", self.release_height)
+    }
+
+    fn pace(&self) -> ReachOptions {
+        ReachOptions {
+            speed: self.speed,
+            acceleration: self.acceleration,
+            turn_rate: self.turn_rate,
+        }
+    }
+}
+
+/// Straight from where the holding tips are to `goals`, all together; `body` are the points that go with them, none if nobody
+/// knows where they are.
+///
+/// # Errors
+/// Why it cannot be done: what leaves its workspace, meets the table, another tool or the body, and when. Input that is not usable, or
+/// not one goal for each tip.
+///
+/// # Complexity
+/// `O(n log n)` for the obstacle of `n` points, `O(log n)` for each of about a hundred way points.
+///
+/// ```
+/// use grip_planner::nalgebra::{Isometry3, Point3, Vector3};
+/// use grip_planner::{Arm, CarryOptions, Plane, Role, Scene, Tip, Workspace, carry};
+/// let base = Point3::new(0.3, 0.0, 0.3);
+/// let workspace = Workspace::Ball { center: base, radius: 0.6 };
+/// let arms = [Arm { base, workspace, home: Isometry3::translation(0.3, 0.0, 0.3), max_speed: 0.1 }];
+/// let table = Plane { normal: -Vector3::z_axis(), offset: 0.5 };
+/// let scene = Scene { table, arms: &arms, camera: Point3::origin(), jaw_radius: 0.005, shaft_length: 0.05, jaw_separation: 0.02, clearance: 0.003 };
+/// let tip = Tip { arm: 0, role: Role::Lift, camera_from_tip: Isometry3::translation(0.0, 0.0, 0.4) };
+/// let motion = carry(&[], &scene, &[tip], &[Isometry3::translation(0.05, 0.0, 0.45)], &CarryOptions::default())?;
+/// assert!(motion.peak_speed() <= 0.02 + 1e-12);
+/// // Through the table is refused.
+/// assert!(carry(&[], &scene, &[tip], &[Isometry3::translation(0.0, 0.0, 0.6)], &CarryOptions::default()).is_err());
+/// # Ok::<(), grip_planner::Refusal>(())
+/// ```
+pub fn carry(
+    body: &[Point3<f64>],
+    scene: &Scene,
+    tips: &[Tip],
+    goals: &[Isometry3<f64>],
+    options: &CarryOptions,
+) -> Result<Motion, Refusal> {
+    options.check()?;
+    let grips = checked(body, scene, tips)?;
+    if goals.len() != tips.len() {
+        let (what, count) = ("goals", goals.len());
+        let points = tips.len();
+        return Err(Error::LengthMismatch {
+            what,
+            count,
+            points,
+        }
+        .into());
+    }
+    if let Some(k) = goals.iter().position(|g| !finite(g)) {
+        let (arm, what) = (tips[k].arm, "its goal");
+        return Err(Error::BadArm { arm, what }.into());
+    }
+    let stations: Vec<Vec<Isometry3<f64>>> = tips
+        .iter()
+        .zip(goals)
+        .map(|(tip, goal)| vec![tip.camera_from_tip, *goal])
+        .collect();
+    let paths = dense(&stations);
+    let times = times(&paths, &options.pace().pace(&grips, scene));
+    let until = times.last().copied().unwrap_or(0.0);
+    let stage = Stage::Lower;
+    let motion = assemble(&grips, &paths, &times, vec![Leg { stage, until }]);
+    let obstacle = Body::new(body, scene.tool_radius());
+    let carried = Carried::Turned {
+        axis: scene.table.normal,
+        angles: &[0.0],
+        leaving: 0.0,
+    };
+    Surroundings::new(scene, &obstacle).check(&motion, &carried)?;
+    Ok(motion)
+}
+
+/// Straight down from where the holding tips are, all by as much as brings the lowest to the release height; the body is not looked at: it hangs
+/// below them and gives way.
+///
+/// A tip that is lower already stays at its height.
+///
+/// # Errors
+/// As [`carry`].
+///
+/// # Complexity
+/// As [`carry`].
+pub fn lower(scene: &Scene, tips: &[Tip], options: &CarryOptions) -> Result<Motion, Refusal> {
+    let height = |tip: &Tip| {
+        scene
+            .table
+            .height(&Point3::from(tip.camera_from_tip.translation.vector))
+    };
+    let down = |tip: &Tip| {
+        let way = (height(tip) - options.release_height).max(0.0);
+        Translation3::from(scene.table.normal.as_ref() * -way) * tip.camera_from_tip
+    };
+    let goals: Vec<_> = tips.iter().map(down).collect();
+    carry(&[], scene, tips, &goals, options)
+}
+
+/// From where the empty tips are home, jaws open: back along the tool, up and home; `body` are the points that lie still, none if nobody
+/// knows where they are. `distance` is how far a tip backs off before it turns, metres.
+///
+/// # Errors
+/// As [`carry`].
+///
+/// # Complexity
+/// As [`carry`].
+pub fn go_home(
+    body: &[Point3<f64>],
+    scene: &Scene,
+    tips: &[Tip],
+    distance: f64,
+    options: &ReachOptions,
+) -> Result<Motion, Refusal> {
+    options.check()?;
+    positive("distance", distance)?;
+    let grips = checked(body, scene, tips)?;
+    let obstacle = Body::new(body, scene.tool_radius());
+    let around = Surroundings::new(scene, &obstacle);
+    withdraw_from(&around, &grips, distance, options)
+}
+
+/// The tips as grips where they are.
+fn checked(body: &[Point3<f64>], scene: &Scene, tips: &[Tip]) -> Result<Vec<Grip>, Error> {
+    scene.check()?;
+    if let Some((index, p)) = body
+        .iter()
+        .enumerate()
+        .find(|(_, p)| !p.iter().all(|x| x.is_finite()))
+    {
+        let point = (*p).into();
+        return Err(Error::NonFinitePoint { index, point });
+    }
+    let mut taken = vec![false; scene.arms.len()];
+    for tip in tips {
+        let arm = tip.arm;
+        let what = match taken.get_mut(arm) {
+            None => "its number: there is no such arm",
+            Some(true) => "its number: it is given twice",
+            Some(_) if !finite(&tip.camera_from_tip) => "where it is",
+            Some(taken) => {
+                *taken = true;
+                continue;
+            }
+        };
+        return Err(Error::BadArm { arm, what });
+    }
+    let grip = |tip: &Tip| Grip {
+        arm: tip.arm,
+        vertex: 0,
+        role: tip.role,
+        camera_from_tip: tip.camera_from_tip,
+        camera_from_approach: tip.camera_from_tip,
+        camera_from_retreat: tip.camera_from_tip,
+    };
+    Ok(tips.iter().map(grip).collect())
+}
+
+fn finite(pose: &Isometry3<f64>) -> bool {
+    pose.to_homogeneous().iter().all(|x| x.is_finite())
+}
