@@ -33,6 +33,9 @@ struct Notes {
     found: usize,
     /// Frames of which something was taken out.
     cleaned: usize,
+    /// Jaws closed in each frame of a manipulation, and grips of the plan.
+    closed: Vec<usize>,
+    grips: usize,
     /// Sets the flag in this phase, after so many frames of it.
     interrupts: Option<(Phase, usize, Arc<AtomicBool>)>,
     /// Panics in this phase.
@@ -50,6 +53,8 @@ impl Notes {
             phases: Vec::new(),
             found: 0,
             cleaned: 0,
+            closed: Vec::new(),
+            grips: 0,
             interrupts: None,
             panics: None,
             taken_at: None,
@@ -74,8 +79,13 @@ impl Watcher for Notes {
             Event::Waiting(arm) => self.note(format!("the others wait for arm {arm}")),
             Event::Found => self.found += 1,
             Event::Phase(phase) => self.phases.push(phase),
+            Event::Planned(plan) => self.grips = plan.grips.len(),
             Event::Frame(..) => {
                 let now = self.phases.last().copied();
+                if now == Some(Phase::Manipulate) {
+                    let closed = self.world.closed();
+                    self.closed.push(closed.iter().filter(|c| **c).count());
+                }
                 assert!(
                     self.panics.is_none() || self.panics != now,
                     "as it was told to"
@@ -210,6 +220,11 @@ fn without_faults_a_manipulation_is_made_within_the_limits() {
         );
         assert_eq!(run.manipulations(), 1);
         assert!(run.cell.commands > 100);
+        // All grips hold at first; a supporting one lets go on the way, the lifting ones do not.
+        let closed = &run.notes.closed;
+        assert_eq!(run.notes.grips, arms);
+        assert_eq!(closed.first(), Some(&arms));
+        assert_eq!(closed.last(), Some(&2));
         assert!(run.notes.words.is_empty(), "{:?}", run.notes.words);
         assert!(run.outcome.as_ref().unwrap().troubles.is_empty());
         run.cell_is_left_alone();

@@ -16,7 +16,7 @@
 //! | lift, retract, lower | [`turn_over`], [`TurnOptions`] | `turn_over`, `turn_options`, `motion` |
 //! | opening a hole | [`Action::Stretch`], [`StretchOptions`] | `stretch`, `mouth` |
 //! | to the grips and back home | [`Plan::reach`], [`Plan::withdraw`] | `reach` |
-//! | from where the tips are: put down, give up, go home | [`carry`], [`lower`], [`go_home`] | `way` |
+//! | from where the tips are: put down, give up, go home | [`carry`], [`put_down`], [`lower`], [`go_home`] | `way` |
 //! | workspaces, table, other tools, the moving body | [`Refusal`] | `check`, `body`, `refusal` |
 //! | the best set whose motions can be done | [`plan`], [`plan_set`] | `plan` |
 //! | `v_max = ξ F / max ‖J_i v̂‖`, ramp, slowing down | [`speed_limit`], [`SpeedGovernor`] | `speed` |
@@ -81,4 +81,4 @@ pub use stretch::StretchOptions;
 pub use turn::{Turn, turns};
 pub use turn_options::{Recentre, TurnOptions};
 pub use turn_over::turn_over;
-pub use way::{CarryOptions, Tip, carry, go_home, lower};
+pub use way::{CarryOptions, Tip, carry, go_home, lower, put_down};

@@ -100,6 +100,19 @@ impl ArmPath {
         Some(between(&from.camera_from_tip, &to.camera_from_tip, share))
     }
 
+    /// The pose at `time`, now, and the key frames to which `moved` gives a time after that.
+    fn part(&self, time: f64, moved: &dyn Fn(f64) -> Option<f64>) -> Vec<Keyframe> {
+        let now = self.at(time).map(|camera_from_tip| Keyframe {
+            time: 0.0,
+            camera_from_tip,
+        });
+        let later = self.keyframes.iter().filter_map(|k| {
+            let time = moved(k.time)?;
+            Some(Keyframe { time, ..*k })
+        });
+        now.into_iter().chain(later).collect()
+    }
+
     /// Largest speed of the tip, m/s.
     pub fn peak_speed(&self) -> f64 {
         let speed = |w: &[Keyframe]| {
@@ -142,6 +155,55 @@ impl Motion {
             return 0.0;
         }
         rate.clamp(0.0, 1.0)
+    }
+
+    /// What is left of the motion after `time`.
+    #[must_use]
+    pub fn onward(&self, time: f64) -> Self {
+        let time = time.clamp(0.0, self.duration);
+        let left = |path: &ArmPath| ArmPath {
+            keyframes: path.part(time, &|k| (k > time).then_some(k - time)),
+            release: (path.release - time).max(0.0),
+            ..path.clone()
+        };
+        let leg = |l: &Leg| Leg {
+            until: l.until - time,
+            ..*l
+        };
+        Self {
+            arms: self.arms.iter().map(left).collect(),
+            duration: self.duration - time,
+            legs: self
+                .legs
+                .iter()
+                .filter(|l| l.until >= time)
+                .map(leg)
+                .collect(),
+        }
+    }
+
+    /// Back from where the arms are at `time` to where the motion began, as fast as it came; jaws open at the end.
+    #[must_use]
+    pub fn back(&self, time: f64) -> Self {
+        let time = time.clamp(0.0, self.duration);
+        let returned = |path: &ArmPath| {
+            let mut keyframes = path.part(time, &|k| (k < time).then_some(time - k));
+            keyframes.sort_by(|a, b| a.time.total_cmp(&b.time));
+            ArmPath {
+                keyframes,
+                release: time,
+                ..path.clone()
+            }
+        };
+        let leg = Leg {
+            stage: Stage::Lower,
+            until: time,
+        };
+        Self {
+            arms: self.arms.iter().map(returned).collect(),
+            duration: time,
+            legs: vec![leg],
+        }
     }
 
     /// What the arms are doing at `time`.

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! carry      here ─► goal                  holding; the body goes with the tips
-//! lower      here ─► release height        the same, straight down: what is done when a motion is given up
+//! put_down   here ─► start or end          along a motion that is given up: back while it lifts, on while it lowers
+//! lower      here ─► release height        straight down: the same where the motion does not help
 //! go_home    here ─► retreat ─► home       empty; straight, over, or one arm after the other
 //! ```
 //!
@@ -136,6 +137,46 @@ pub fn carry(
     };
     Surroundings::new(scene, &obstacle).check(&motion, &carried)?;
     Ok(motion)
+}
+
+/// The way down along a motion that is given up at `time`: back to where it began while it lifts or pulls, on to its end while it lowers or eases. What was
+/// lifted lies then as it lay, or as it was to lie. A supporting arm that has let go by then is left out: it stays where it is.
+///
+/// # Errors
+/// An arm that stays is in the way of the others; input that is not usable.
+///
+/// # Complexity
+/// Linear in the number of way points.
+pub fn put_down(scene: &Scene, motion: &Motion, time: f64) -> Result<Motion, Refusal> {
+    scene.check()?;
+    not_negative("time", time)?;
+    if let Some(path) = motion.arms.iter().find(|p| p.arm >= scene.arms.len()) {
+        let (arm, what) = (path.arm, "its number: there is no such arm");
+        return Err(Error::BadArm { arm, what }.into());
+    }
+    let mut down = match motion.stage_at(time) {
+        Stage::Lower | Stage::Ease | Stage::Withdraw => motion.onward(time),
+        Stage::Reach | Stage::Lift | Stage::Pull | Stage::Hold => motion.back(time),
+    };
+    let stays = |arm: usize| {
+        let of = motion.arms.iter().find(|p| p.arm == arm);
+        of.is_some_and(|p| p.role == Role::Support && p.release <= time)
+    };
+    for path in down.arms.iter_mut().filter(|p| stays(p.arm)) {
+        let here = path.keyframes.first().map(|k| k.camera_from_tip);
+        for key in &mut path.keyframes {
+            key.camera_from_tip = here.unwrap_or(key.camera_from_tip);
+        }
+    }
+    let obstacle = Body::new(&[], scene.tool_radius());
+    let carried = Carried::Turned {
+        axis: scene.table.normal,
+        angles: &[0.0],
+        leaving: 0.0,
+    };
+    Surroundings::new(scene, &obstacle).check(&down, &carried)?;
+    down.arms.retain(|p| !stays(p.arm));
+    Ok(down)
 }
 
 /// Straight down from where the holding tips are, all by as much as brings the lowest to the release height; the body is not looked at: it hangs

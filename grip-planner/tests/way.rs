@@ -6,7 +6,7 @@ mod fixture;
 use grip_planner::nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use grip_planner::{
     CarryOptions, Error, Motion, ReachOptions, Refusal, Role, Scene, Stage, Tip, carry, go_home,
-    lower,
+    lower, put_down,
 };
 use proptest::prelude::*;
 
@@ -185,4 +185,53 @@ fn input_that_cannot_be_used_is_named() {
     ));
     // Nothing to move is no motion.
     assert!(lower(&scene, &[], &options).unwrap().arms.is_empty());
+}
+
+/// A motion that is given up goes back while it lifts and on while it lowers; the two halves are the motion.
+#[test]
+fn a_motion_that_is_given_up_is_put_down_along_itself() {
+    let body = fixture::usual(1500);
+    let arms = fixture::arms(3);
+    let scene = fixture::scene(&arms);
+    let options = grip_planner::PlanOptions::default();
+    let action = grip_planner::Action::TurnOver;
+    let plan = grip_planner::plan(&body.model(), &scene, action, &options).unwrap();
+    let motion = &plan.motion;
+    let quarter = motion.legs[0].until;
+    for share in [0.0, 0.1, 0.35, 0.5, 0.8, 1.0] {
+        let time = share * motion.duration;
+        let down = put_down(&scene, motion, time).unwrap();
+        let lifts = time <= quarter;
+        let end = if lifts { 0.0 } else { motion.duration };
+        for path in &down.arms {
+            let whole = motion.arms.iter().find(|p| p.arm == path.arm).unwrap();
+            let same = |a: Isometry3<f64>, b: Isometry3<f64>| {
+                (a.translation.vector - b.translation.vector).norm() < 1e-9
+                    && a.rotation.angle_to(&b.rotation) < 1e-6
+            };
+            assert!(same(path.at(0.0).unwrap(), whole.at(time).unwrap()));
+            assert!(same(
+                path.at(down.duration).unwrap(),
+                whole.at(end).unwrap()
+            ));
+            for k in 0..=20 {
+                let t = down.duration * f64::from(k) / 20.0;
+                let on = if lifts { time - t } else { time + t };
+                assert!(
+                    same(path.at(t).unwrap(), whole.at(on).unwrap()),
+                    "{share} {k}"
+                );
+            }
+        }
+        // An arm that has let go is left where it is.
+        let gone = motion
+            .arms
+            .iter()
+            .filter(|p| p.role == Role::Support && p.release <= time);
+        assert_eq!(down.arms.len(), motion.arms.len() - gone.count());
+    }
+    assert!(matches!(
+        put_down(&scene, motion, f64::NAN),
+        Err(Refusal::Input(_))
+    ));
 }

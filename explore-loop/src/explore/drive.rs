@@ -17,7 +17,7 @@ use super::{Event, Explorer, Followed, FrameFault, Halt, Manipulation, Mode, Tro
 use crate::plan;
 use grip_planner::{
     CarryOptions, GovernorOptions, Motion, ReachOptions, Refusal, Role, SpeedGovernor, Tip, carry,
-    go_home, lower,
+    go_home, lower, put_down,
 };
 use nalgebra::Isometry3;
 
@@ -118,6 +118,9 @@ impl Explorer<'_> {
             self.drive
                 .advance(motion, [progress.time, ahead], &self.closed, &self.arms);
         progress.time = time;
+        if let Some((_, followed)) = &mut self.under_way {
+            *followed = time;
+        }
         if until - time < 1e-9 {
             progress.time = until;
         }
@@ -302,16 +305,28 @@ impl Explorer<'_> {
         }
     }
 
-    /// Puts down what the jaws hold, straight down from here, opens them and lets the body come to rest.
+    /// Puts down what the jaws hold, opens them and lets the body come to rest: along the motion under way, back while it lifts and on while it
+    /// lowers; straight down from here where there is none, or the arms are not on it.
     pub(super) fn lower_from_here(&mut self) -> Followed {
+        let under_way = self.under_way.take();
         let held: Vec<usize> = (0..self.closed.len()).filter(|&a| self.closed[a]).collect();
         if held.is_empty() {
             return Ok(());
         }
         let (tips, options) = (self.tips(&held), self.carrying(0.5));
-        let motion = self
-            .with_scene(|scene| lower(scene, &tips, &options))
-            .map_err(no_way)?;
+        let on_it = |(motion, time): &(Motion, f64)| {
+            held.iter().all(|&arm| {
+                let path = motion.arms.iter().find(|p| p.arm == arm);
+                let pose = path.and_then(|p| p.at(*time));
+                pose.is_some_and(|p| apart(&p, &self.arms[arm].camera_from_tip) <= self.options.lag)
+            })
+        };
+        let along = under_way.filter(on_it);
+        let motion = self.with_scene(|scene| {
+            let along = along.and_then(|(motion, time)| put_down(scene, &motion, time).ok());
+            along.map_or_else(|| lower(scene, &tips, &options), Ok)
+        });
+        let motion = motion.map_err(no_way)?;
         self.follow(&motion, Care::PutDown, options.speed)?;
         self.settle()?;
         self.open_all()?;

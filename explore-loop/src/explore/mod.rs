@@ -26,7 +26,7 @@
 //! | what ends a manipulation | the arms | the jaws |
 //! |---|---|---|
 //! | all went well | set down, withdraw, home | open on the table |
-//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, lower straight from where they are, home | open when lowered |
+//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, go down from where they are (back along the lift, or on along the lowering; else straight down), home | open when lowered |
 //! | an error or a panic in a stage, a planner or a watcher | the same, without asking the stages | open when lowered |
 //! | an arm that refuses, does not arrive, or is nowhere; no free way down | stop | stay as they are |
 //! | the cell fails | asked to stop | stay as they are |
@@ -39,7 +39,7 @@ use crate::cell::{ArmState, Cell, CellError, Observation};
 use crate::plan::{NoPlan, PlanInput, Planner};
 use crate::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use drive::Care;
-use grip_planner::{Plan, Role};
+use grip_planner::{Motion, Plan, Role};
 use guard::Guard;
 use nalgebra::Point3;
 use set_point::Drive;
@@ -181,6 +181,8 @@ pub struct Explorer<'a> {
     arms: Vec<ArmState>,
     /// The jaws that were closed on something.
     closed: Vec<bool>,
+    /// The motion that is followed with the jaws closed, and how far it has been followed, seconds.
+    under_way: Option<(Motion, f64)>,
     /// The last frame that could be used.
     latest: Option<Observation>,
     /// Frames in a row for which the arms had to be stopped.
@@ -293,6 +295,7 @@ impl<'a> Explorer<'a> {
             options,
             reconstructor: Box::new(reconstructor),
             latest: None,
+            under_way: None,
             bad_frames: 0,
             lost: false,
             manipulations: 0,
@@ -519,7 +522,9 @@ impl<'a> Explorer<'a> {
     fn manipulate(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
         self.enter(Phase::Manipulate)?;
         let plan = &manipulation.plan;
+        self.under_way = Some((plan.motion.clone(), 0.0));
         self.follow(&plan.motion, Care::Holding, plan.speed_limit)?;
+        self.under_way = None;
         self.misses = 0;
         Ok(State::Lower(manipulation))
     }
