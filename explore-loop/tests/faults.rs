@@ -137,6 +137,7 @@ impl Run {
             explorer = explorer.interrupt(flag);
         }
         let outcome = explorer.run();
+        drop(explorer);
         Self {
             outcome,
             notes,

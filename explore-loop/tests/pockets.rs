@@ -89,6 +89,7 @@ impl Body {
             cut: [0; 3],
             non_manifold: 0,
             simplices: [0; 4],
+            thinned: 0,
             surface: None,
         };
         Self {
