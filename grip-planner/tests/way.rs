@@ -64,7 +64,7 @@ proptest! {
         for path in &motion.arms {
             let end = path.at(motion.duration).unwrap();
             prop_assert!((end.translation.vector - arms[path.arm].home.translation.vector).norm() < 1e-9);
-            prop_assert_eq!(path.release, 0.0);
+            prop_assert!(path.release.abs() < 1e-12);
         }
         prop_assert_eq!(motion.stage_at(0.0), Stage::Withdraw);
     }
