@@ -256,9 +256,11 @@ impl SessionWriter {
         done.map_err(|source| {
             // Dropping it would try to write again, which panics after some failures.
             std::mem::forget(self.mcap.take());
-            Error::Write {
-                path: self.path.clone(),
-                source,
+            let path = self.path.clone();
+            match source {
+                // What the system said, a full disk for example.
+                mcap::McapError::Io(source) => Error::Io { path, source },
+                source => Error::Write { path, source },
             }
         })
     }
