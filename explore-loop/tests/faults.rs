@@ -16,6 +16,7 @@ use explore_loop::cell::Cell;
 use explore_loop::cell::faults::{Begin, Fault, FaultKind, FaultyCell};
 use explore_loop::explore::{Event, ExploreOptions, Explorer, FrameFault, Outcome, Phase, Watcher};
 use explore_loop::plan::CoveragePlanner;
+use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use proptest::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -111,6 +112,14 @@ fn options() -> ExploreOptions {
     options
 }
 
+/// The rigid body of the fake cell goes with tips that are led as for a soft one, and they do not say that they are held back: the pull of the
+/// grips means nothing here.
+fn reconstructor() -> Reconstructor {
+    let mut options = ReconstructOptions::new(SPACING);
+    options.limits.pull = f64::INFINITY;
+    Reconstructor::new(options).unwrap()
+}
+
 struct Run {
     outcome: Result<Outcome, Error>,
     notes: Notes,
@@ -132,7 +141,13 @@ impl Run {
         );
         let mut planner = CoveragePlanner::default();
         let flag = notes.interrupts.as_ref().map(|i| Arc::clone(&i.2));
-        let mut explorer = Explorer::new(&mut cell, &mut planner, &mut notes, options).unwrap();
+        let mut explorer = Explorer::with_reconstructor(
+            &mut cell,
+            &mut planner,
+            &mut notes,
+            options,
+            reconstructor(),
+        );
         if let Some(flag) = flag {
             explorer = explorer.interrupt(flag);
         }
@@ -592,7 +607,13 @@ fn a_panic_in_a_stage_leaves_no_arm_holding() {
         let mut cell = Recorder::new(world.clone(), world.clone(), options.limits);
         let mut planner = CoveragePlanner::default();
         let caught = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-            let mut explorer = Explorer::new(&mut cell, &mut planner, &mut notes, options).unwrap();
+            let mut explorer = Explorer::with_reconstructor(
+                &mut cell,
+                &mut planner,
+                &mut notes,
+                options,
+                reconstructor(),
+            );
             explorer.run().is_ok()
         }));
         assert!(caught.is_err(), "the panic goes on");
@@ -622,9 +643,14 @@ fn an_error_of_a_stage_leaves_no_arm_holding() {
     let options = options();
     let mut cell = Recorder::new(world.clone(), world.clone(), options.limits);
     let mut planner = CoveragePlanner::default();
-    let outcome = Explorer::new(&mut cell, &mut planner, &mut watcher, options)
-        .unwrap()
-        .run();
+    let outcome = Explorer::with_reconstructor(
+        &mut cell,
+        &mut planner,
+        &mut watcher,
+        options,
+        reconstructor(),
+    )
+    .run();
     assert!(matches!(outcome, Err(Error::Write { .. })));
     assert!(!world.moving() && !world.closed().contains(&true));
     assert!(cell.worst.iter().all(|w| *w <= 1.0 + 1e-6));

@@ -298,10 +298,14 @@ impl Explorer<'_> {
                 // Where the body hangs is known least below the grips; it gives way.
                 .or_else(|_| carry(&[], scene, &tips, &goals, &options))
         });
-        match motion {
-            Ok(motion) => self.follow(&motion, Care::Holding, options.speed),
-            // The turn itself ends where jaws may open.
-            Err(_) => Ok(()),
+        // The turn itself ends where jaws may open.
+        let Ok(motion) = motion else { return Ok(()) };
+        match self.follow(&motion, Care::Holding, options.speed) {
+            // A firm body on the table holds the tips back: it is down.
+            Err(Halt::Trouble(trouble)) if matches!(*trouble, Trouble::NotArriving { .. }) => {
+                self.halt()
+            }
+            followed => followed,
         }
     }
 

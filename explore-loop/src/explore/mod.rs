@@ -523,10 +523,24 @@ impl<'a> Explorer<'a> {
         self.enter(Phase::Manipulate)?;
         let plan = &manipulation.plan;
         self.under_way = Some((plan.motion.clone(), 0.0));
-        self.follow(&plan.motion, Care::Holding, plan.speed_limit)?;
+        match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
+            // A firm body that is being lowered holds the tips back when it is on the table: it is down.
+            Err(Halt::Trouble(trouble))
+                if matches!(*trouble, Trouble::NotArriving { .. }) && self.lowers() =>
+            {
+                self.halt()?;
+            }
+            followed => followed?,
+        }
         self.under_way = None;
         self.misses = 0;
         Ok(State::Lower(manipulation))
+    }
+
+    /// Whether the motion under way is past its middle, where lifting ends.
+    fn lowers(&self) -> bool {
+        let past = |(motion, time): &(grip_planner::Motion, f64)| *time > 0.5 * motion.duration;
+        self.under_way.as_ref().is_some_and(past)
     }
 
     fn lower(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
