@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 
 /// Random grips on the boundary: what planning the grips is worth is measured against them.
 ///
-/// Everything but the choice is that of [`CoveragePlanner`]: the candidates are vertices that an arm can take hold of (on the boundary, or
+/// Everything but the choice is that of [`CoveragePlanner`](super::CoveragePlanner): the candidates are vertices that an arm can take hold of (on the boundary, or
 /// on the visible outline when fewer than two are on the boundary), the arms do not cross, the motion is the same turn with the same
 /// checks, about the side of the box away from the grips that shows most. A third arm holds a random candidate near the pivot.
 #[derive(Debug, Clone)]
