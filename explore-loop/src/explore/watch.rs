@@ -23,6 +23,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub enum Event<'a> {
     /// A phase begins.
     Phase(Phase),
+    /// A frame came, as the cell gave it: what is to be recorded.
+    Observed(&'a Observation),
     /// A frame was processed: what was left of the observation when it was cleaned, and what became of it.
     Frame(&'a Observation, &'a FrameReport),
     /// Something was wrong with a frame.
@@ -74,6 +76,7 @@ impl Explorer<'_> {
             return Err(Trouble::Interrupted.into());
         }
         let observation = self.cell.observe().map_err(refused)?;
+        self.tell(Event::Observed(&observation))?;
         let (model, info) = (self.reconstructor.model(), self.cell.info());
         let judged = self.guard.judge(observation, model, info);
         self.arms.clone_from(&judged.observation.arms);

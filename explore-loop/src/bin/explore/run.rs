@@ -446,13 +446,13 @@ impl Watcher for Recorder<'_> {
         self.stop_if_asked()?;
         match event {
             Event::Phase(phase) => self.bar.set_message(phase_words(phase)),
+            Event::Observed(observation) => self.record(observation)?,
             Event::Frame(observation, report) => {
                 self.so_far.last_stamp = observation.stamp;
                 self.so_far.registration.push(report.registration_ms);
                 self.so_far.frames.push(report.frame_ms);
                 self.so_far.failures += usize::from(report.failure.is_some());
                 self.so_far.constraints.add(&report.constraints);
-                self.record(observation)?;
                 let errors = self.measure(observation, &report.measured, model)?;
                 self.so_far.lines.push_str(&frames::line(
                     observation.stamp,
