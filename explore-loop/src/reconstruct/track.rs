@@ -1,9 +1,7 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
-use super::fill::{self, Columns, Seen};
 use super::keyframe::{Keyframe, Keyframes};
 use super::matching::{Gates, Match, Posed, matches, rows};
-use super::pieces::Pieces;
 use super::view::FrameView;
 use super::{Constraints, ReconstructOptions};
 use crate::Error;
@@ -12,9 +10,15 @@ use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
 use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, Rotation3, UnitVector3};
-use std::collections::BTreeSet;
 use std::sync::Arc;
-use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Foot, Lattice, Limits};
+use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Lattice, Limits};
+
+mod grips;
+mod material;
+
+use grips::Grip;
+pub(crate) use material::Fill;
+use material::filled;
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
 const SEEN: f64 = 0.0025;
@@ -23,23 +27,6 @@ const SEEN_ASIDE: f64 = 1.2;
 const WEIGH_EVERY: u32 = 4;
 /// Cells whose inverse map is tried for a point.
 const CELLS_TRIED: usize = 24;
-/// Most cells' worth of material in a body.
-const MOST_CELLS: f64 = 300.0;
-/// The body is filled anew when it has grown by this many vertices, and by one in so many of them.
-const LEAST_GROWN: usize = 30;
-const SHARE_GROWN: usize = 25;
-/// Fewest vertices a jaw is taken to hold.
-const LEAST_HELD: usize = 4;
-
-/// How the column under each point of the first view is filled.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Fill {
-    /// Stiffness and mass below the surface cells, relative to full ones.
-    pub inner: f64,
-}
-
-/// A jaw that holds the body: places in the material and where they are in the frame of the tip.
-type Grip = Vec<(Embedding, Point3<f64>)>;
 
 /// One hypothesis.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -154,14 +141,6 @@ impl Track {
         self.seen.push(true);
     }
 
-    /// Where a place at rest lies whose material is behind it, against `normal`; a cell is made there if there is none.
-    pub fn embed(&mut self, rest: &Point3<f64>, normal: &UnitVector3<f64>) -> Embedding {
-        embed_beside(self.body.lattice(), rest, normal).unwrap_or_else(|| {
-            let (place, xi) = self.body.lattice().locate(rest);
-            Embedding::new(self.body.ensure(place, fill::LEAST), xi)
-        })
-    }
-
     /// Moves the body to a frame and judges the fit.
     pub fn follow(
         &mut self,
@@ -170,24 +149,9 @@ impl Track {
         options: &ReconstructOptions,
     ) -> Result<(), Error> {
         let grips = self.grips_now(arms);
-        // What was not followed for some frames may have gone as much farther.
-        let frames = (self.missed + 1) as f64;
-        let limits = Limits {
-            motion: options.limits.motion * frames,
-            fall: options.limits.fall * frames,
-            ..options.limits
-        };
-        let falls = grips.is_empty() && (self.is_held() || self.body.is_falling());
-        let (gone, most) = (
-            self.gone(view),
-            if falls { limits.fall } else { limits.motion },
-        );
-        if gone > most {
-            self.refuse(format!(
-                "the surface moved by more than {:.1} mm, at most {:.1} mm can be followed",
-                1e3 * gone,
-                1e3 * most
-            ));
+        let limits = self.limits_now(&options.limits);
+        if let Some(why) = self.gone_too_far(view, &grips, &limits) {
+            self.refuse(why);
             return Ok(());
         }
         let (model, embeddings) = (&self.model, &self.embeddings);
@@ -239,17 +203,51 @@ impl Track {
         self.judge(&found, view, options.spacing);
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
         self.still = if rests { self.still + 1 } else { 0 };
+        self.weigh(&grips);
+        self.frame += 1;
+        Ok(())
+    }
+
+    /// Looks at the weight, now and then and where the frame fits.
+    fn weigh(&mut self, grips: &[(Embedding, Point3<f64>)]) {
         if self.frame.is_multiple_of(WEIGH_EVERY) && self.share > 0.6 && self.residual < 0.002 {
             let seen: Vec<(Embedding, UnitVector3<f64>)> = (0..self.model.len())
                 .filter(|&i| self.seen[i])
                 .map(|i| (self.embeddings[i], self.model.live_normal(i)))
                 .collect();
-            let frame = BodyFrame::new(&grips, &self.embeddings);
+            let frame = BodyFrame::new(grips, &self.embeddings);
             // A look that cannot be weighed says nothing of the weight; the frame stands.
             let _unweighed = self.body.weigh(&frame, &seen);
         }
-        self.frame += 1;
-        Ok(())
+    }
+
+    /// What is believed of this frame: what was not followed for some frames may have gone as much farther.
+    fn limits_now(&self, limits: &Limits) -> Limits {
+        let frames = (self.missed + 1) as f64;
+        Limits {
+            motion: limits.motion * frames,
+            fall: limits.fall * frames,
+            ..*limits
+        }
+    }
+
+    /// Says so when the cloud shows more motion than is believed.
+    fn gone_too_far(
+        &self,
+        view: &FrameView,
+        grips: &[(Embedding, Point3<f64>)],
+        limits: &Limits,
+    ) -> Option<String> {
+        let falls = grips.is_empty() && (self.is_held() || self.body.is_falling());
+        let most = if falls { limits.fall } else { limits.motion };
+        let gone = self.gone(view);
+        (gone > most).then(|| {
+            format!(
+                "the surface moved by more than {:.1} mm, at most {:.1} mm can be followed",
+                1e3 * gone,
+                1e3 * most
+            )
+        })
     }
 
     /// A lower bound on how far the seen surface moved, metres: 95 % of what was measured last has a point of the cloud this near, or 95 % of
@@ -322,62 +320,6 @@ impl Track {
         self.residual < 0.0012 && self.share > 0.75
     }
 
-    /// Held places and where the tips have carried them.
-    pub fn grips_now(&self, arms: &[ArmState]) -> Vec<(Embedding, Point3<f64>)> {
-        let mut held = Vec::new();
-        for (arm, grip) in arms.iter().zip(&self.grips) {
-            if let Some(grip) = grip.as_ref().filter(|_| arm.holding) {
-                held.extend(
-                    grip.iter()
-                        .map(|(at, place)| (*at, arm.camera_from_tip * place)),
-                );
-            }
-        }
-        held
-    }
-
-    /// Notes which arms hold what, for the next frame.
-    pub fn take_grips(&mut self, arms: &[ArmState], radius: f64) {
-        self.grips.resize_with(arms.len(), || None);
-        for (k, arm) in arms.iter().enumerate() {
-            let finite = arm
-                .camera_from_tip
-                .to_homogeneous()
-                .iter()
-                .all(|x| x.is_finite());
-            if !arm.holding {
-                self.grips[k] = None;
-            } else if !finite {
-                // Taken as soon as the arm says where it is.
-            } else if self.grips[k].is_none() {
-                let tip = Point3::from(arm.camera_from_tip.translation.vector);
-                let mut near: Vec<(f64, usize)> = self
-                    .model
-                    .live
-                    .iter()
-                    .enumerate()
-                    .map(|(i, p)| ((p - tip).norm(), i))
-                    .collect();
-                near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-                let within = near.iter().filter(|n| n.0 < radius).count();
-                let tip_from_camera = arm.camera_from_tip.inverse();
-                let grip = near[..within.max(LEAST_HELD).min(near.len())]
-                    .iter()
-                    .map(|&(_, i)| (self.embeddings[i], tip_from_camera * self.model.live[i]))
-                    .collect();
-                self.grips[k] = Some(grip);
-            }
-        }
-    }
-
-    /// Whether an arm has just taken hold: its grip is not known yet.
-    pub fn takes_hold(&self, arms: &[ArmState]) -> bool {
-        let unknown = |k: usize| self.grips.get(k).is_none_or(Option::is_none);
-        arms.iter()
-            .enumerate()
-            .any(|(k, a)| a.holding && unknown(k))
-    }
-
     /// Frames in which the body was held, so that grips, table and weight alone predicted it.
     pub fn held_frames(&self) -> usize {
         self.innovations.len()
@@ -392,11 +334,6 @@ impl Track {
     /// How far the body has moved while held, metres.
     pub fn carried(&self) -> f64 {
         self.carried
-    }
-
-    /// Whether some arm holds the body, as far as is known.
-    pub fn is_held(&self) -> bool {
-        self.grips.iter().any(Option::is_some)
     }
 
     /// Number of the next frame.
@@ -457,74 +394,6 @@ fn mean_residual(found: &[Match]) -> f64 {
     sum / found.len().max(1) as f64
 }
 
-/// Cells under the first view, filled as far as material is taken to be in them, and where they stand.
-fn filled(
-    view: &FrameView,
-    table: &Plane,
-    options: &ReconstructOptions,
-    fill: Fill,
-) -> Result<(Lattice, Vec<Foot>), Error> {
-    let normal = table.normal;
-    let (u, v) = crate::canonical::surface::tangents(&normal);
-    let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
-    let axes = Rotation3::from_matrix_unchecked(matrix);
-    let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
-    let centre = Point3::from(sum / view.points.len().max(1) as f64);
-    let origin = centre - normal.into_inner() * table.height(&centre);
-    let seen = Seen {
-        points: &view.points,
-        normals: &view.normals,
-    };
-    let under = |lattice: &Lattice| Columns::under(seen, Seen::NOTHING, lattice, options.spacing);
-    let mut lattice = Lattice::new(options.cell, origin, axes);
-    let mut columns = under(&lattice);
-    // A large body gets larger cells: the time of a frame grows faster than their number.
-    let crowd = columns.volume() / MOST_CELLS;
-    if crowd > 1.0 {
-        lattice = Lattice::new(options.cell * crowd.cbrt(), origin, axes);
-        columns = under(&lattice);
-    }
-    let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
-    let found = Pieces::new(&columns, &lattice, &surface, fill.inner);
-    lattice.set_pieces(&found.pieces, &found.joined)?;
-    let feet = columns.feet(&lattice);
-    Ok((lattice, feet))
-}
-
-/// How far behind the surface its material is looked for, in cells, and how much nearer material of a neighbouring cell must be than that of a
-/// place's own.
-const BEHIND: f64 = 0.15;
-const NEARER: f64 = 0.15;
-
-/// Where a place of the surface lies, in the material behind it: of the copies of its cell, and of the cells around where the material parts, the one
-/// whose material is nearest.
-fn embed_beside(
-    lattice: &Lattice,
-    rest: &Point3<f64>,
-    normal: &UnitVector3<f64>,
-) -> Option<Embedding> {
-    let (place, xi) = lattice.locate(rest);
-    if !lattice.is_parted(place) {
-        return lattice.cell_at(place).map(|cell| Embedding::new(cell, xi));
-    }
-    let inward = lattice.axes().inverse() * normal.into_inner() * -BEHIND;
-    let mut best: Option<(f64, u32, [f64; 3])> = None;
-    let steps = (0..27).map(|k| [(k + 1) % 3 - 1, (k / 3 + 1) % 3 - 1, (k / 9 + 1) % 3 - 1]);
-    for step in steps {
-        let there = [0, 1, 2].map(|a| place[a] + step[a]);
-        let local = [0, 1, 2].map(|a| xi[a] - f64::from(step[a]));
-        let probe = [0, 1, 2].map(|a| local[a] + inward[a]);
-        for &cell in lattice.copies(there) {
-            let own = if step == [0; 3] { 0.0 } else { NEARER };
-            let gap = lattice.away(cell, &probe) + own;
-            if gap.is_finite() && best.is_none_or(|b| gap < b.0) {
-                best = Some((gap, cell, local));
-            }
-        }
-    }
-    best.map(|(_, cell, local)| Embedding::new(cell, local))
-}
-
 impl Track {
     /// Keeps a frame for re-fusion.
     pub fn keep_keyframe(&mut self, view: Arc<FrameView>, arms: &[ArmState], at_rest: bool) {
@@ -559,87 +428,6 @@ impl Track {
             }
         }
         self.keyframes = keyframes;
-    }
-
-    /// Fills every cell as far as the columns say, parts what is not connected in a cell, and lets the body stand where the columns do.
-    pub fn refill(&mut self, columns: &Columns, inner: f64) {
-        let cells = self.body.lattice().cells();
-        let place = |at: &Embedding| cells[at.cell as usize].place;
-        let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
-        let found = Pieces::new(columns, self.body.lattice(), &surface, inner);
-        self.body.edit(|lattice| {
-            // Pieces are given for every place, and joined only where they touch.
-            let _cells = lattice.set_pieces(&found.pieces, &found.joined);
-        });
-        let feet = columns.feet(self.body.lattice());
-        if !feet.is_empty() {
-            self.body.set_feet(feet);
-        }
-        self.embed_anew();
-    }
-
-    /// Embeds everything in the copies of the cells as they now are.
-    fn embed_anew(&mut self) {
-        let lattice = self.body.lattice();
-        for (i, at) in self.embeddings.iter_mut().enumerate() {
-            let (rest, normal) = (&self.model.rest[i], &self.model.rest_normals[i]);
-            if let Some(there) = embed_beside(lattice, rest, normal) {
-                *at = there;
-            }
-        }
-        let tree = graph::tree(&self.model.rest);
-        let embeddings = &self.embeddings;
-        // What is held was surface of the model; it stays with the vertex nearest to it.
-        let renew = |grip: &mut Grip| {
-            for (at, _) in grip {
-                let place = lattice.cells()[at.cell as usize].place;
-                if !lattice.is_parted(place) {
-                    continue;
-                }
-                let rest = lattice.rest_at(place, at.xi);
-                let near = tree
-                    .as_ref()
-                    .map(|t| graph::near(t, &rest, f64::INFINITY, 1));
-                if let Some(&(i, _)) = near.as_ref().and_then(|n| n.first()) {
-                    let with = &lattice.cells()[embeddings[i].cell as usize];
-                    let xi = [0, 1, 2].map(|a| f64::from(place[a] - with.place[a]) + at.xi[a]);
-                    *at = Embedding::new(embeddings[i].cell, xi);
-                }
-            }
-        };
-        self.grips.iter_mut().flatten().for_each(renew);
-        self.keyframes
-            .all_mut()
-            .iter_mut()
-            .for_each(|k| renew(&mut k.grips));
-    }
-
-    /// Fills the body anew from what was seen since the first view, once that has grown by enough.
-    pub fn refill_as_seen(&mut self, spacing: f64) {
-        let later: Vec<usize> = (0..self.model.len())
-            .filter(|&i| self.model.born[i] > 0)
-            .collect();
-        let enough = LEAST_GROWN.max(self.model.len() / SHARE_GROWN);
-        if later.len() < self.filled_with + enough {
-            return;
-        }
-        self.filled_with = later.len();
-        let Some(first) = self.keyframes.all().first().map(|k| Arc::clone(&k.view)) else {
-            return;
-        };
-        let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest[i]).collect();
-        let normals: Vec<UnitVector3<f64>> =
-            later.iter().map(|&i| self.model.rest_normals[i]).collect();
-        let first = Seen {
-            points: &first.points,
-            normals: &first.normals,
-        };
-        let later = Seen {
-            points: &points,
-            normals: &normals,
-        };
-        let columns = Columns::under(first, later, self.body.lattice(), spacing);
-        self.refill(&columns, self.fill.inner);
     }
 
     /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.

@@ -10,15 +10,12 @@
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that it never forgets the
 //! rest shape: what drags surface along itself must strain the body between.
 //!
-//! ```text
-//! table       height(x(e)) = 0                  variance contact_sigma², for points that are below it
-//! friction    along the table x(e) = x_before(e)   weight min(w, μ N / ‖slip‖),  N = depth / contact_sigma²: Coulomb's bound
-//!             w = 1/stick_sigma² for a foot, a quarter of it for a point of the surface (there are more of them)
-//! ```
+//! What touches the table is in `touch`, the look at the weight in `weigh`, what is known how well in `certainty`.
+//!
 //! The projection takes away how far points are pressed into the table, and with it what the table bears. The next frame therefore starts its
 //! steps (not its prior) where the last one was before its projection.
 
-use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::elastic::{Acting, Elastic, Solved};
 use super::frame::{BodyFrame, BodyReport, Limits, Progress};
@@ -27,10 +24,15 @@ use super::options::BodyOptions;
 use super::pose::Pose;
 use super::project::{DEPTH, FEASIBLE, Half, deepest, project, shift};
 use super::row::{BodyInequality, Row, check_unit};
-use super::variance::{BodyObservability, covariances};
 use super::weight::{Foot, WeightEstimate, loads};
 use crate::observation::Plane;
 use crate::{Error, Status};
+
+mod certainty;
+mod touch;
+mod weigh;
+
+use touch::tangents;
 
 /// Mean move of a frame below which the body counts as idle: the next frame makes one step, m.
 const IDLE: f64 = 3e-4;
@@ -39,12 +41,6 @@ const IDLE: f64 = 3e-4;
 const TOUCHING: f64 = 1e-9;
 /// How much wider the motion is after a release.
 const RELEASED: f64 = 3.0;
-/// Steps of the poses that [`BodyFilter::weigh`] compares, and how freely their nodes move, m.
-const WEIGH_STEPS: usize = 5;
-const WEIGH_SIGMA: f64 = 0.05;
-/// Share of the present weight in the second of them.
-const LIGHTER: f64 = 0.6;
-
 /// A soft body followed by its volume: an elastic lattice from rest, pushed by what is seen, held and touched.
 ///
 /// See the [module](crate::body) for an example.
@@ -123,6 +119,7 @@ impl BodyFilter {
     pub fn check_read(&self) -> Result<(), Error> {
         self.options.check()?;
         self.lattice.check()?;
+        self.lattice.check_read()?;
         let (nodes, cells) = (self.lattice.rest().len(), self.lattice.cells().len());
         let state = &self.state;
         for (what, found, expected) in [
@@ -629,204 +626,6 @@ impl BodyFilter {
     fn cell_weight(&self) -> f64 {
         self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
     }
-
-    /// Contact and friction of the surface and of the feet.
-    fn touch(&self, setting: &Setting<'_>, pose: &Pose, rows: &mut Vec<Row>) {
-        let stick = self.options.stick_sigma.powi(-2);
-        for at in setting.frame.surface {
-            self.touch_one(at, pose, setting.before, 0.25 * stick, rows);
-        }
-        for foot in &self.feet {
-            self.touch_one(&foot.at, pose, setting.before, stick, rows);
-        }
-    }
-
-    fn touch_one(
-        &self,
-        at: &Embedding,
-        pose: &Pose,
-        before: &[Point3<f64>],
-        stick: f64,
-        rows: &mut Vec<Row>,
-    ) {
-        let normal = self.table.normal;
-        let here = pose.position(&self.lattice, at);
-        let height = self.table.height(&here);
-        let contact = self.options.contact_sigma.powi(-2);
-        if height < 0.0 {
-            let target = here - normal.into_inner() * height;
-            rows.push(Row::along(*at, target, normal, contact));
-        }
-        let was = self.lattice.warp(before, at);
-        if self.table.height(&was) < self.options.touch {
-            let slip = here - was;
-            let along = slip - normal.into_inner() * normal.dot(&slip);
-            let bound = self.options.friction * contact * (-height).max(0.0);
-            let weight = if bound.is_finite() {
-                stick.min(bound / along.norm().max(1e-5))
-            } else {
-                stick
-            };
-            if weight > 0.0 {
-                for direction in tangents(&normal) {
-                    rows.push(Row::along(*at, was, direction, weight));
-                }
-            }
-        }
-    }
-
-    /// Compares the pose with two that grips, table and weight alone produce, at the present weight and at 0.6 of it, and moves the
-    /// estimate of the weight over stiffness to where the mean sag of the seen points vanishes. `seen`: points that the last frame measured, and
-    /// their live normals. Without grips or seen points nothing happens.
-    ///
-    /// # Errors
-    /// As [`Self::step`]; the estimate is then as before.
-    ///
-    /// # Complexity
-    /// Ten factorisations.
-    pub fn weigh(
-        &mut self,
-        frame: &BodyFrame<'_>,
-        seen: &[(Embedding, UnitVector3<f64>)],
-    ) -> Result<(), Error> {
-        self.check(frame)?;
-        for (index, (at, normal)) in seen.iter().enumerate() {
-            self.lattice.check_embedding("seen point", index, at)?;
-            check_unit("length of normal of seen point", index, normal)?;
-        }
-        if seen.is_empty() || frame.grips.is_empty() {
-            return Ok(());
-        }
-        let (mut elastic, kept) = self.take_elastic()?;
-        let looked = self.look_at_sag(&mut elastic, frame, seen);
-        self.give_back(elastic, kept);
-        let look = looked?;
-        self.weight.weigh(look.constant, look.slope, look.sigma);
-        Ok(())
-    }
-
-    fn look_at_sag(
-        &self,
-        elastic: &mut Elastic,
-        frame: &BodyFrame<'_>,
-        seen: &[(Embedding, UnitVector3<f64>)],
-    ) -> Result<Look, Error> {
-        let fitted = &self.state.pose;
-        let setting = Setting {
-            frame,
-            before: &fitted.live,
-            expected: &fitted.live,
-            expected_weight: WEIGH_SIGMA.powi(-2),
-        };
-        let down = -self.table.normal.into_inner();
-        let present = self.weight.value();
-        let lighter = LIGHTER * present;
-        let share = 1.0 / seen.len() as f64;
-        let (mut sag, mut error) = ([0.0; 2], 0.0);
-        for (k, weight) in [present, lighter].into_iter().enumerate() {
-            let mut pose = fitted.clone();
-            let start = fitted.live.iter().zip(&self.state.raised);
-            pose.live = start.map(|(p, r)| p - r).collect();
-            for _ in 0..WEIGH_STEPS {
-                let stiffness = self.options.stiffness;
-                let (_, solved) =
-                    self.advance_pose(elastic, &setting, &mut pose, vec![], stiffness, weight)?;
-                elastic.recycle(solved);
-            }
-            for (at, normal) in seen {
-                let fit = fitted.position(&self.lattice, at);
-                let off = pose.position(&self.lattice, at) - fit;
-                sag[k] += down.dot(&off) * share;
-                if k == 0 {
-                    error += normal.dot(&off).abs() * share;
-                }
-            }
-        }
-        let slope = (sag[0] - sag[1]) / (present - lighter);
-        Ok(Look {
-            constant: sag[0] - slope * present,
-            slope,
-            sigma: (0.002f64.powi(2) + (0.5 * error).powi(2)).sqrt(),
-        })
-    }
-
-    /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and what was expected,
-    /// linearised with the rotations of the cells held. Before the first step, and after pieces were parted or joined: nothing seen yet.
-    ///
-    /// # Errors
-    /// Points in cells that the lattice did not have in the last step.
-    ///
-    /// # Complexity
-    /// Half a solve for each coordinate of the nodes around the points, a few cells at a time.
-    pub fn covariances(&self, points: &[Embedding]) -> Result<Vec<Matrix3<f64>>, Error> {
-        let fresh;
-        let (elastic, solved) = if let Some((elastic, solved)) = &self.last {
-            (elastic, solved)
-        } else {
-            fresh = self.unseen()?;
-            (&fresh.0, &fresh.1)
-        };
-        for (index, at) in points.iter().enumerate() {
-            self.lattice.check_embedding("point", index, at)?;
-            if at.cell as usize >= elastic.cells() {
-                return Err(Error::CellOutOfRange {
-                    what: "point",
-                    index,
-                    cell: at.cell,
-                    cells: elastic.cells(),
-                });
-            }
-        }
-        covariances(elastic, solved, &self.lattice, points)
-    }
-
-    /// Standard deviations of embedded points, m: the root mean of the variances of the three coordinates in [`Self::covariances`].
-    ///
-    /// # Errors
-    /// As [`Self::covariances`].
-    pub fn marginal_sigmas(&self, points: &[Embedding]) -> Result<Vec<f64>, Error> {
-        let covariances = self.covariances(points)?;
-        Ok(covariances
-            .iter()
-            .map(|c| (c.trace() / 3.0).sqrt())
-            .collect())
-    }
-
-    /// Which embedded points are known within `threshold` metres. What nobody saw is held by the elasticity and by where it was expected, so that every
-    /// point has an answer; this says how good the answer is.
-    ///
-    /// # Errors
-    /// As [`Self::covariances`]; a threshold that is not positive.
-    pub fn observability(
-        &self,
-        points: &[Embedding],
-        threshold: f64,
-    ) -> Result<BodyObservability, Error> {
-        if !(threshold > 0.0 && threshold.is_finite()) {
-            return Err(Error::Value {
-                what: "threshold",
-                index: 0,
-                value: threshold,
-                must: "positive and finite",
-            });
-        }
-        let sigmas = self.marginal_sigmas(points)?;
-        Ok(BodyObservability::new(sigmas, threshold))
-    }
-
-    /// Normal equations of the body as it is, nothing seen or held.
-    fn unseen(&self) -> Result<(Elastic, Solved), Error> {
-        let mut elastic = self.new_elastic()?;
-        let acting = Acting {
-            stiffness: self.options.stiffness,
-            rows: &[],
-            expected: &self.state.pose.live,
-            expected_weight: self.options.motion_sigma.powi(-2),
-            forces: &[],
-        };
-        let (solved, _) = elastic.assemble(&self.lattice, &self.state.pose, &acting)?;
-        Ok((elastic, solved))
-    }
 }
 
 /// What to give back if a step fails.
@@ -838,28 +637,10 @@ enum Kept {
     Outgrown(Option<(Elastic, Solved)>),
 }
 
-/// Sag of the seen points `constant + slope · γ`.
-struct Look {
-    constant: f64,
-    slope: f64,
-    sigma: f64,
-}
-
 /// What stays the same over the steps of a frame.
 struct Setting<'a> {
     frame: &'a BodyFrame<'a>,
     before: &'a [Point3<f64>],
     expected: &'a [Point3<f64>],
     expected_weight: f64,
-}
-
-/// Two unit vectors along the plane.
-fn tangents(normal: &UnitVector3<f64>) -> [UnitVector3<f64>; 2] {
-    let axis = if normal.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let u = UnitVector3::new_normalize(normal.cross(&axis));
-    [u, UnitVector3::new_normalize(normal.cross(&u))]
 }

@@ -227,6 +227,11 @@ impl Lattice {
             self.node_at.insert(corner, vec![node]);
             node
         });
+        self.push_cell(place, nodes)
+    }
+
+    /// One more full cell at a place, on given nodes.
+    pub(super) fn push_cell(&mut self, place: [i32; 3], nodes: [u32; 8]) -> u32 {
         let cell = self.cells.len() as u32;
         self.cells.push(Cell {
             nodes,
@@ -235,7 +240,7 @@ impl Lattice {
             mass: 1.0,
             occupancy: None,
         });
-        self.cell_at.insert(place, vec![cell]);
+        self.cell_at.entry(place).or_default().push(cell);
         self.parted.push(self.is_parted(place));
         cell
     }
@@ -309,6 +314,52 @@ impl Lattice {
             });
         }
         Ok(())
+    }
+
+    /// Refuses a lattice that was read and whose cells, nodes and places do not fit together.
+    #[cfg(feature = "serde")]
+    pub(crate) fn check_read(&self) -> Result<(), Error> {
+        let (nodes, cells) = (self.rest.len(), self.cells.len());
+        for (what, found, expected) in [
+            ("parents of nodes", self.parents.len(), nodes),
+            ("parted cells", self.parted.len(), cells),
+            (
+                "cells at places",
+                self.cell_at.values().map(Vec::len).sum(),
+                cells,
+            ),
+        ] {
+            if found != expected {
+                return Err(Error::Length {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let refused = |what, index: usize, must| {
+            Err(Error::Value {
+                what,
+                index,
+                value: index as f64,
+                must,
+            })
+        };
+        let corners = self.cells.iter().flat_map(|c| c.nodes);
+        let mut at = corners.chain(self.node_at.values().flatten().copied());
+        if let Some(node) = at.find(|&n| n as usize >= nodes) {
+            return refused("node of a cell", node as usize, "a node that there is");
+        }
+        let mut placed = self.cell_at.values().flatten();
+        if let Some(&cell) = placed.find(|&&c| c as usize >= cells) {
+            return refused("cell at a place", cell as usize, "a cell that there is");
+        }
+        // A node is parted from an earlier one, so that poses can be extended in order.
+        let mut parents = self.parents.iter().enumerate();
+        match parents.find(|(node, parent)| parent.is_some_and(|p| p as usize >= *node)) {
+            Some((node, _)) => refused("parted node", node, "later than the one it parted from"),
+            None => Ok(()),
+        }
     }
 
     /// Refuses a lattice that a body cannot have.

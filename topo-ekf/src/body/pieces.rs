@@ -58,7 +58,7 @@ impl Lattice {
             }
         }
         let assigned = self.assign(pieces, &at);
-        let classes = self.classes(pieces.len(), joined, &assigned);
+        let classes = self.classes(joined, &assigned);
         self.rewire(pieces, &assigned, &classes);
         Ok(assigned.of_piece)
     }
@@ -103,21 +103,11 @@ impl Lattice {
     /// One more cell at a place; it stands on the nodes of `from` until it is rewired.
     fn copy_cell(&mut self, place: [i32; 3], from: Option<u32>) -> u32 {
         let nodes = from.map_or([u32::MAX; 8], |c| self.cells[c as usize].nodes);
-        let cell = self.cells.len() as u32;
-        self.cells.push(Cell {
-            nodes,
-            place,
-            stiffness: 1.0,
-            mass: 1.0,
-            occupancy: None,
-        });
-        self.cell_at.entry(place).or_default().push(cell);
-        cell
+        self.push_cell(place, nodes)
     }
 
     /// Classes of corners: the root of corner `k` of cell `c` stands at `8 c + k`.
-    fn classes(&self, count: usize, joined: &[[usize; 2]], assigned: &Assigned) -> Vec<usize> {
-        debug_assert_eq!(count, assigned.of_piece.len());
+    fn classes(&self, joined: &[[usize; 2]], assigned: &Assigned) -> Vec<usize> {
         let mut roots = Roots((0..8 * self.cells.len()).collect());
         for pair in joined {
             let [a, b] = pair.map(|p| assigned.of_piece[p] as usize);

@@ -5,6 +5,7 @@
 //! failed; 2 the command line is wrong. Errors are one line on standard error.
 
 mod output;
+mod recorder;
 mod replay;
 mod run;
 mod tables;

@@ -26,6 +26,38 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     } else {
         indicatif::ProgressBar::new(cell.remaining() as u64)
     };
+    let log = watch(args, &out, &mut cell, &mut reconstructor, &mut truth, &bar)?;
+    bar.finish_and_clear();
+    reconstructor.consolidate(&cell.info().table);
+    let topology = topology::analyse(reconstructor.model(), spacing)?;
+    let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
+    out.frames(&log.lines)?;
+    out.mesh(&mesh)?;
+    if let Some(truth) = &truth {
+        out.truth(truth.measurer.rest())?;
+    }
+    let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
+    let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
+    out.metrics(&metrics)?;
+    if !args.quiet {
+        print(&metrics, log.failures)?;
+        if let Some(obstacle) = topology.obstacle() {
+            table(&[("not closed", obstacle.to_string())])?;
+        }
+    }
+    Ok(true)
+}
+
+/// Takes frame after frame, to the end of the recording or as far as was asked for.
+fn watch(
+    args: &ReplayArgs,
+    out: &OutputFolder,
+    cell: &mut ReplayCell,
+    reconstructor: &mut Reconstructor,
+    truth: &mut Option<Truth>,
+    bar: &indicatif::ProgressBar,
+) -> Result<Log, Failure> {
+    let spacing = args.spacing * 1e-3;
     let mut log = Log::default();
     loop {
         let observation = match cell.observe() {
@@ -46,8 +78,8 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         log.last_stamp = observation.stamp;
         log.failures += usize::from(report.failure.is_some());
         log.constraints.add(&report.constraints);
-        let errors = match &mut truth {
-            Some(truth) => truth.frame(&observation, &reconstructor, &report.measured)?,
+        let errors = match truth {
+            Some(truth) => truth.frame(&observation, reconstructor, &report.measured)?,
             None => Vec::new(),
         };
         log.lines.push_str(&frames::line(
@@ -74,25 +106,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         bar.set_message(format!("{} vertices", reconstructor.model().len()));
         bar.inc(1);
     }
-    bar.finish_and_clear();
-    reconstructor.consolidate(&cell.info().table);
-    let topology = topology::analyse(reconstructor.model(), spacing)?;
-    let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
-    out.frames(&log.lines)?;
-    out.mesh(&mesh)?;
-    if let Some(truth) = &truth {
-        out.truth(truth.measurer.rest())?;
-    }
-    let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
-    let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
-    out.metrics(&metrics)?;
-    if !args.quiet {
-        print(&metrics, log.failures)?;
-        if let Some(obstacle) = topology.obstacle() {
-            table(&[("not closed", obstacle.to_string())])?;
-        }
-    }
-    Ok(true)
+    Ok(log)
 }
 
 #[derive(Default)]

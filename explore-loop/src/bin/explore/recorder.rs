@@ -1,0 +1,449 @@
+//! Follows a run: progress on the terminal, the session file, the measures, and what is left in the folder to go on from.
+
+use crate::output::{FinalMesh, OutputFolder, mm};
+use crate::{Failure, Grips, RunArgs};
+use dvrk_io::session::SessionWriter;
+use explore_loop::Error;
+use explore_loop::canonical::CanonicalModel;
+use explore_loop::canonical::topology::Topology;
+use explore_loop::cell::sim::{Command, Journal, SimCell, SimOptions, Truth};
+use explore_loop::cell::{Cell, Observation};
+use explore_loop::checkpoint;
+use explore_loop::explore::{Event, Outcome, Phase, SavedState, Watcher};
+use explore_loop::measure::{Measurer, MeasurerState, ShapeMeasures, TrueSurface};
+use explore_loop::report::frames;
+use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use grip_planner::Plan;
+use serde::{Deserialize, Serialize};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+/// What a run leaves in its folder to go on from.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Saved {
+    /// The options that decide how the run goes.
+    run: String,
+    commands: Vec<Command>,
+    /// Nothing before the first manipulation is over.
+    explorer: Option<SavedState>,
+    recorder: SoFar,
+}
+
+/// Name of the checkpoint in the folder of a run.
+const CHECKPOINT: &str = "checkpoint.bin";
+
+impl Saved {
+    pub fn new(args: &RunArgs) -> Result<Self, Failure> {
+        let mesh = args.mesh.as_ref().map(std::fs::read).transpose()?;
+        let object = match &mesh {
+            Some(bytes) => format!(
+                "--mesh of {} bytes ({:08x})",
+                bytes.len(),
+                crc32fast::hash(bytes)
+            ),
+            None => format!("--scene {}", args.scene),
+        };
+        Ok(Self {
+            run: format!(
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",
+                args.arms,
+                args.grips,
+                args.seed,
+                args.speed,
+                args.spacing,
+                args.noise,
+                args.max_manipulations
+            )
+            .to_lowercase(),
+            commands: Vec::new(),
+            explorer: None,
+            recorder: SoFar::default(),
+        })
+    }
+
+    pub fn read(out: &OutputFolder, args: &RunArgs) -> Result<Self, Failure> {
+        let saved: Self = checkpoint::read(&out.file(CHECKPOINT))?;
+        let expected = Self::new(args)?.run;
+        if saved.run != expected {
+            let path = out.file(CHECKPOINT);
+            let (path, run) = (path.display(), &saved.run);
+            return Err(format!("{path}: the run there has {run}, not {expected}").into());
+        }
+        Ok(saved)
+    }
+}
+
+/// What was recorded and measured so far.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct SoFar {
+    measurer: Option<MeasurerState>,
+    registration: Vec<f64>,
+    frames: Vec<f64>,
+    failures: usize,
+    constraints: ConstraintMeasures,
+    shapes: Vec<ShapeMeasures>,
+    last_stamp: f64,
+    pub lines: String,
+    pub model: CanonicalModel,
+    pub manipulations: usize,
+    /// Time that went by before, seconds.
+    wall: f64,
+}
+
+/// Watches a run: progress on the terminal, the session file, the measures.
+pub(crate) struct Recorder<'a> {
+    args: &'a RunArgs,
+    out: &'a OutputFolder,
+    session: Option<dvrk_io::session::SessionWriter>,
+    arm_names: Vec<String>,
+    journal: Journal,
+    truth: Truth,
+    pub measurer: Option<Measurer>,
+    bar: indicatif::ProgressBar,
+    started: Instant,
+    interrupted: Arc<AtomicBool>,
+    pub so_far: SoFar,
+}
+
+impl<'a> Recorder<'a> {
+    pub fn new(
+        args: &'a RunArgs,
+        out: &'a OutputFolder,
+        cell: &SimCell,
+        truth: Truth,
+    ) -> Result<Self, Failure> {
+        let info = cell.info();
+        // A run that goes on keeps the old recording until the new one has caught up with it.
+        let mut session = SessionWriter::create(out.file(if args.resume {
+            "session.mcap.part"
+        } else {
+            "session.mcap"
+        }))?;
+        session.table(0.0, &info.table.normal, info.table.offset)?;
+        let bar = if args.quiet {
+            indicatif::ProgressBar::hidden()
+        } else {
+            indicatif::ProgressBar::no_length()
+        };
+        bar.set_style(indicatif::ProgressStyle::with_template(
+            "{spinner} {elapsed} {msg}",
+        )?);
+        let interrupted = Arc::new(AtomicBool::new(false));
+        for signal in [SIGINT, SIGTERM] {
+            // The second one ends the program at once.
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&interrupted))?;
+            signal_hook::flag::register(signal, Arc::clone(&interrupted))?;
+        }
+        Ok(Self {
+            args,
+            out,
+            session: Some(session),
+            arm_names: info.arms.iter().map(|a| a.name.clone()).collect(),
+            journal: cell.journal(),
+            truth,
+            measurer: None,
+            bar,
+            started: Instant::now(),
+            interrupted,
+            so_far: SoFar::default(),
+        })
+    }
+
+    /// Brings the cell, the recording and the measures to where they were saved, and says what the explorer knew.
+    pub fn resume(
+        &mut self,
+        saved: Saved,
+        cell: &mut SimCell,
+    ) -> Result<Option<SavedState>, Failure> {
+        self.bar.set_message("catching up");
+        cell.repeat(&saved.commands, |observation| {
+            self.bar.tick();
+            self.stop_if_asked()?;
+            self.record(&observation)
+        })?;
+        self.so_far = saved.recorder;
+        if let Some(gathered) = self.so_far.measurer.take() {
+            let mut measurer = Measurer::new(self.true_surface(self.truth.rest().vertices))?;
+            measurer.restore(gathered)?;
+            self.measurer = Some(measurer);
+        }
+        if self.args.resume {
+            let (from, to) = ("session.mcap.part", self.out.file("session.mcap"));
+            std::fs::rename(self.out.file(from), &to)
+                .map_err(|source| Error::Write { path: to, source })?;
+        }
+        self.save(saved.explorer.as_ref())?;
+        Ok(saved.explorer)
+    }
+
+    /// Writes the checkpoint.
+    fn save(&self, explorer: Option<&SavedState>) -> Result<(), Error> {
+        let saved = Saved {
+            run: Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
+            commands: self.journal.commands(),
+            explorer: explorer.cloned(),
+            recorder: SoFar {
+                measurer: self.measurer.as_ref().map(Measurer::save),
+                wall: self.wall(),
+                ..self.so_far.clone()
+            },
+        };
+        checkpoint::write(&self.out.file(CHECKPOINT), &saved)
+    }
+
+    fn wall(&self) -> f64 {
+        self.so_far.wall + self.started.elapsed().as_secs_f64()
+    }
+
+    fn stop_if_asked(&self) -> Result<(), Error> {
+        if self.interrupted.load(Ordering::Relaxed) {
+            return Err(Error::Interrupted);
+        }
+        Ok(())
+    }
+
+    /// A line of progress: above the bar on a terminal, plainly where there is none.
+    fn say(&self, line: &str) {
+        if self.args.quiet {
+            return;
+        }
+        if self.bar.is_hidden() {
+            eprintln!("{line}");
+        } else {
+            self.bar.println(line);
+        }
+    }
+
+    fn true_surface(&self, vertices: Vec<explore_loop::nalgebra::Point3<f64>>) -> TrueSurface {
+        let triangles = self
+            .truth
+            .triangles()
+            .iter()
+            .map(|t| t.map(|i| i as u32))
+            .collect();
+        TrueSurface {
+            vertices,
+            triangles,
+        }
+    }
+
+    /// Compares with the truth, which only this recorder holds.
+    fn measure(
+        &mut self,
+        observation: &Observation,
+        measured: &[bool],
+        model: &CanonicalModel,
+    ) -> Result<Vec<f64>, Error> {
+        if self.measurer.is_none() {
+            self.measurer = Some(Measurer::new(
+                self.true_surface(self.truth.rest().vertices),
+            )?);
+        }
+        let now = self.true_surface(self.truth.live());
+        let held = observation.arms.iter().any(|arm| arm.holding);
+        match &mut self.measurer {
+            Some(measurer) => Ok(measurer.frame(model, measured, held, &now)?),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    fn record(&mut self, observation: &Observation) -> Result<(), Error> {
+        let Some(session) = &mut self.session else {
+            return Ok(());
+        };
+        session.points(observation.stamp, &observation.points)?;
+        for (name, arm) in self.arm_names.iter().zip(&observation.arms) {
+            session.pose(observation.stamp, name, &arm.camera_from_tip)?;
+            session.jaw(observation.stamp, name, arm.jaw)?;
+        }
+        session.truth(observation.stamp, &self.truth.live())?;
+        Ok(())
+    }
+
+    fn topology(&mut self, topology: &Topology, model: &CanonicalModel) -> Result<(), Error> {
+        let spacing = self.args.spacing * 1e-3;
+        let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
+        self.so_far.shapes.push(shape.unwrap_or_default());
+        self.say(&format!(
+            "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
+            self.so_far.last_stamp,
+            self.so_far.shapes.len() - 1,
+            100.0 * shape.unwrap_or_default().explored,
+            topology.betti,
+            topology.persistent,
+            100.0 * topology.boundary_share(),
+            100.0 * topology.missing,
+            100.0 * topology.bare,
+            100.0 * topology.strays,
+            model.len(),
+            shape.map_or_else(|| "unknown".into(), |s| mm(s.difference)),
+            self.so_far.failures,
+        ));
+        if self.args.pictures {
+            let k = self.so_far.shapes.len() - 1;
+            let mesh = FinalMesh::of(model, topology, spacing);
+            self.out.surface_picture(&format!("rest_{k}.png"), &mesh)?;
+            self.out
+                .live_picture(&format!("live_{k}.png"), model, spacing)?;
+        }
+        Ok(())
+    }
+
+    /// Closes the session file; what was recorded stays readable whatever happened before.
+    pub fn finish(mut self) -> Result<Self, Failure> {
+        self.bar.finish_and_clear();
+        if let Some(session) = self.session.take() {
+            session.finish()?;
+        }
+        Ok(self)
+    }
+
+    /// What can be said of a run that an error has ended.
+    pub fn failure(&self, args: &RunArgs, options: &SimOptions, error: &Error) -> Metrics {
+        Metrics {
+            scene: options.scene.name().to_owned(),
+            arms: options.arms,
+            seed: args.seed,
+            spacing_m: args.spacing * 1e-3,
+            stop: "error".into(),
+            reason: Some(error.to_string()),
+            frames: self.so_far.frames.len(),
+            vertices: self.so_far.model.len(),
+            robot_time_s: self.so_far.last_stamp,
+            ..Metrics::default()
+        }
+    }
+
+    pub fn metrics(
+        &self,
+        args: &RunArgs,
+        options: &SimOptions,
+        outcome: &Outcome,
+        mesh: &FinalMesh,
+    ) -> Result<Metrics, Failure> {
+        let spacing = args.spacing * 1e-3;
+        let measurer = self.measurer.as_ref();
+        let shape = measurer.map(|m| m.shape(&self.so_far.model, spacing));
+        let measures = mesh.measure(
+            &self.so_far.model.rest,
+            spacing,
+            measurer.map(Measurer::surface),
+        )?;
+        let metrics = Metrics {
+            scene: options.scene.name().to_owned(),
+            arms: options.arms,
+            grips: match args.grips {
+                Grips::Planned => "planned",
+                Grips::Random => "random",
+            }
+            .into(),
+            seed: args.seed,
+            speed_m_s: Some(args.speed * 1e-3),
+            spacing_m: spacing,
+            manipulations: outcome.manipulations,
+            stop: outcome.stop.word().into(),
+            reason: outcome.stop.reason(),
+            troubles: outcome.troubles.iter().map(ToString::to_string).collect(),
+            betti: outcome.topology.persistent,
+            nm_cut: Cut::of(outcome.topology.cut),
+            nm_remaining: outcome.topology.non_manifold,
+            thinned: outcome.topology.thinned,
+            frames: self.so_far.frames.len(),
+            failed_frames: self.so_far.failures,
+            constraints: self.so_far.constraints,
+            registration_ms: Timing::of(&self.so_far.registration),
+            frame_ms: Timing::of(&self.so_far.frames),
+            vertices: self.so_far.model.len(),
+            stiffness_over_weight: outcome.stiffness_over_weight,
+            robot_time_s: self.so_far.last_stamp,
+            wall_s: self.wall(),
+            ..Metrics::default()
+        };
+        Ok(metrics
+            .with_shape(&self.so_far.shapes, shape.as_ref())
+            .with_mesh(&measures)
+            .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
+    }
+}
+
+impl Watcher for Recorder<'_> {
+    fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
+        self.stop_if_asked()?;
+        match event {
+            Event::Phase(phase) => self.bar.set_message(phase_words(phase)),
+            Event::Observed(observation) => self.record(observation)?,
+            Event::Frame(observation, report) => {
+                self.so_far.last_stamp = observation.stamp;
+                self.so_far.registration.push(report.registration_ms);
+                self.so_far.frames.push(report.frame_ms);
+                self.so_far.failures += usize::from(report.failure.is_some());
+                self.so_far.constraints.add(&report.constraints);
+                let errors = self.measure(observation, &report.measured, model)?;
+                self.so_far.lines.push_str(&frames::line(
+                    observation.stamp,
+                    report,
+                    model,
+                    &errors,
+                ));
+                self.bar.tick();
+            }
+            Event::Topology(topology) => {
+                self.topology(topology, model)?;
+                self.so_far.model = model.clone();
+            }
+            Event::Missed(arm) => self.say(&format!("arm {arm} closed on nothing")),
+            Event::Planned(plan) => self.say(&format!("        {}", words(plan))),
+            Event::Fault(fault) => self.say(&format!("{:5.1} s  {fault}", self.so_far.last_stamp)),
+            Event::Trouble(trouble) => self.say(&format!(
+                "{:5.1} s  {trouble}: the arms are stopped",
+                self.so_far.last_stamp
+            )),
+            Event::Found => self.say("        the body was found again"),
+            Event::Manipulated(count) => self.so_far.manipulations = count,
+            Event::State(state) => self.save(Some(state))?,
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn wants_state(&self) -> bool {
+        true
+    }
+}
+
+/// A plan in a line.
+fn words(plan: &Plan) -> String {
+    let arms: Vec<String> = plan
+        .grips
+        .iter()
+        .map(|g| format!("arm {} at vertex {}", g.arm, g.vertex))
+        .collect();
+    let action = match (plan.turn.is_some(), plan.across.is_some()) {
+        (true, true) => "turn over and stretch",
+        (false, _) => "stretch",
+        (true, false) => "turn over",
+    };
+    format!(
+        "{action}: {}; coverage {:.2}, score {:.2}, at most {:.0} mm/s, {:.1} s",
+        arms.join(", "),
+        plan.coverage,
+        plan.score,
+        1e3 * plan.speed_limit,
+        plan.motion.duration
+    )
+}
+
+fn phase_words(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Home => "arms go home",
+        Phase::Look => "looking",
+        Phase::Decide => "topology and plan",
+        Phase::Reach => "reaching for the grips",
+        Phase::Grasp => "closing the jaws",
+        Phase::Manipulate => "lifting and turning",
+        Phase::Lower => "lowering",
+        Phase::Release => "letting go",
+    }
+}

@@ -1,0 +1,192 @@
+//! The material that carries the surface: filled from the first view, again from what came into view since, and from the closed surface; and where in
+//! it a place of the surface lies.
+//!
+//! ```text
+//! cell of a place      its own; where material parts: the copy whose material is nearest to a point a little behind the surface
+//! ```
+
+use super::Track;
+use super::grips::Grip;
+use crate::Error;
+use crate::canonical::graph;
+use crate::cell::Plane;
+use crate::reconstruct::ReconstructOptions;
+use crate::reconstruct::fill::{self, Columns, Seen};
+use crate::reconstruct::pieces::Pieces;
+use crate::reconstruct::view::FrameView;
+use nalgebra::{Point3, Rotation3, UnitVector3};
+use std::collections::BTreeSet;
+use std::sync::Arc;
+use topo_ekf::body::{Embedding, Foot, Lattice};
+
+/// Most cells' worth of material in a body.
+const MOST_CELLS: f64 = 300.0;
+/// The body is filled anew when it has grown by this many vertices, and by one in so many of them.
+const LEAST_GROWN: usize = 30;
+const SHARE_GROWN: usize = 25;
+
+/// How the column under each point of the first view is filled.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Fill {
+    /// Stiffness and mass below the surface cells, relative to full ones.
+    pub inner: f64,
+}
+
+/// Cells under the first view, filled as far as material is taken to be in them, and where they stand.
+pub(super) fn filled(
+    view: &FrameView,
+    table: &Plane,
+    options: &ReconstructOptions,
+    fill: Fill,
+) -> Result<(Lattice, Vec<Foot>), Error> {
+    let normal = table.normal;
+    let (u, v) = crate::canonical::surface::tangents(&normal);
+    let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
+    let axes = Rotation3::from_matrix_unchecked(matrix);
+    let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
+    let centre = Point3::from(sum / view.points.len().max(1) as f64);
+    let origin = centre - normal.into_inner() * table.height(&centre);
+    let seen = Seen {
+        points: &view.points,
+        normals: &view.normals,
+    };
+    let under = |lattice: &Lattice| Columns::under(seen, Seen::NOTHING, lattice, options.spacing);
+    let mut lattice = Lattice::new(options.cell, origin, axes);
+    let mut columns = under(&lattice);
+    // A large body gets larger cells: the time of a frame grows faster than their number.
+    let crowd = columns.volume() / MOST_CELLS;
+    if crowd > 1.0 {
+        lattice = Lattice::new(options.cell * crowd.cbrt(), origin, axes);
+        columns = under(&lattice);
+    }
+    let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
+    let found = Pieces::new(&columns, &lattice, &surface, fill.inner);
+    lattice.set_pieces(&found.pieces, &found.joined)?;
+    let feet = columns.feet(&lattice);
+    Ok((lattice, feet))
+}
+
+/// How far behind the surface its material is looked for, in cells, and how much nearer material of a neighbouring cell must be than that of a
+/// place's own.
+const BEHIND: f64 = 0.15;
+const NEARER: f64 = 0.15;
+
+/// Where a place of the surface lies, in the material behind it: of the copies of its cell, and of the cells around where the material parts, the one
+/// whose material is nearest.
+fn embed_beside(
+    lattice: &Lattice,
+    rest: &Point3<f64>,
+    normal: &UnitVector3<f64>,
+) -> Option<Embedding> {
+    let (place, xi) = lattice.locate(rest);
+    if !lattice.is_parted(place) {
+        return lattice.cell_at(place).map(|cell| Embedding::new(cell, xi));
+    }
+    let inward = lattice.axes().inverse() * normal.into_inner() * -BEHIND;
+    let mut best: Option<(f64, u32, [f64; 3])> = None;
+    let steps = (0..27).map(|k| [(k + 1) % 3 - 1, (k / 3 + 1) % 3 - 1, (k / 9 + 1) % 3 - 1]);
+    for step in steps {
+        let there = [0, 1, 2].map(|a| place[a] + step[a]);
+        let local = [0, 1, 2].map(|a| xi[a] - f64::from(step[a]));
+        let probe = [0, 1, 2].map(|a| local[a] + inward[a]);
+        for &cell in lattice.copies(there) {
+            let own = if step == [0; 3] { 0.0 } else { NEARER };
+            let gap = lattice.away(cell, &probe) + own;
+            if gap.is_finite() && best.is_none_or(|b| gap < b.0) {
+                best = Some((gap, cell, local));
+            }
+        }
+    }
+    best.map(|(_, cell, local)| Embedding::new(cell, local))
+}
+
+impl Track {
+    /// Where a place at rest lies whose material is behind it, against `normal`; a cell is made there if there is none.
+    pub fn embed(&mut self, rest: &Point3<f64>, normal: &UnitVector3<f64>) -> Embedding {
+        embed_beside(self.body.lattice(), rest, normal).unwrap_or_else(|| {
+            let (place, xi) = self.body.lattice().locate(rest);
+            Embedding::new(self.body.ensure(place, fill::LEAST), xi)
+        })
+    }
+
+    /// Fills every cell as far as the columns say, parts what is not connected in a cell, and lets the body stand where the columns do.
+    pub fn refill(&mut self, columns: &Columns, inner: f64) {
+        let cells = self.body.lattice().cells();
+        let place = |at: &Embedding| cells[at.cell as usize].place;
+        let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
+        let found = Pieces::new(columns, self.body.lattice(), &surface, inner);
+        self.body.edit(|lattice| {
+            // Pieces are given for every place, and joined only where they touch.
+            let _cells = lattice.set_pieces(&found.pieces, &found.joined);
+        });
+        let feet = columns.feet(self.body.lattice());
+        if !feet.is_empty() {
+            self.body.set_feet(feet);
+        }
+        self.embed_anew();
+    }
+
+    /// Embeds everything in the copies of the cells as they now are.
+    fn embed_anew(&mut self) {
+        let lattice = self.body.lattice();
+        for (i, at) in self.embeddings.iter_mut().enumerate() {
+            let (rest, normal) = (&self.model.rest[i], &self.model.rest_normals[i]);
+            if let Some(there) = embed_beside(lattice, rest, normal) {
+                *at = there;
+            }
+        }
+        let tree = graph::tree(&self.model.rest);
+        let embeddings = &self.embeddings;
+        // What is held was surface of the model; it stays with the vertex nearest to it.
+        let renew = |grip: &mut Grip| {
+            for (at, _) in grip {
+                let place = lattice.cells()[at.cell as usize].place;
+                if !lattice.is_parted(place) {
+                    continue;
+                }
+                let rest = lattice.rest_at(place, at.xi);
+                let near = tree
+                    .as_ref()
+                    .map(|t| graph::near(t, &rest, f64::INFINITY, 1));
+                if let Some(&(i, _)) = near.as_ref().and_then(|n| n.first()) {
+                    let with = &lattice.cells()[embeddings[i].cell as usize];
+                    let xi = [0, 1, 2].map(|a| f64::from(place[a] - with.place[a]) + at.xi[a]);
+                    *at = Embedding::new(embeddings[i].cell, xi);
+                }
+            }
+        };
+        self.grips.iter_mut().flatten().for_each(renew);
+        self.keyframes
+            .all_mut()
+            .iter_mut()
+            .for_each(|k| renew(&mut k.grips));
+    }
+
+    /// Fills the body anew from what was seen since the first view, once that has grown by enough.
+    pub fn refill_as_seen(&mut self, spacing: f64) {
+        let later: Vec<usize> = (0..self.model.len())
+            .filter(|&i| self.model.born[i] > 0)
+            .collect();
+        let enough = LEAST_GROWN.max(self.model.len() / SHARE_GROWN);
+        if later.len() < self.filled_with + enough {
+            return;
+        }
+        self.filled_with = later.len();
+        let Some(first) = self.keyframes.all().first().map(|k| Arc::clone(&k.view)) else {
+            return;
+        };
+        let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest[i]).collect();
+        let normals: Vec<UnitVector3<f64>> =
+            later.iter().map(|&i| self.model.rest_normals[i]).collect();
+        let first = Seen {
+            points: &first.points,
+            normals: &first.normals,
+        };
+        let later = Seen {
+            points: &points,
+            normals: &normals,
+        };
+        let columns = Columns::under(first, later, self.body.lattice(), spacing);
+        self.refill(&columns, self.fill.inner);
+    }
+}

@@ -1,0 +1,89 @@
+//! How well the last step knows the places of embedded points: see `variance` for the algebra.
+
+use nalgebra::Matrix3;
+
+use super::BodyFilter;
+use crate::Error;
+use crate::body::elastic::{Acting, Elastic, Solved};
+use crate::body::lattice::Embedding;
+use crate::body::variance::{BodyObservability, covariances};
+
+impl BodyFilter {
+    /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and what was expected,
+    /// linearised with the rotations of the cells held. Before the first step, and after pieces were parted or joined: nothing seen yet.
+    ///
+    /// # Errors
+    /// Points in cells that the lattice did not have in the last step.
+    ///
+    /// # Complexity
+    /// Half a solve for each coordinate of the nodes around the points, a few cells at a time.
+    pub fn covariances(&self, points: &[Embedding]) -> Result<Vec<Matrix3<f64>>, Error> {
+        let fresh;
+        let (elastic, solved) = if let Some((elastic, solved)) = &self.last {
+            (elastic, solved)
+        } else {
+            fresh = self.unseen()?;
+            (&fresh.0, &fresh.1)
+        };
+        for (index, at) in points.iter().enumerate() {
+            self.lattice.check_embedding("point", index, at)?;
+            if at.cell as usize >= elastic.cells() {
+                return Err(Error::CellOutOfRange {
+                    what: "point",
+                    index,
+                    cell: at.cell,
+                    cells: elastic.cells(),
+                });
+            }
+        }
+        covariances(elastic, solved, &self.lattice, points)
+    }
+
+    /// Standard deviations of embedded points, m: the root mean of the variances of the three coordinates in [`Self::covariances`].
+    ///
+    /// # Errors
+    /// As [`Self::covariances`].
+    pub fn marginal_sigmas(&self, points: &[Embedding]) -> Result<Vec<f64>, Error> {
+        let covariances = self.covariances(points)?;
+        Ok(covariances
+            .iter()
+            .map(|c| (c.trace() / 3.0).sqrt())
+            .collect())
+    }
+
+    /// Which embedded points are known within `threshold` metres. What nobody saw is held by the elasticity and by where it was expected, so that every
+    /// point has an answer; this says how good the answer is.
+    ///
+    /// # Errors
+    /// As [`Self::covariances`]; a threshold that is not positive.
+    pub fn observability(
+        &self,
+        points: &[Embedding],
+        threshold: f64,
+    ) -> Result<BodyObservability, Error> {
+        if !(threshold > 0.0 && threshold.is_finite()) {
+            return Err(Error::Value {
+                what: "threshold",
+                index: 0,
+                value: threshold,
+                must: "positive and finite",
+            });
+        }
+        let sigmas = self.marginal_sigmas(points)?;
+        Ok(BodyObservability::new(sigmas, threshold))
+    }
+
+    /// Normal equations of the body as it is, nothing seen or held.
+    fn unseen(&self) -> Result<(Elastic, Solved), Error> {
+        let mut elastic = self.new_elastic()?;
+        let acting = Acting {
+            stiffness: self.options.stiffness,
+            rows: &[],
+            expected: &self.state.pose.live,
+            expected_weight: self.options.motion_sigma.powi(-2),
+            forces: &[],
+        };
+        let (solved, _) = elastic.assemble(&self.lattice, &self.state.pose, &acting)?;
+        Ok((elastic, solved))
+    }
+}

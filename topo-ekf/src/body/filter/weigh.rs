@@ -1,0 +1,105 @@
+//! Weight over stiffness from how the held body sags.
+//!
+//! ```text
+//! sag(γ) = mean over the seen points of  down · (x_γ(e) − x_fitted(e)),     x_γ: the pose by grips, table and weight γ alone
+//! sag(γ) ≈ a + s γ                                                        from γ and 0.6 γ;  the estimate goes to where it vanishes
+//! ```
+
+use nalgebra::UnitVector3;
+
+use super::{BodyFilter, Setting};
+use crate::Error;
+use crate::body::elastic::Elastic;
+use crate::body::frame::BodyFrame;
+use crate::body::lattice::Embedding;
+use crate::body::row::check_unit;
+
+/// Steps of the poses that [`BodyFilter::weigh`] compares, and how freely their nodes move, m.
+const WEIGH_STEPS: usize = 5;
+const WEIGH_SIGMA: f64 = 0.05;
+/// Share of the present weight in the second of them.
+const LIGHTER: f64 = 0.6;
+
+/// Sag of the seen points `constant + slope · γ`.
+struct Look {
+    constant: f64,
+    slope: f64,
+    sigma: f64,
+}
+
+impl BodyFilter {
+    /// Compares the pose with two that grips, table and weight alone produce, at the present weight and at 0.6 of it, and moves the
+    /// estimate of the weight over stiffness to where the mean sag of the seen points vanishes. `seen`: points that the last frame measured, and
+    /// their live normals. Without grips or seen points nothing happens.
+    ///
+    /// # Errors
+    /// As [`Self::step`]; the estimate is then as before.
+    ///
+    /// # Complexity
+    /// Ten factorisations.
+    pub fn weigh(
+        &mut self,
+        frame: &BodyFrame<'_>,
+        seen: &[(Embedding, UnitVector3<f64>)],
+    ) -> Result<(), Error> {
+        self.check(frame)?;
+        for (index, (at, normal)) in seen.iter().enumerate() {
+            self.lattice.check_embedding("seen point", index, at)?;
+            check_unit("length of normal of seen point", index, normal)?;
+        }
+        if seen.is_empty() || frame.grips.is_empty() {
+            return Ok(());
+        }
+        let (mut elastic, kept) = self.take_elastic()?;
+        let looked = self.look_at_sag(&mut elastic, frame, seen);
+        self.give_back(elastic, kept);
+        let look = looked?;
+        self.weight.weigh(look.constant, look.slope, look.sigma);
+        Ok(())
+    }
+
+    fn look_at_sag(
+        &self,
+        elastic: &mut Elastic,
+        frame: &BodyFrame<'_>,
+        seen: &[(Embedding, UnitVector3<f64>)],
+    ) -> Result<Look, Error> {
+        let fitted = &self.state.pose;
+        let setting = Setting {
+            frame,
+            before: &fitted.live,
+            expected: &fitted.live,
+            expected_weight: WEIGH_SIGMA.powi(-2),
+        };
+        let down = -self.table.normal.into_inner();
+        let present = self.weight.value();
+        let lighter = LIGHTER * present;
+        let share = 1.0 / seen.len() as f64;
+        let (mut sag, mut error) = ([0.0; 2], 0.0);
+        for (k, weight) in [present, lighter].into_iter().enumerate() {
+            let mut pose = fitted.clone();
+            let start = fitted.live.iter().zip(&self.state.raised);
+            pose.live = start.map(|(p, r)| p - r).collect();
+            for _ in 0..WEIGH_STEPS {
+                let stiffness = self.options.stiffness;
+                let (_, solved) =
+                    self.advance_pose(elastic, &setting, &mut pose, vec![], stiffness, weight)?;
+                elastic.recycle(solved);
+            }
+            for (at, normal) in seen {
+                let fit = fitted.position(&self.lattice, at);
+                let off = pose.position(&self.lattice, at) - fit;
+                sag[k] += down.dot(&off) * share;
+                if k == 0 {
+                    error += normal.dot(&off).abs() * share;
+                }
+            }
+        }
+        let slope = (sag[0] - sag[1]) / (present - lighter);
+        Ok(Look {
+            constant: sag[0] - slope * present,
+            slope,
+            sigma: (0.002f64.powi(2) + (0.5 * error).powi(2)).sqrt(),
+        })
+    }
+}
