@@ -76,10 +76,12 @@ impl Explorer<'_> {
             return Err(Trouble::Interrupted.into());
         }
         let observation = self.cell.observe().map_err(refused)?;
-        self.tell(Event::Observed(&observation))?;
+        // Where the arms are is taken in first, whatever a watcher says of the frame: they may have to be seen to.
+        let told = self.tell(Event::Observed(&observation));
         let (model, info) = (self.reconstructor.model(), self.cell.info());
         let judged = self.guard.judge(observation, model, info);
         self.arms.clone_from(&judged.observation.arms);
+        told?;
         if self.mode == Mode::ArmsOnly {
             let unknown = judged.fault.filter(FrameFault::is_of_arms);
             return match unknown {
