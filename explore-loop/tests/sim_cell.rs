@@ -501,9 +501,9 @@ fn options_out_of_range_are_named() {
     assert!(SimCell::new(&bad).is_err());
 }
 
-/// Two arms that pull a body apart end in an error, not in an explosion.
+/// Of two arms that pull a body apart one loses it, and nothing explodes.
 #[test]
-fn pulled_too_hard_it_fails_and_says_so() {
+fn pulled_too_hard_it_slips_out_of_a_jaw() {
     let (mut cell, truth) = cell(&options());
     cell.observe().unwrap();
     let live = truth.live();
@@ -524,21 +524,23 @@ fn pulled_too_hard_it_fails_and_says_so() {
         cell.move_arm(arm, downward(Point3::new(side * 0.35, 0.0, 0.45)), 0.25)
             .unwrap();
     }
-    let error = (0..30).find_map(|_| cell.observe().err()).unwrap();
-    assert!(
-        matches!(&error, CellError::Failed(reason) if reason.contains("stretched")),
-        "{error}"
-    );
-    assert!(
-        matches!(cell.observe(), Err(CellError::Failed(_))),
-        "and it stays failed"
-    );
-    assert!(
-        truth
-            .live()
-            .iter()
-            .all(|p| p.iter().all(|c| c.is_finite() && c.abs() < 2.0))
-    );
+    let before = truth.live();
+    let mut holding = vec![true; 2];
+    for _ in 0..30 {
+        let seen = cell.observe().unwrap();
+        holding = (0..2).map(|arm| seen.arms[arm].holding).collect();
+        assert!((0..2).all(|arm| seen.arms[arm].jaw == 0.0));
+    }
+    assert!(holding.contains(&false), "{holding:?}");
+    let size = |points: &[Point3<f64>]| {
+        let along = |f: fn(f64, f64) -> f64| points.iter().map(|p| p.x).reduce(f).unwrap();
+        along(f64::max) - along(f64::min)
+    };
+    assert!(size(&truth.live()) < 1.5 * size(&before));
+    for arm in 0..2 {
+        // What has slipped out has to be gripped anew, with an open jaw.
+        assert_eq!(cell.close_jaw(arm).is_ok(), holding[arm]);
+    }
 }
 
 #[test]

@@ -33,8 +33,11 @@ const DM: f64 = 10.0;
 /// Thickness of the contact skin, metres: the table lies this much deeper, so that the surface touches it at z = 0.
 const SKIN: f64 = 0.001;
 
-/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke or the tissue tore.
-const MAX_STRETCH: f64 = 3.0;
+/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke.
+const MAX_STRETCH: f64 = 4.0;
+
+/// A jaw holds on until the material between it and the rest of the body is stretched so many times.
+const SLIPS_AT: f64 = 2.7;
 
 /// The surface may lie this far outside the tetrahedra, in lattice cells: half a cell is what flat faces cut off a
 /// curved surface; more is a feature that the lattice missed.
@@ -143,6 +146,23 @@ impl Body {
             .sum()
     }
 
+    /// A pinned node that is torn out of its jaw: the most stretched edge between it and a free one is too long.
+    pub fn slipping(&self, pinned: impl Fn(usize) -> bool) -> Option<usize> {
+        let (edge, _) = self
+            .edges
+            .iter()
+            .filter(|([a, b], _)| pinned(*a) != pinned(*b))
+            .map(|e| (e.0, self.stretch(e)))
+            .filter(|(_, stretch)| *stretch > SLIPS_AT)
+            .max_by(|x, y| x.1.total_cmp(&y.1))?;
+        edge.into_iter().find(|&node| pinned(node))
+    }
+
+    /// Length of an edge over what it is at rest.
+    fn stretch(&self, ([a, b], rest): &([usize; 2], f64)) -> f64 {
+        (self.nodes[*a] - self.nodes[*b]).norm() / rest
+    }
+
     /// What is wrong with the state, if anything.
     pub fn broken(&self) -> Option<String> {
         if let Some(index) = self
@@ -154,17 +174,15 @@ impl Body {
                 "node {index} of the soft body is not finite any more"
             ));
         }
-        let stretch =
-            |&([a, b], rest): &([usize; 2], f64)| (self.nodes[a] - self.nodes[b]).norm() / rest;
         let worst = self
             .edges
             .iter()
-            .map(|e| (e.0, stretch(e)))
+            .map(|e| (e.0, self.stretch(e)))
             .max_by(|x, y| x.1.total_cmp(&y.1))?;
         let at = self.nodes[worst.0[0]];
         (worst.1 > MAX_STRETCH).then(|| {
             format!(
-                "the object is stretched {:.2} times (at most {MAX_STRETCH}) at {:.3} {:.3} {:.3} m on the table: pulled too hard",
+                "the object is stretched {:.2} times (at most {MAX_STRETCH}) at {:.3} {:.3} {:.3} m on the table",
                 worst.1, at.x, at.y, at.z
             )
         })

@@ -159,6 +159,11 @@ impl Gripper {
     /// Opens the jaw and returns the nodes let go.
     pub fn open(&mut self) -> Vec<usize> {
         self.open = true;
+        self.lose()
+    }
+
+    /// What the jaw held has slipped out of it: returns those nodes.
+    pub fn lose(&mut self) -> Vec<usize> {
         self.held.drain(..).map(|(node, _)| node).collect()
     }
 }

@@ -126,6 +126,7 @@ impl SimCell {
                 .map(|(node, p)| (node, world_from_camera * p))
                 .collect();
             self.body.step(&targets);
+            self.slip();
         }
         self.frame += 1;
         if let Some(reason) = self.body.broken() {
@@ -133,6 +134,21 @@ impl SimCell {
             return Err(CellError::Failed(reason));
         }
         Ok(())
+    }
+
+    /// A jaw that pulls too hard loses what it holds, and stays shut.
+    fn slip(&mut self) {
+        let grippers = &self.grippers;
+        let torn = self
+            .body
+            .slipping(|node| grippers.iter().any(|g| g.holds(node)));
+        let Some(gripper) = torn.and_then(|node| self.grippers.iter_mut().find(|g| g.holds(node)))
+        else {
+            return;
+        };
+        for node in gripper.lose() {
+            self.body.pin(node, false);
+        }
     }
 
     fn surface(&self) -> Vec<Point3<f64>> {
@@ -279,8 +295,13 @@ impl Cell for SimCell {
 
     fn close_jaw(&mut self, arm: usize) -> Result<(), CellError> {
         self.journal.add(Command::Close(arm));
-        if self.gripper(arm)?.state().holding {
+        let state = self.gripper(arm)?.state();
+        if state.holding {
             return Ok(());
+        }
+        if state.jaw == 0.0 {
+            // Shut by a grip that slipped: it has to open before it can take anything.
+            return Err(CellError::NothingGrasped { arm });
         }
         let surface = self.surface();
         let (camera_from_world, jaw) = (self.camera_from_world, self.options.jaw);
