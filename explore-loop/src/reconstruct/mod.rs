@@ -147,13 +147,15 @@ const LOST_SHARE: f64 = 0.3;
 
 /// Share of the inside that a hollow body is taken to be filled with.
 const HOLLOW: f64 = 0.02;
-/// Held frames and motion, metres, before one of the hypotheses is chosen, and the motion after which the solid one is kept.
+/// Held frames and motion, metres, that tell the hypotheses apart at the end of a manipulation, and the motion from which they may before it.
 const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
-const DECIDED_MOTION: f64 = 0.15;
-/// Innovation of the hollow one over that of the solid one: chosen below, given up above.
-const CLEARLY: f64 = 0.66;
-const GIVEN_UP: f64 = 1.15;
+const DECIDE_EARLY: f64 = 0.1;
+/// Innovation of the hollow hypothesis over that of the solid one: below the first, the body is hollow. In the middle of a lift it may pass through
+/// 0.6 for a solid body whose shape underneath is not known yet; at the end that gave 0.9 to 2.8 and hollow ones 0.25 to 0.55.
+const HOLLOW_BELOW: f64 = 0.7;
+/// The same where it is clear before the end: hollow below, solid above.
+const CLEARLY: [f64; 2] = [0.4, 1.5];
 
 /// Builds the canonical model frame by frame.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -268,11 +270,16 @@ impl Reconstructor {
     /// Fuses the rest shape anew if the object was handled since that was last done: before a decision, and at the end of a recording. A fusion
     /// that cannot be made leaves the model as it was.
     pub fn consolidate(&mut self, table: &Plane) {
-        if let Some(track) = self.track.as_mut().filter(|_| self.handled) {
-            fuse::refuse(track, table, &self.options);
+        let Some(mut track) = self.track.take() else {
+            return;
+        };
+        if self.handled {
+            self.decide(&mut track, true);
+            fuse::refuse(&mut track, table, &self.options);
             self.fused = true;
             self.handled = track.is_held();
         }
+        self.track = Some(track);
     }
 
     /// Vertices that the camera can see now, judged by the model alone (for planning).
@@ -341,7 +348,7 @@ impl Reconstructor {
             self.rival = None;
         }
         report.added = own?;
-        self.decide(track);
+        self.decide(track, false);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
         report.moved = track.moved;
@@ -359,13 +366,12 @@ impl Reconstructor {
         let rests = track.still == STILL;
         if self.handled && (rests || (takes_hold && self.free)) && track.keyframes.all().len() > 3 {
             let started = Instant::now();
+            self.decide(track, true);
             fuse::refuse(track, table, &self.options);
             report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
             report.fused = true;
             self.fused = true;
             self.handled = false;
-            // What has been turned over and seen from both sides is no hypothesis any more.
-            self.rival = None;
         }
         for hypothesis in std::iter::once(&mut *track).chain(self.rival.as_mut()) {
             hypothesis.take_grips(&observation.arms, self.options.grip_radius);
@@ -376,18 +382,18 @@ impl Reconstructor {
         Ok(())
     }
 
-    /// Once the body was carried far enough, keeps the hypothesis that predicted the frames better from grips, table and weight alone; the
-    /// hollow one has to be clearly better.
-    fn decide(&mut self, track: &mut Track) {
+    /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, before it where one
+    /// is clearly better.
+    fn decide(&mut self, track: &mut Track, end: bool) {
         let Some(rival) = &self.rival else { return };
-        if rival.held_frames() < DECIDE_FRAMES || track.carried() < DECIDE_MOTION {
-            return;
-        }
+        let enough = rival.held_frames() >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
         let ratio = rival.mean_innovation() / track.mean_innovation();
-        let better = ratio < CLEARLY;
-        if !better && ratio < GIVEN_UP && track.carried() < DECIDED_MOTION {
+        let [hollow, solid] = CLEARLY;
+        let early = track.carried() >= DECIDE_EARLY && !(hollow..solid).contains(&ratio);
+        if !(end || enough && early) {
             return;
         }
+        let better = enough && ratio < HOLLOW_BELOW;
         if let Some(rival) = self.rival.take().filter(|_| better) {
             let old = std::mem::replace(track, rival);
             track.renamed_after(&old);
