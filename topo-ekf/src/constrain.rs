@@ -166,7 +166,8 @@ impl Filter {
 
     fn watch(&self, surface: &mut Surface, now: &[Point3<f64>]) -> Vec<Row> {
         let separation = self.options.separation + SPARE;
-        surface.watch(&self.live, now, separation, self.options.contact_reach)
+        let (asked, reach) = (|_, _: &_, _| Some(separation), self.options.contact_reach);
+        surface.watch(&self.live, now, &asked, separation, reach)
     }
 }
 

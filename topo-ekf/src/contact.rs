@@ -70,21 +70,26 @@ impl Surface {
         }
     }
 
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        &self.triangles
+    }
+
     fn adjoins(&self, vertex: u32, triangle: &[u32; 3]) -> bool {
         let near = &self.near[self.starts[vertex as usize]..self.starts[vertex as usize + 1]];
         triangle.iter().any(|k| near.binary_search(k).is_ok())
     }
 
     /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row per vertex, that of the
-    /// deepest pass.
+    /// deepest pass. `asked` says for a vertex, a triangle and the side of it (±1) which separation is asked for, at most `most`.
     pub fn watch(
         &mut self,
         before: &[Point3<f64>],
         now: &[Point3<f64>],
-        separation: f64,
+        asked: &dyn Fn(u32, &[u32; 3], f64) -> Option<f64>,
+        most: f64,
         reach: f64,
     ) -> Vec<Row> {
-        let reach = reach.max(2.0 * separation);
+        let reach = reach.max(2.0 * most);
         let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
         self.refresh(&facets, now, reach);
         self.corners
@@ -98,7 +103,7 @@ impl Surface {
                         let facet = facets[t as usize].as_ref()?;
                         let triangle = &self.triangles[t as usize];
                         let foot = facet.over(p);
-                        self.pair(v, triangle, before, foot, separation, reach)
+                        self.pair(v, triangle, before, foot, asked, reach)
                     })
                     // Lower triangles first would depend on the tree's order: ties are broken by the row itself.
                     .max_by(|(a, r), (b, s)| {
@@ -140,7 +145,7 @@ impl Surface {
         triangle: &[u32; 3],
         before: &[Point3<f64>],
         (height, normal, weights): Foot,
-        separation: f64,
+        asked: &dyn Fn(u32, &[u32; 3], f64) -> Option<f64>,
         reach: f64,
     ) -> Option<(f64, Row)> {
         if height.abs() > reach
@@ -151,6 +156,7 @@ impl Surface {
         }
         let (was, _, _) = Facet::new(triangle, before)?.over(&before[vertex as usize]);
         let side = was.signum();
+        let separation = asked(vertex, triangle, side)?;
         let gap = separation - side * height;
         // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
         (was.abs() > 1e-9 && gap > -separation).then(|| {

@@ -14,10 +14,10 @@ use super::{CanonicalModel, graph};
 use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3};
 
-/// Cylinder radius, in spacings: discs of neighbours overlap well beyond the largest gap a maximal net of the
+/// Cylinder radius, in spacings of the complex: discs of neighbours overlap well beyond the largest gap a maximal net of the
 /// spacing leaves.
 const RADIUS: f64 = 1.45;
-/// Cylinder height, in spacings: the bulge of the surface over a disc, plus what registration left.
+/// Cylinder height, in spacings of the complex: the bulge of the surface over a disc, plus what registration left.
 const HEIGHT: f64 = 2.0;
 /// Classes must live from scale 1 to this one.
 const PERSISTS: f64 = 1.25;
@@ -155,10 +155,10 @@ pub fn analyse_within(
     let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
     let (points, normals) = drawn.as_ref().map_or_else(
         || (model.rest.clone(), model.rest_normals.clone()),
-        |surface| surface.resample(SAMPLE * spacing),
+        |surface| surface.resample(SAMPLE * FINE * spacing),
     );
     let sampled = points.len();
-    let (points, normals, complex) = read(model, points, normals, spacing, most)?;
+    let (points, normals, complex) = read(model, points, normals, FINE * spacing, most)?;
     let thinned = sampled - points.len();
     let (boundary, loops) = complex.on_model(model, &points, &normals, spacing);
     let count = points.len().max(1) as f64;
@@ -248,7 +248,11 @@ fn spread(points: &[Point3<f64>], normals: &[UnitVector3<f64>], apart: f64) -> V
     kept
 }
 
-/// Spacing of the sample that the complex is built on, in spacings.
+/// The complex is built as for points of a spacing so many times finer than that of the model: the surface is known everywhere, and at the model's
+/// own scale the crotch of a thumb is glued.
+const FINE: f64 = 0.6;
+
+/// Spacing of the sample that the complex is built on, in those finer spacings.
 const SAMPLE: f64 = 0.8;
 
 /// Length of the vector area of the supported surface as a share of its area: a lower bound on the share that is missing.

@@ -68,9 +68,11 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOpti
             track.refit_keyframes(options);
         }
         if !refuse_once(track, table, options.spacing) {
-            return;
+            break;
         }
     }
+    track.renew_contact(options.spacing);
+    track.lift_out();
 }
 
 /// One round; false when too little came of it.

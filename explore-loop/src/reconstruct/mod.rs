@@ -121,6 +121,8 @@ pub struct FrameReport {
 pub struct Constraints {
     /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
     pub active: usize,
+    /// Vertices that were near another part of the surface and had to stay on their side of it.
+    pub near_itself: usize,
     /// Whether they contradicted each other; they are then violated as little as possible.
     pub infeasible: bool,
     /// Largest violation left, metres.

@@ -15,10 +15,12 @@ use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Lattice, Limits};
 
 mod grips;
 mod material;
+mod own_contact;
 
 use grips::Grip;
 pub(crate) use material::Fill;
 use material::filled;
+use own_contact::OwnContact;
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
 const SEEN: f64 = 0.0025;
@@ -58,6 +60,7 @@ pub(crate) struct Track {
     innovations: Vec<f64>,
     carried: f64,
     fill: Fill,
+    own_contact: OwnContact,
     /// Vertices beyond the first view when the body was filled last.
     filled_with: usize,
 }
@@ -95,6 +98,7 @@ impl Track {
             innovations: Vec::new(),
             carried: 0.0,
             fill,
+            own_contact: OwnContact::default(),
             filled_with: 0,
         };
         // Poisson-disc thinning keeps the spacing even where the voxel grid does not.
@@ -109,6 +113,7 @@ impl Track {
         }
         track.model.edges = graph::surface_edges(&track.model, options.spacing);
         track.seen = vec![true; track.model.len()];
+        track.renew_contact(options.spacing);
         Ok(track)
     }
 
@@ -123,6 +128,7 @@ impl Track {
         let whole = self.model.is_consistent()
             && self.embeddings.len() == vertices
             && self.seen.len() == vertices
+            && self.own_contact.is_of(vertices)
             && places.all(|at| (at.cell as usize) < cells);
         if whole {
             Ok(())
@@ -154,6 +160,7 @@ impl Track {
             self.refuse(why);
             return Ok(());
         }
+        let contacts = self.own_contacts();
         let (model, embeddings) = (&self.model, &self.embeddings);
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);
@@ -168,7 +175,7 @@ impl Track {
             )
         };
         let mut innovation = None;
-        let frame = BodyFrame::new(&grips, embeddings);
+        let frame = BodyFrame::new(&grips, embeddings).with_inequalities(&contacts);
         let stepped = self.body.step(
             &frame.with_limits(limits),
             &mut |lattice, pose, progress| {
@@ -195,6 +202,7 @@ impl Track {
         self.moved = report.moved;
         self.constraints = Constraints {
             active: report.pushing,
+            near_itself: contacts.len(),
             infeasible: report.status == topo_ekf::Status::Infeasible,
             violation: report.violation[1],
             below_table: 0.0,
@@ -428,6 +436,15 @@ impl Track {
             }
         }
         self.keyframes = keyframes;
+    }
+
+    /// Moves the body as little as it takes until none of its surface, some of which is new to it, is under the table.
+    pub fn lift_out(&mut self) {
+        let frame = BodyFrame::new(&[], &self.embeddings);
+        // What cannot be projected stays; the next frame brings it up or fails.
+        if self.body.project(&frame).is_ok() {
+            self.pose();
+        }
     }
 
     /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.

@@ -5,7 +5,7 @@ use crate::reconstruct::FrameReport;
 use std::fmt::Write;
 
 /// Header of the file.
-pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,active,infeasible,violation_um,below_table_um,registration_ms,frame_ms,failure\n";
+pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,active,near_itself,infeasible,violation_um,below_table_um,registration_ms,frame_ms,failure\n";
 
 /// Mean of the errors of the vertices that `seen` marks (or of the others), in mm; empty when there is none.
 fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
@@ -31,7 +31,7 @@ pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "{},{stamp:.3},{},{},{},{},{:.3},{:.3},{},{},{},{},{:.3},{:.1},{:.2},{:.2},{}",
+        "{},{stamp:.3},{},{},{},{},{:.3},{:.3},{},{},{},{},{},{:.3},{:.1},{:.2},{:.2},{}",
         report.frame,
         model.len(),
         report.measured.iter().filter(|m| **m).count(),
@@ -42,6 +42,7 @@ pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[
         mean_mm(errors, &report.measured, true),
         mean_mm(errors, &report.measured, false),
         report.constraints.active,
+        report.constraints.near_itself,
         report.constraints.infeasible,
         report.constraints.violation * 1e6,
         report.constraints.below_table * 1e6,

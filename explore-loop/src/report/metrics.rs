@@ -61,6 +61,8 @@ pub struct ConstraintMeasures {
     pub active_frames: usize,
     /// Most constraints that pushed in a frame.
     pub active_max: usize,
+    /// Most vertices in a frame that were near another part of the surface.
+    pub near_itself_max: usize,
     /// Frames in which constraints contradicted each other.
     pub infeasible_frames: usize,
     /// Largest violation left after a frame, metres.
@@ -74,6 +76,7 @@ impl ConstraintMeasures {
     pub fn add(&mut self, frame: &Constraints) {
         self.active_frames += usize::from(frame.active > 0);
         self.active_max = self.active_max.max(frame.active);
+        self.near_itself_max = self.near_itself_max.max(frame.near_itself);
         self.infeasible_frames += usize::from(frame.infeasible);
         self.violation_m = self.violation_m.max(frame.violation);
         self.below_table_m = self.below_table_m.max(frame.below_table);

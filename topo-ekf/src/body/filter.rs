@@ -339,6 +339,47 @@ impl BodyFilter {
         outcome.map(|_| fitted.pose)
     }
 
+    /// Moves the body to the nearest pose that keeps the constraints of the frame, in the metric of the elastic energy: after surface was
+    /// given to it that it did not have in the last [`Self::step`]. Nothing else changes: no time passes.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    pub fn project(&mut self, frame: &BodyFrame<'_>) -> Result<BodyReport, Error> {
+        self.check(frame)?;
+        let (mut elastic, kept) = self.take_elastic()?;
+        let before = self.state.clone();
+        let setting = Setting {
+            frame,
+            before: &before.pose.live,
+            expected: &before.pose.live,
+            expected_weight: self.options.motion_sigma.powi(-2),
+        };
+        let mut report = BodyReport::default();
+        let mut projected = |body: &mut Self| {
+            // One step, for its normal equations only.
+            let solved = body.advance(&mut elastic, &setting, Vec::new(), 1.0)?.1;
+            body.state.pose = before.pose.clone();
+            body.constrain(&mut elastic, &solved, frame, &mut report)?;
+            body.state.raised.clone_from(&before.raised);
+            Ok(solved)
+        };
+        match projected(self) {
+            Ok(solved) => {
+                report.solves = 1;
+                let moved = self.state.pose.live.iter().zip(&before.pose.live);
+                let sum: f64 = moved.map(|(now, then)| (now - then).norm()).sum();
+                report.moved = sum / before.pose.live.len() as f64;
+                self.last = Some((elastic, solved));
+                Ok(report)
+            }
+            Err(error) => {
+                self.state = before;
+                self.give_back(elastic, kept);
+                Err(error)
+            }
+        }
+    }
+
     fn check(&self, frame: &BodyFrame<'_>) -> Result<(), Error> {
         for (index, foot) in self.feet.iter().enumerate() {
             foot.check(index, &self.lattice)?;

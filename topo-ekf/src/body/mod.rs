@@ -12,6 +12,7 @@
 //! | `pieces` | copies of a cell for pieces of material that are not connected in it |
 //! | `pose` | live nodes, rotations, forward and inverse map |
 //! | `row` | equations and inequalities on embedded points |
+//! | `self_contact` | inequalities where the surface comes near itself |
 //! | `elastic` | energy, forces, assembly and one Gauss–Newton step |
 //! | `weight` | gravity and the table's lost reaction, estimate of weight over stiffness |
 //! | `frame` | what a frame is given and tells |
@@ -75,6 +76,7 @@ mod project;
 mod row;
 #[cfg(feature = "serde")]
 mod saved;
+mod self_contact;
 mod variance;
 mod weight;
 
@@ -86,5 +88,6 @@ pub use options::BodyOptions;
 pub use pieces::Piece;
 pub use pose::{AtRest, Pose};
 pub use row::{BodyInequality, Row};
+pub use self_contact::SelfContact;
 pub use variance::BodyObservability;
 pub use weight::Foot;

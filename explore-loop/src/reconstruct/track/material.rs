@@ -188,5 +188,6 @@ impl Track {
         };
         let columns = Columns::under(first, later, self.body.lattice(), spacing);
         self.refill(&columns, self.fill.inner);
+        self.renew_contact(spacing);
     }
 }

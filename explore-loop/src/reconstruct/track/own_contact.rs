@@ -1,0 +1,53 @@
+//! Where the surface comes near itself: found anew when the surface has changed, kept apart in every frame.
+
+use super::Track;
+use crate::canonical::surface::triangulate;
+use topo_ekf::body::{BodyInequality, SelfContact};
+
+/// How near two parts of the surface may come to each other, metres.
+const SEPARATION: f64 = 0.0005;
+
+/// The surface as it was looked at last.
+#[derive(Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct OwnContact {
+    triangles: Vec<[u32; 3]>,
+    /// How many vertices there were.
+    vertices: usize,
+    #[serde(skip)]
+    contact: Option<SelfContact>,
+}
+
+impl OwnContact {
+    /// Whether its triangles are of a model with so many vertices.
+    pub fn is_of(&self, vertices: usize) -> bool {
+        let corners = || self.triangles.iter().flatten();
+        self.vertices <= vertices && corners().all(|k| (*k as usize) < self.vertices)
+    }
+}
+
+impl Track {
+    /// Looks at the surface as it is now.
+    pub fn renew_contact(&mut self, spacing: f64) {
+        let model = &self.model;
+        self.own_contact = OwnContact {
+            triangles: triangulate(&model.rest, &model.rest_normals, spacing),
+            vertices: model.len(),
+            contact: None,
+        };
+    }
+
+    /// What keeps the surface from passing through itself in the next frame.
+    pub(super) fn own_contacts(&mut self) -> Vec<BodyInequality> {
+        let own = &mut self.own_contact;
+        if own.triangles.is_empty() {
+            return Vec::new();
+        }
+        if own.contact.is_none() {
+            let rest = &self.model.rest[..own.vertices];
+            own.contact = SelfContact::new(&own.triangles, rest, SEPARATION).ok();
+        }
+        let contact = own.contact.as_mut();
+        let rows = contact.and_then(|c| c.inequalities(&self.model.live, &self.embeddings).ok());
+        rows.unwrap_or_default()
+    }
+}

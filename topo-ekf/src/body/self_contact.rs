@@ -1,0 +1,178 @@
+//! Where the surface of a body comes near itself.
+//!
+//! ```text
+//! n_T · (x(e_v) − Σ_k b_k x(e_k)) ≥ δ      vertex v before triangle T, seen from outside of both: their outer sides face each other
+//! ```
+//!
+//! What faces each other through the inside of a body is kept apart by its material; what faces each other through the air is not, and nothing
+//! else in the elastic energy knows of it. Vertices that lie nearer than `δ` to a triangle at rest, such as those of fingers that touch, need
+//! only stay as far as they are there.
+
+use nalgebra::{Point3, Vector3};
+
+use super::lattice::Embedding;
+use super::row::BodyInequality;
+use crate::Error;
+use crate::contact::Surface;
+use crate::graph::{check_vertex, usable_point};
+
+/// The surface of a body, made ready to be looked over for places where it comes near itself.
+///
+/// ```
+/// use topo_ekf::body::{Embedding, SelfContact};
+/// use topo_ekf::nalgebra::Point3;
+/// # fn main() -> Result<(), topo_ekf::Error> {
+/// // Two triangles of one surface, 30 mm apart at rest, whose outer sides face each other.
+/// let rest = [[0.0, 0.0, 0.0], [0.01, 0.0, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.03], [0.0, 0.01, 0.03], [0.01, 0.0, 0.03]].map(Point3::from);
+/// let places: Vec<Embedding> = (0..6).map(|k| Embedding::new(k, [0.5; 3])).collect();
+/// let mut contact = SelfContact::new(&[[0, 1, 2], [3, 4, 5]], &rest, 0.001)?;
+/// assert!(contact.inequalities(&rest, &places)?.is_empty());
+/// // Folded together, until they are 1.5 mm apart: every corner has to stay before the other triangle.
+/// let live: Vec<Point3<f64>> = rest.iter().map(|p| Point3::new(p.x, p.y, 0.05 * p.z)).collect();
+/// assert_eq!(contact.inequalities(&live, &places)?.len(), 6);
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Debug, Clone)]
+pub struct SelfContact {
+    surface: Surface,
+    rest: Vec<Point3<f64>>,
+    separation: f64,
+}
+
+/// How far from a triangle vertices are watched, in separations: as far as two of them may come near each other in a frame.
+const REACH: f64 = 8.0;
+
+impl SelfContact {
+    /// Triangles, counter-clockwise seen from outside, over vertices at `rest`, which are to stay `separation` metres apart.
+    ///
+    /// # Errors
+    /// A triangle that names a vertex that there is not, a vertex that is not finite, a separation that is not positive.
+    ///
+    /// # Complexity
+    /// About 10 µs a vertex, for which are neighbours along the surface.
+    pub fn new(
+        triangles: &[[u32; 3]],
+        rest: &[Point3<f64>],
+        separation: f64,
+    ) -> Result<Self, Error> {
+        if !(separation > 0.0 && separation <= 1.0) {
+            return Err(Error::Value {
+                what: "separation",
+                index: 0,
+                value: separation,
+                must: "above 0 and at most 1 m",
+            });
+        }
+        check_points("vertex at rest", rest)?;
+        for (index, triangle) in triangles.iter().enumerate() {
+            let corners = triangle.iter();
+            let mut corners = corners.map(|k| check_vertex("triangle", index, *k, rest.len()));
+            corners.try_for_each(|known| known)?;
+        }
+        Ok(Self {
+            surface: Surface::default().renewed(triangles, rest, separation),
+            rest: rest.to_vec(),
+            separation,
+        })
+    }
+
+    /// The triangles.
+    pub fn triangles(&self) -> &[[u32; 3]] {
+        self.surface.triangles()
+    }
+
+    /// Number of vertices.
+    pub fn vertices(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// A row for every vertex that is before another part of the surface now, to be kept in the next frame. `live` is where the vertices are,
+    /// `places` where they lie in the lattice; both may be longer than the vertices known here.
+    ///
+    /// # Errors
+    /// Fewer places or positions than vertices, positions that are not finite.
+    ///
+    /// # Complexity
+    /// `O(n log n)`; about 1 µs a vertex where nothing is near.
+    pub fn inequalities(
+        &mut self,
+        live: &[Point3<f64>],
+        places: &[Embedding],
+    ) -> Result<Vec<BodyInequality>, Error> {
+        let expected = self.rest.len();
+        for (what, found) in [
+            ("positions", live.len()),
+            ("places in the lattice", places.len()),
+        ] {
+            if found < expected {
+                return Err(Error::Length {
+                    what,
+                    found,
+                    expected,
+                });
+            }
+        }
+        let live = &live[..expected];
+        check_points("position", live)?;
+        let normals = vertex_normals(self.triangles(), live);
+        let (rest, separation) = (&self.rest, self.separation);
+        let asked = |v: u32, triangle: &[u32; 3], side: f64| {
+            let [a, b, c] = triangle.map(|k| live[k as usize]);
+            let outward = (b - a).cross(&(c - a));
+            let faces = side > 0.0 && normals[v as usize].dot(&outward) < 0.0;
+            faces.then(|| at_rest(rest, v, triangle).map_or(separation, |h| h.min(separation)))
+        };
+        let rows = self
+            .surface
+            .watch(live, live, &asked, separation, REACH * separation);
+        Ok(rows
+            .into_iter()
+            .map(|row| BodyInequality {
+                terms: row
+                    .terms
+                    .iter()
+                    .map(|(v, a)| (places[*v as usize], *a))
+                    .collect(),
+                bound: row.bound,
+            })
+            .collect())
+    }
+}
+
+fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result<(), Error> {
+    match points.iter().position(|p| !usable_point(p)) {
+        Some(index) => Err(Error::NonFinitePoint {
+            what,
+            index,
+            value: points[index].coords.into(),
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Height of a vertex over a triangle at rest, if it is before it there.
+fn at_rest(rest: &[Point3<f64>], vertex: u32, triangle: &[u32; 3]) -> Option<f64> {
+    let [a, b, c] = triangle.map(|k| rest[k as usize]);
+    let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
+    let p = rest[vertex as usize];
+    let height = normal.dot(&(p - a));
+    // Beside the triangle by more than its size, the height says nothing.
+    let size = (b - a).norm().max((c - a).norm());
+    let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
+    let beside = (p - middle) - normal * height;
+    (beside.norm() < size).then_some(height)
+}
+
+/// Sums of the area vectors around every vertex.
+fn vertex_normals(triangles: &[[u32; 3]], points: &[Point3<f64>]) -> Vec<Vector3<f64>> {
+    let mut normals = vec![Vector3::zeros(); points.len()];
+    for t in triangles {
+        let [a, b, c] = t.map(|k| points[k as usize]);
+        let area = (b - a).cross(&(c - a));
+        for k in t {
+            normals[*k as usize] += area;
+        }
+    }
+    normals
+}
