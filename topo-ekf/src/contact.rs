@@ -23,6 +23,9 @@ use crate::rows::{Key, Row};
 /// a vertex over their common edge is not missed by both.
 const OVERLAP: f64 = 0.1;
 
+/// Which separation is asked for of a vertex and a triangle, by the side of it that the vertex is on (±1), m.
+pub(crate) type Asked<'a> = dyn Fn(u32, &[u32; 3], f64) -> Option<f64> + 'a;
+
 /// The triangles with, for every vertex, the vertices near it along the surface.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
@@ -80,12 +83,12 @@ impl Surface {
     }
 
     /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row per vertex, that of the
-    /// deepest pass. `asked` says for a vertex, a triangle and the side of it (±1) which separation is asked for, at most `most`.
+    /// deepest pass. `asked` is at most `most`.
     pub fn watch(
         &mut self,
         before: &[Point3<f64>],
         now: &[Point3<f64>],
-        asked: &dyn Fn(u32, &[u32; 3], f64) -> Option<f64>,
+        asked: &Asked<'_>,
         most: f64,
         reach: f64,
     ) -> Vec<Row> {
@@ -145,7 +148,7 @@ impl Surface {
         triangle: &[u32; 3],
         before: &[Point3<f64>],
         (height, normal, weights): Foot,
-        asked: &dyn Fn(u32, &[u32; 3], f64) -> Option<f64>,
+        asked: &Asked<'_>,
         reach: f64,
     ) -> Option<(f64, Row)> {
         if height.abs() > reach
