@@ -339,8 +339,10 @@ impl Read {
         let Some(tree) = graph::tree(&model.rest) else {
             return (boundary, Vec::new());
         };
+        // As far from the rim as the discs of a complex of the model's own spacing would reach: what can be gripped there is not one row of vertices.
+        let reach = (1.0 + (1.0 - FINE) * RADIUS) * spacing;
         for i in (0..points.len()).filter(|&i| self.boundary[i]) {
-            for (v, _) in graph::near(&tree, &points[i], spacing, 8) {
+            for (v, _) in graph::near(&tree, &points[i], reach, 24) {
                 boundary[v] |= model.rest_normals[v].dot(&normals[i]) > 0.0;
             }
         }

@@ -153,11 +153,18 @@ fn whole(value: f64) -> String {
     format!("{value:.0}")
 }
 
-const COLUMNS: [Column; 10] = [
+const COLUMNS: [Column; 11] = [
     Column {
         heading: "manipulations",
         key: "manipulations",
         value: |m| Some(m.manipulations as f64),
+        show: whole,
+    },
+    // What was given up under way is no finished manipulation, but was one for the robot.
+    Column {
+        heading: "troubles",
+        key: "troubles",
+        value: |m| Some(m.troubles.len() as f64),
         show: whole,
     },
     Column {
