@@ -20,12 +20,13 @@ fn judge((points, normals): &Net) -> Topology {
     assert_eq!(topology.boundary.len(), points.len());
     if let Some(surface) = &topology.surface {
         let report = MeshReport::of(&surface.vertices, &surface.triangles);
-        let wholly_seen = topology.bare <= 0.001;
-        // Gaps of less than a squared spacing between points are closed in the mesh; several of them are still something that was not seen.
-        let open = topology.bare > 0.003;
-        let why = || format!("{report:?} {:?}", topology.obstacle());
-        assert!(report.watertight || !wholly_seen, "{}", why());
-        assert!(!report.watertight || !open, "{}", why());
+        let wholly_seen = topology.bare < 0.001;
+        assert_eq!(
+            report.watertight,
+            wholly_seen,
+            "{report:?} {:?}",
+            topology.obstacle()
+        );
         assert!(wholly_seen || !topology.is_closed());
         assert_eq!(report.non_manifold_edges + report.misoriented_edges, 0);
         if topology.is_closed() {

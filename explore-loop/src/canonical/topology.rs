@@ -9,7 +9,7 @@
 //! its area that does not, *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away
 //! from each other are not joined.
 
-use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
+use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, WHOLLY, closed_surface};
 use super::{CanonicalModel, graph};
 use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3};
@@ -123,8 +123,8 @@ impl std::fmt::Display for Obstacle {
 const MOST_MISSING: f64 = 0.03;
 /// Largest share of boundary points of a surface taken for closed.
 const MOST_BOUNDARY: f64 = 0.01;
-/// Largest bare share of a surface taken for closed: about a vertex in a thousand. Three in a thousand are a patch of 2 % of a slab, whose rim supports the rest.
-const MOST_BARE: f64 = 0.001;
+/// Largest bare share of a surface taken for closed. A patch of 2 % of a slab leaves 2.5 in a thousand: its rim supports the rest.
+const MOST_BARE: f64 = WHOLLY;
 /// Largest share of points off a surface taken for closed.
 const MOST_STRAYS: f64 = 0.03;
 

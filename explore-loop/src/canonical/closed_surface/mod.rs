@@ -44,6 +44,7 @@ mod samples;
 mod support;
 
 pub use error::ClosedSurfaceError;
+pub(crate) use support::WHOLLY;
 
 /// Settings of [`closed_surface`].
 #[derive(Debug, Clone, PartialEq)]

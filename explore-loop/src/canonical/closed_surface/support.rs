@@ -7,6 +7,8 @@ use std::collections::BTreeMap;
 
 /// A patch without support up to this area, in squared spacings, is a chance gap between samples.
 const CHANCE: f64 = 1.0;
+/// Share of the area without support up to which a surface counts as wholly seen: about a vertex in a thousand.
+pub(crate) const WHOLLY: f64 = 0.001;
 /// Pieces of a trimmed mesh below this share of its area go.
 const SMALL_PIECE: f64 = 0.05;
 
@@ -67,7 +69,8 @@ impl ClosedSurface {
     /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
     ///
     /// A triangle has support if two of its corners have. Patches without it of less than a squared spacing are chance gaps between
-    /// points and stay, so that a body seen from all sides stays watertight. Pieces of less than a twentieth of the area go.
+    /// points and stay, so that a body seen from all sides stays watertight; the smallest first, as long as all of them together are less than
+    /// a thousandth of the area. Pieces of less than a twentieth of the area go.
     /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
     #[must_use]
     pub fn trimmed(&self) -> ClosedSurface {
@@ -82,9 +85,15 @@ impl ClosedSurface {
             })
             .collect();
         let mut keep: Vec<bool> = bare.iter().map(|b| !b).collect();
-        for patch in self.pieces(&bare) {
-            if self.area(&patch) <= CHANCE * self.spacing * self.spacing {
-                for t in patch {
+        let gaps = self.pieces(&bare).into_iter();
+        let mut gaps: Vec<(f64, Vec<usize>)> = gaps.map(|g| (self.area(&g), g)).collect();
+        gaps.sort_by(|(a, g), (b, h)| a.total_cmp(b).then(g.cmp(h)));
+        let all: Vec<usize> = (0..bare.len()).collect();
+        let (mut kept, most) = (0.0, WHOLLY * self.area(&all));
+        for (area, gap) in gaps {
+            kept += area;
+            if area <= CHANCE * self.spacing * self.spacing && kept <= most {
+                for t in gap {
                     keep[t] = true;
                 }
             }

@@ -33,8 +33,8 @@ const DM: f64 = 10.0;
 /// Thickness of the contact skin, metres: the table lies this much deeper, so that the surface touches it at z = 0.
 const SKIN: f64 = 0.001;
 
-/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke.
-const MAX_STRETCH: f64 = 4.0;
+/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke or the tissue tore.
+const MAX_STRETCH: f64 = 3.0;
 
 /// A jaw holds on until the material between it and the rest of the body is stretched so many times.
 const SLIPS_AT: f64 = 2.7;
