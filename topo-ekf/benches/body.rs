@@ -1,11 +1,13 @@
 //! Parts of a frame of the body filter at 140, 600 and 2,057 nodes: one step and nothing else, four steps, contact with the table and its
-//! projection, fitting of rotations, covariances.
+//! projection, fitting of rotations, covariances; self-contact of a sphere.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a benchmark")]
 
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use topo_ekf::Plane;
-use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Pose, Row};
+use topo_ekf::body::{
+    BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Pose, Row, SelfContact,
+};
 
 const SIZE: f64 = 0.016;
 /// Cells of a block along each axis: 140, 600 and 2,057 nodes.
@@ -107,5 +109,27 @@ fn parts(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, parts);
+/// A sphere of 0.1 m across: nothing is near, everything is looked at.
+fn sphere() -> (Vec<Point3<f64>>, Vec<[u32; 3]>) {
+    let ball = parry3d_f64::shape::Ball::new(0.05);
+    let (points, triangles) = ball.to_trimesh(50, 52);
+    let points = points.iter().map(|p| Point3::new(p.x, p.y, p.z)).collect();
+    (points, triangles)
+}
+
+fn self_contact(c: &mut Criterion) {
+    let mut group = c.benchmark_group("body");
+    let (rest, triangles) = sphere();
+    let places = vec![Embedding::new(0, [0.5; 3]); rest.len()];
+    group.bench_function(BenchmarkId::new("self_contact_new", rest.len()), |b| {
+        b.iter(|| SelfContact::new(&triangles, &rest, 5e-4).unwrap());
+    });
+    let mut contact = SelfContact::new(&triangles, &rest, 5e-4).unwrap();
+    group.bench_function(BenchmarkId::new("self_contact_frame", rest.len()), |b| {
+        b.iter(|| contact.inequalities(&rest, &places).unwrap());
+    });
+    group.finish();
+}
+
+criterion_group!(benches, parts, self_contact);
 criterion_main!(benches);

@@ -13,6 +13,7 @@
 //! | file | question |
 //! |---|---|
 //! | `options` | what may the loop do, and how long does it bear what goes wrong? |
+//! | `decide` | is it closed, and if not, which plan is next? |
 //! | `drive` | how is a motion followed, and what is planned from here? |
 //! | `set_point` | which pose is next, and is it within the limits? |
 //! | `guard` | what is wrong with a frame? |
@@ -34,10 +35,9 @@
 
 use crate::Error;
 use crate::canonical::CanonicalModel;
-use crate::canonical::surface::{triangulate, vertex_areas};
-use crate::canonical::topology::{self, Topology};
+use crate::canonical::topology::Topology;
 use crate::cell::{ArmState, Cell, CellError, Observation};
-use crate::plan::{NoPlan, PlanInput, Planner};
+use crate::plan::Planner;
 use crate::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use drive::Care;
 use grip_planner::{Motion, Plan, Role};
@@ -49,6 +49,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use watch::refused;
 
+mod decide;
 mod drive;
 mod guard;
 mod options;
@@ -345,61 +346,6 @@ impl<'a> Explorer<'a> {
         Ok(fits)
     }
 
-    fn decide(&mut self) -> Result<State, Halt> {
-        self.enter(Phase::Decide)?;
-        let table = self.cell.info().table;
-        self.reconstructor.consolidate(&table);
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
-        self.tell(Event::Topology(&topology))?;
-        let stop = if topology.is_closed() {
-            Stop::Closed
-        } else if self.manipulations >= self.options.max_manipulations {
-            Stop::TooManyManipulations
-        } else if self.misses >= self.options.max_misses {
-            Stop::GraspFailed
-        } else {
-            match self.plan(&topology)? {
-                Ok(plan) => {
-                    self.tell(Event::Planned(&plan))?;
-                    let rest = &self.reconstructor.model().rest;
-                    let at = |g: &grip_planner::Grip| rest.get(g.vertex as usize).copied();
-                    let at_rest = plan
-                        .grips
-                        .iter()
-                        .map(|g| at(g).unwrap_or_else(|| g.tip()))
-                        .collect();
-                    self.guard.pause();
-                    return Ok(State::Reach(Box::new(Manipulation { plan, at_rest })));
-                }
-                Err(reason) => Stop::NothingToGrip(reason),
-            }
-        };
-        Ok(self.done_with(stop, topology))
-    }
-
-    fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
-        let model = self.reconstructor.model();
-        let visible = match &self.latest {
-            Some(observation) => self
-                .reconstructor
-                .visible_now(observation, self.options.spacing),
-            None => vec![false; model.len()],
-        };
-        let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
-        let input = PlanInput {
-            points: &model.live,
-            normals: &model.live_normals(),
-            areas: &vertex_areas(&model.live, &triangles),
-            edges: &model.edges,
-            topology,
-            visible: &visible,
-            cell: self.cell.info(),
-            limits: self.options.limits,
-            attempt: self.manipulations + self.misses,
-        };
-        self.planner.plan(&input)
-    }
-
     /// The plan's own way from home: orientation first, high above the grip, then down along the approach.
     fn reach(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
         self.enter(Phase::Reach)?;
@@ -509,27 +455,5 @@ impl<'a> Explorer<'a> {
         self.tell(Event::Manipulated(self.manipulations))?;
         self.tell_state()?;
         Ok(State::Home)
-    }
-
-    /// The end, with the topology of what is known.
-    fn done(&mut self, stop: Stop) -> Result<State, Error> {
-        if self.reconstructor.model().is_empty() {
-            return Err(Error::NothingToSee {
-                points: 0,
-                needed: 20,
-            });
-        }
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
-        Ok(self.done_with(stop, topology))
-    }
-
-    fn done_with(&self, stop: Stop, topology: Topology) -> State {
-        State::Done(Box::new(Outcome {
-            stop,
-            manipulations: self.manipulations,
-            troubles: self.troubles.clone(),
-            topology,
-            stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
-        }))
     }
 }

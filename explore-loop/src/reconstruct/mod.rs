@@ -104,6 +104,8 @@ pub struct FrameReport {
     pub overlap: f64,
     /// Mean motion of the body since the last frame, metres.
     pub moved: f64,
+    /// Prediction error of the hollow hypothesis over that of the solid one so far, while both are followed and the body was held.
+    pub hollow_over_solid: Option<f64>,
     /// How the constraints on the body ended.
     pub constraints: Constraints,
     /// Why the frame was not used, if so.
@@ -154,7 +156,7 @@ const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
 const DECIDE_EARLY: f64 = 0.1;
 /// Innovation of the hollow hypothesis over that of the solid one: below the first, the body is hollow. In the middle of a lift it may pass through
-/// 0.6 for a solid body whose shape underneath is not known yet; at the end that gave 0.9 to 2.8 and hollow ones 0.25 to 0.55.
+/// 0.6 for a solid body whose shape underneath is not known yet; `frames.csv` of a run has it in `hollow_over_solid`.
 const HOLLOW_BELOW: f64 = 0.7;
 /// The same where it is clear before the end: hollow below, solid above.
 const CLEARLY: [f64; 2] = [0.4, 1.5];
@@ -350,6 +352,7 @@ impl Reconstructor {
             self.rival = None;
         }
         report.added = own?;
+        report.hollow_over_solid = self.hollow_over_solid(track);
         self.decide(track, false);
         report.residual = track.residual;
         report.overlap = track.share.min(1.0);
@@ -384,12 +387,24 @@ impl Reconstructor {
         Ok(())
     }
 
+    /// Prediction error of the hollow hypothesis over that of the solid one.
+    fn hollow_over_solid(&self, track: &Track) -> Option<f64> {
+        let rival = self.rival.as_ref()?;
+        let ratio = rival.mean_innovation() / track.mean_innovation();
+        ratio.is_finite().then_some(ratio)
+    }
+
     /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, before it where one
     /// is clearly better.
     fn decide(&mut self, track: &mut Track, end: bool) {
-        let Some(rival) = &self.rival else { return };
-        let enough = rival.held_frames() >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
-        let ratio = rival.mean_innovation() / track.mean_innovation();
+        let Some(ratio) = self.hollow_over_solid(track) else {
+            if end {
+                self.rival = None;
+            }
+            return;
+        };
+        let held = track.held_frames();
+        let enough = held >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
         let [hollow, solid] = CLEARLY;
         let early = track.carried() >= DECIDE_EARLY && !(hollow..solid).contains(&ratio);
         if !(end || enough && early) {

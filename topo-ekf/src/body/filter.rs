@@ -10,29 +10,30 @@
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that it never forgets the
 //! rest shape: what drags surface along itself must strain the body between.
 //!
-//! What touches the table is in `touch`, the look at the weight in `weigh`, what is known how well in `certainty`.
+//! What touches the table is in `touch`, what the pose must keep in `constrain`, the look at the weight in `weigh`, what is known how well in
+//! `certainty`, changes of the material in `edit`, what a step leaves to the next in `equations`.
 //!
 //! The projection takes away how far points are pressed into the table, and with it what the table bears. The next frame therefore starts its
 //! steps (not its prior) where the last one was before its projection.
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 
 use super::elastic::{Acting, Elastic, Solved};
 use super::frame::{BodyFrame, BodyReport, Limits, Progress};
 use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
-use super::project::{DEPTH, FEASIBLE, Half, deepest, project, shift};
-use super::row::{BodyInequality, Row, check_unit};
+use super::row::{Row, check_unit};
 use super::weight::{Foot, WeightEstimate, loads};
+use crate::Error;
 use crate::observation::Plane;
-use crate::{Error, Status};
 
 mod certainty;
+mod constrain;
+mod edit;
+mod equations;
 mod touch;
 mod weigh;
-
-use touch::tangents;
 
 /// Mean move of a frame below which the body counts as idle: the next frame makes one step, m.
 const IDLE: f64 = 3e-4;
@@ -206,73 +207,6 @@ impl BodyFilter {
         self.state.falling > 0
     }
 
-    /// The cell at a place, made with the given fill (held within 0 and 1) if there is none: surface was seen in it.
-    pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
-        let fill = if fill.is_nan() {
-            0.0
-        } else {
-            fill.clamp(0.0, 1.0)
-        };
-        let known = self.lattice.cell_at(place);
-        known.unwrap_or_else(|| {
-            let cell = self.lattice.ensure(place);
-            self.lattice.set_fill(cell, fill, fill);
-            self.follow_lattice();
-            cell
-        })
-    }
-
-    /// Says where the body stands on the table at rest; until then the middle of every cell at the table does. [`Self::step`] refuses
-    /// feet in cells that there are not and loads that are negative.
-    pub fn set_feet(&mut self, feet: Vec<Foot>) {
-        self.feet = feet;
-    }
-
-    /// Where the body stands on the table at rest.
-    pub fn feet(&self) -> &[Foot] {
-        &self.feet
-    }
-
-    /// As [`Self::try_edit`]; a change that is refused is undone in silence.
-    pub fn edit(&mut self, change: impl FnOnce(&mut Lattice)) {
-        // The lattice is then what it was: nothing to hand on.
-        let _refused = self.try_edit(change);
-    }
-
-    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along by the nearest cells.
-    ///
-    /// # Errors
-    /// Cells taken away or moved, negative fill; the lattice is then as before.
-    pub fn try_edit(&mut self, change: impl FnOnce(&mut Lattice)) -> Result<(), Error> {
-        let before = self.lattice.clone();
-        change(&mut self.lattice);
-        let sound = self.lattice.check_grown_from(&before);
-        if let Err(error) = sound.and_then(|()| self.lattice.check()) {
-            self.lattice = before;
-            return Err(error);
-        }
-        self.follow_lattice();
-        Ok(())
-    }
-
-    fn follow_lattice(&mut self) {
-        // What was solved on other nodes says nothing of these.
-        self.last = self
-            .last
-            .take()
-            .filter(|(e, _)| e.is_wired_as(&self.lattice));
-        self.state.pose.extend(&self.lattice);
-        for node in self.state.velocity.len()..self.lattice.rest().len() {
-            let parent = self.lattice.parent(node as u32);
-            let of = |motion: &[Vector3<f64>]| {
-                parent.map_or_else(Vector3::zeros, |p| motion[p as usize])
-            };
-            let (velocity, raised) = (of(&self.state.velocity), of(&self.state.raised));
-            self.state.velocity.push(velocity);
-            self.state.raised.push(raised);
-        }
-    }
-
     /// One frame. `observe` is asked before every step for the rows that the data make of the present pose; `innovation` is called once on
     /// the pose that grips, table and weight alone predict, when something is held.
     ///
@@ -290,19 +224,7 @@ impl BodyFilter {
         innovation: &mut dyn FnMut(&Lattice, &Pose),
     ) -> Result<BodyReport, Error> {
         self.check(frame)?;
-        let before = self.state.clone();
-        let (mut elastic, kept) = self.take_elastic()?;
-        match self.try_step(&mut elastic, frame, observe, innovation) {
-            Ok((report, solved)) => {
-                self.last = Some((elastic, solved));
-                Ok(report)
-            }
-            Err(error) => {
-                self.state = before;
-                self.give_back(elastic, kept);
-                Err(error)
-            }
-        }
+        self.all_or_nothing(|body, elastic| body.try_step(elastic, frame, observe, innovation))
     }
 
     /// Fits an earlier pose anew to its frame, after the lattice has learnt its shape; the body itself stays as it is.
@@ -337,47 +259,6 @@ impl BodyFilter {
         let outcome = self.step(frame, observe, &mut |_, _| {});
         let fitted = std::mem::replace(&mut self.state, kept);
         outcome.map(|_| fitted.pose)
-    }
-
-    /// Moves the body to the nearest pose that keeps the constraints of the frame, in the metric of the elastic energy: after surface was
-    /// given to it that it did not have in the last [`Self::step`]. Nothing else changes: no time passes.
-    ///
-    /// # Errors
-    /// As [`Self::step`].
-    pub fn project(&mut self, frame: &BodyFrame<'_>) -> Result<BodyReport, Error> {
-        self.check(frame)?;
-        let (mut elastic, kept) = self.take_elastic()?;
-        let before = self.state.clone();
-        let setting = Setting {
-            frame,
-            before: &before.pose.live,
-            expected: &before.pose.live,
-            expected_weight: self.options.motion_sigma.powi(-2),
-        };
-        let mut report = BodyReport::default();
-        let mut projected = |body: &mut Self| {
-            // One step, for its normal equations only.
-            let solved = body.advance(&mut elastic, &setting, Vec::new(), 1.0)?.1;
-            body.state.pose = before.pose.clone();
-            body.constrain(&mut elastic, &solved, frame, &mut report)?;
-            body.state.raised.clone_from(&before.raised);
-            Ok(solved)
-        };
-        match projected(self) {
-            Ok(solved) => {
-                report.solves = 1;
-                let moved = self.state.pose.live.iter().zip(&before.pose.live);
-                let sum: f64 = moved.map(|(now, then)| (now - then).norm()).sum();
-                report.moved = sum / before.pose.live.len() as f64;
-                self.last = Some((elastic, solved));
-                Ok(report)
-            }
-            Err(error) => {
-                self.state = before;
-                self.give_back(elastic, kept);
-                Err(error)
-            }
-        }
     }
 
     fn check(&self, frame: &BodyFrame<'_>) -> Result<(), Error> {
@@ -486,46 +367,6 @@ impl BodyFilter {
         }
     }
 
-    /// Projects the pose onto what the constraints allow.
-    fn constrain(
-        &mut self,
-        elastic: &mut Elastic,
-        solved: &Solved,
-        frame: &BodyFrame<'_>,
-        report: &mut BodyReport,
-    ) -> Result<(), Error> {
-        let contact = self.options.contact_sigma.powi(-2);
-        let grip = self.options.grip_sigma.powi(-2);
-        let halves = self.halves(frame, elastic.frame());
-        let pressed = self.touching(frame).map(|at| {
-            let here = self.state.pose.position(&self.lattice, at);
-            (-self.table.height(&here)).max(0.0)
-        });
-        report.table_force = contact * pressed.sum::<f64>();
-        let held = frame.grips.iter();
-        let pulls = held.map(|(at, target)| target - self.state.pose.position(&self.lattice, at));
-        report.grip_force = pulls.sum::<Vector3<f64>>() * grip;
-        report.violation = [deepest(&halves); 2];
-        self.state.raised.fill(Vector3::zeros());
-        if report.violation[0] <= DEPTH {
-            return Ok(());
-        }
-        let projected = project(elastic, solved, &halves)?;
-        let before = self.state.pose.live.clone();
-        shift(&mut self.state.pose.live, &projected.moves, elastic.frame());
-        self.state.pose.fit_turns(&self.lattice);
-        let moved = self.state.pose.live.iter().zip(&before);
-        self.state.raised = moved.map(|(now, then)| now - then).collect();
-        report.pushing = projected.pushing;
-        report.violation[1] = deepest(&self.halves(frame, elastic.frame()));
-        report.status = if report.violation[1] <= FEASIBLE {
-            Status::Constrained
-        } else {
-            Status::Infeasible
-        };
-        Ok(())
-    }
-
     /// Refuses what goes beyond the limits of the frame.
     fn believe(
         &self,
@@ -554,59 +395,12 @@ impl BodyFilter {
         })
     }
 
-    /// Every constraint as a row.
-    fn halves(&self, frame: &BodyFrame<'_>, unknowns: &Matrix3<f64>) -> Vec<Half> {
-        let (lattice, pose) = (&self.lattice, &self.state.pose);
-        let above = self.touching(frame);
-        let above = above.map(|at| Half::above(lattice, pose, at, &self.table));
-        let own = (0u32..).zip(frame.inequalities);
-        let own = own.map(|(k, row): (u32, &BodyInequality)| {
-            Half::of(lattice, pose, row, unknowns, u32::MAX - k)
-        });
-        above.chain(own).collect()
-    }
-
-    /// Points that the table keeps up.
-    fn touching<'a>(&'a self, frame: &'a BodyFrame<'_>) -> impl Iterator<Item = &'a Embedding> {
-        frame.surface.iter().chain(self.feet.iter().map(|f| &f.at))
-    }
-
     fn finish(&mut self, before: &[Point3<f64>], released: bool, report: &mut BodyReport) {
         let moved = self.state.pose.live.iter().zip(before);
         self.state.velocity = moved.map(|(now, then)| now - then).collect();
         let sum: f64 = self.state.velocity.iter().map(Vector3::norm).sum();
         report.moved = sum / self.state.velocity.len() as f64;
         self.state.idle = report.moved < IDLE && !released;
-    }
-
-    /// The normal equations of the lattice as it is, and what is to be given back if they come to nothing.
-    fn take_elastic(&mut self) -> Result<(Elastic, Kept), Error> {
-        match self.last.take() {
-            Some((elastic, solved)) if elastic.fits(&self.lattice) => {
-                Ok((elastic, Kept::Same(solved)))
-            }
-            outgrown => match self.new_elastic() {
-                Ok(elastic) => Ok((elastic, Kept::Outgrown(outgrown))),
-                Err(error) => {
-                    self.last = outgrown;
-                    Err(error)
-                }
-            },
-        }
-    }
-
-    fn give_back(&mut self, elastic: Elastic, kept: Kept) {
-        self.last = match kept {
-            Kept::Same(solved) => Some((elastic, solved)),
-            Kept::Outgrown(last) => last,
-        };
-    }
-
-    fn new_elastic(&self) -> Result<Elastic, Error> {
-        let [u, v] = tangents(&self.table.normal);
-        let normal = self.table.normal.into_inner();
-        let frame = Matrix3::from_columns(&[u.into_inner(), v.into_inner(), normal]).transpose();
-        Elastic::new(&self.lattice, self.options.poisson_ratio, frame)
     }
 
     /// One step with the given observations.
@@ -667,15 +461,6 @@ impl BodyFilter {
     fn cell_weight(&self) -> f64 {
         self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
     }
-}
-
-/// What to give back if a step fails.
-#[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
-enum Kept {
-    /// The normal equations of the last step; the pattern serves again.
-    Same(Solved),
-    /// Everything of the last step, as the lattice has grown since.
-    Outgrown(Option<(Elastic, Solved)>),
 }
 
 /// What stays the same over the steps of a frame.

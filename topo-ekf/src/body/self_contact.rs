@@ -14,7 +14,7 @@ use super::lattice::Embedding;
 use super::row::BodyInequality;
 use crate::Error;
 use crate::contact::Surface;
-use crate::graph::{check_vertex, usable_point};
+use crate::graph::{check_points, check_vertex};
 
 /// The surface of a body, made ready to be looked over for places where it comes near itself.
 ///
@@ -40,7 +40,7 @@ pub struct SelfContact {
     separation: f64,
 }
 
-/// How far from a triangle vertices are watched, in separations: as far as two of them may come near each other in a frame.
+/// How far from a triangle vertices are watched, in separations.
 const REACH: f64 = 8.0;
 
 impl SelfContact {
@@ -50,7 +50,7 @@ impl SelfContact {
     /// A triangle that names a vertex that there is not, a vertex that is not finite, a separation that is not positive.
     ///
     /// # Complexity
-    /// About 10 µs a vertex, for which are neighbours along the surface.
+    /// Linear in the vertices; see the README for times.
     pub fn new(
         triangles: &[[u32; 3]],
         rest: &[Point3<f64>],
@@ -94,7 +94,7 @@ impl SelfContact {
     /// Fewer places or positions than vertices, positions that are not finite.
     ///
     /// # Complexity
-    /// `O(n log n)`; about 1 µs a vertex where nothing is near.
+    /// `O(n log n)` where little is near; see the README for times.
     pub fn inequalities(
         &mut self,
         live: &[Point3<f64>],
@@ -137,17 +137,6 @@ impl SelfContact {
                 bound: row.bound,
             })
             .collect())
-    }
-}
-
-fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result<(), Error> {
-    match points.iter().position(|p| !usable_point(p)) {
-        Some(index) => Err(Error::NonFinitePoint {
-            what,
-            index,
-            value: points[index].coords.into(),
-        }),
-        None => Ok(()),
     }
 }
 

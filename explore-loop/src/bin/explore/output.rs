@@ -5,7 +5,9 @@ use explore_loop::Error;
 use explore_loop::canonical::closed_surface::ClosedSurface;
 use explore_loop::canonical::topology::Topology;
 use explore_loop::canonical::{CanonicalModel, surface};
-use explore_loop::measure::{MeasureError, MeshMeasures, Sampling, Spread, Surface, TrueSurface};
+use explore_loop::measure::{
+    MeasureError, MeshMeasures, MeshReport, Sampling, Spread, Surface, TrueSurface,
+};
 use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture, ply};
@@ -276,7 +278,6 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
             format!("{} mean, {} p95, {} max", mm(s.mean), mm(s.p95), mm(s.max))
         })
     };
-    let mesh = &metrics.mesh;
     vec![
         ("explored", list(&metrics.explored)),
         ("explored, two spacings", list(&metrics.explored_2eps)),
@@ -299,25 +300,7 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .unsupported
                 .map_or_else(|| "no mesh".to_owned(), percent),
         ),
-        (
-            "mesh",
-            format!(
-                "{}, Euler {}, {} open and {} non-manifold edges, {}",
-                if mesh.watertight {
-                    "watertight"
-                } else {
-                    "not watertight"
-                },
-                mesh.euler,
-                mesh.open_edges,
-                mesh.non_manifold_edges,
-                if mesh.components == 1 {
-                    "1 component".to_owned()
-                } else {
-                    format!("{} components", mesh.components)
-                },
-            ),
-        ),
+        ("mesh", mesh_text(&metrics.mesh)),
         (
             "shape difference",
             match (metrics.shape_difference_m, metrics.shape_difference_rel) {
@@ -343,6 +326,23 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
     ]
+}
+
+fn mesh_text(mesh: &MeshReport) -> String {
+    let watertight = if mesh.watertight {
+        "watertight"
+    } else {
+        "not watertight"
+    };
+    let components = if mesh.components == 1 {
+        "1 component".to_owned()
+    } else {
+        format!("{} components", mesh.components)
+    };
+    format!(
+        "{watertight}, Euler {}, {} open and {} non-manifold edges, {components}",
+        mesh.euler, mesh.open_edges, mesh.non_manifold_edges
+    )
 }
 
 /// A length in mm for people.

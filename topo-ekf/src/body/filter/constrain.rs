@@ -1,0 +1,109 @@
+//! What the pose must keep: no point of the surface and no foot under the table, and the inequalities of the frame.
+//!
+//! The algebra is in `project`; here the constraints become its rows, and what they did becomes the report.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{BodyFilter, Setting};
+use crate::body::elastic::{Elastic, Solved};
+use crate::body::frame::{BodyFrame, BodyReport};
+use crate::body::lattice::Embedding;
+use crate::body::project::{DEPTH, FEASIBLE, Half, deepest, project, shift};
+use crate::body::row::BodyInequality;
+use crate::{Error, Status};
+
+impl BodyFilter {
+    /// Moves the body to the nearest pose that keeps the constraints of the frame, in the metric of the elastic energy: after surface was
+    /// given to it that it did not have in the last [`Self::step`]. Nothing else changes: no time passes.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    ///
+    /// # Complexity
+    /// One step and one projection.
+    pub fn project(&mut self, frame: &BodyFrame<'_>) -> Result<BodyReport, Error> {
+        self.check(frame)?;
+        let before = self.state.clone();
+        let setting = Setting {
+            frame,
+            before: &before.pose.live,
+            expected: &before.pose.live,
+            expected_weight: self.options.motion_sigma.powi(-2),
+        };
+        self.all_or_nothing(|body, elastic| {
+            // One step, for its normal equations only.
+            let (_, solved) = body.advance(elastic, &setting, Vec::new(), 1.0)?;
+            body.state.pose = before.pose.clone();
+            let mut report = BodyReport {
+                solves: 1,
+                ..BodyReport::default()
+            };
+            body.constrain(elastic, &solved, frame, &mut report)?;
+            body.state.raised.clone_from(&before.raised);
+            let moved = body.state.pose.live.iter().zip(&before.pose.live);
+            let sum: f64 = moved.map(|(now, then)| (now - then).norm()).sum();
+            report.moved = sum / before.pose.live.len() as f64;
+            Ok((report, solved))
+        })
+    }
+
+    /// Projects the pose onto what the constraints allow.
+    pub(super) fn constrain(
+        &mut self,
+        elastic: &mut Elastic,
+        solved: &Solved,
+        frame: &BodyFrame<'_>,
+        report: &mut BodyReport,
+    ) -> Result<(), Error> {
+        let contact = self.options.contact_sigma.powi(-2);
+        let grip = self.options.grip_sigma.powi(-2);
+        let halves = self.halves(frame, elastic.frame());
+        let pressed = self.touching(frame).map(|at| {
+            let here = self.state.pose.position(&self.lattice, at);
+            (-self.table.height(&here)).max(0.0)
+        });
+        report.table_force = contact * pressed.sum::<f64>();
+        let held = frame.grips.iter();
+        let pulls = held.map(|(at, target)| target - self.state.pose.position(&self.lattice, at));
+        report.grip_force = pulls.sum::<Vector3<f64>>() * grip;
+        report.violation = [deepest(&halves); 2];
+        self.state.raised.fill(Vector3::zeros());
+        if report.violation[0] <= DEPTH {
+            return Ok(());
+        }
+        let projected = project(elastic, solved, &halves)?;
+        let before = self.state.pose.live.clone();
+        shift(&mut self.state.pose.live, &projected.moves, elastic.frame());
+        self.state.pose.fit_turns(&self.lattice);
+        let moved = self.state.pose.live.iter().zip(&before);
+        self.state.raised = moved.map(|(now, then)| now - then).collect();
+        report.pushing = projected.pushing;
+        report.violation[1] = deepest(&self.halves(frame, elastic.frame()));
+        report.status = if report.violation[1] <= FEASIBLE {
+            Status::Constrained
+        } else {
+            Status::Infeasible
+        };
+        Ok(())
+    }
+
+    /// Every constraint as a row.
+    fn halves(&self, frame: &BodyFrame<'_>, unknowns: &Matrix3<f64>) -> Vec<Half> {
+        let (lattice, pose) = (&self.lattice, &self.state.pose);
+        let above = self.touching(frame);
+        let above = above.map(|at| Half::above(lattice, pose, at, &self.table));
+        let own = (0u32..).zip(frame.inequalities);
+        let own = own.map(|(k, row): (u32, &BodyInequality)| {
+            Half::of(lattice, pose, row, unknowns, u32::MAX - k)
+        });
+        above.chain(own).collect()
+    }
+
+    /// Points that the table keeps up.
+    pub(super) fn touching<'a>(
+        &'a self,
+        frame: &'a BodyFrame<'_>,
+    ) -> impl Iterator<Item = &'a Embedding> {
+        frame.surface.iter().chain(self.feet.iter().map(|f| &f.at))
+    }
+}
