@@ -39,6 +39,9 @@ fn a_solid_body_is_not_taken_for_hollow_in_the_middle_of_a_lift() {
         assert!(spread["mean"].as_f64().unwrap() < 1.1e-3, "{spread}");
         assert!(spread["p95"].as_f64().unwrap() < 4e-3, "{spread}");
     }
+    // The fusion of this run gives the body surface that lies 0.08 mm under the table.
+    let below = metrics["constraints"]["below_table_m"].as_f64().unwrap();
+    assert!(below <= 1e-6, "{below}");
     assert_eq!(metrics["mesh"]["watertight"], true);
     assert_eq!(metrics["mesh"]["euler"], 2);
 }
