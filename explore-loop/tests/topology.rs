@@ -20,7 +20,7 @@ fn judge((points, normals): &Net) -> Topology {
     assert_eq!(topology.boundary.len(), points.len());
     if let Some(surface) = &topology.surface {
         let report = MeshReport::of(&surface.vertices, &surface.triangles);
-        let wholly_seen = topology.bare < 0.001;
+        let wholly_seen = topology.wholly_seen;
         assert_eq!(
             report.watertight,
             wholly_seen,

@@ -2,14 +2,15 @@
 //!
 //! ```text
 //! points ─► closed surface ─► even sample of what of it was seen ─► cylinder-Čech complex ─► persistent Betti numbers
-//! closed  ⇔  (1, 0, 1)  and  bare ≈ 0  and  no strays  and  no vector area  and  no boundary
+//! closed  ⇔  (1, 0, 1)  and  wholly seen  and  no strays  and  no vector area  and  no boundary
 //! ```
 //! The points themselves are uneven, and crowd or gape at sharp margins; the closed surface through them is even. It is always
 //! closed, so it proves nothing alone: only what lies within reach of a point that faces alike enters the complex. *Bare* is the share of
-//! its area that does not, *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away
-//! from each other are not joined.
+//! its area that does not, *wholly seen* that what is bare is chance gaps between points, nowhere farther
+//! from them than 1.75 spacings; *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away from each
+//! other are not joined.
 
-use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, WHOLLY, closed_surface};
+use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
 use super::{CanonicalModel, graph};
 use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3};
@@ -39,6 +40,8 @@ pub struct Topology {
     pub missing: f64,
     /// Share of the closed surface that no point supports; 1 when no surface could be drawn.
     pub bare: f64,
+    /// Whether what no point supports is chance gaps alone ([`ClosedSurface::is_wholly_seen`]).
+    pub wholly_seen: bool,
     /// Share of the points that lie off the surface: a second sheet, or strays.
     pub strays: f64,
     /// Boundary loops, vertices of the model in order.
@@ -70,7 +73,7 @@ impl Topology {
     pub fn obstacle(&self) -> Option<Obstacle> {
         if self.persistent != [1, 0, 1] {
             Some(Obstacle::Betti(self.persistent))
-        } else if self.bare > MOST_BARE {
+        } else if !self.wholly_seen {
             Some(Obstacle::Bare(self.bare))
         } else if self.strays > MOST_STRAYS {
             Some(Obstacle::Strays(self.strays))
@@ -123,8 +126,6 @@ impl std::fmt::Display for Obstacle {
 const MOST_MISSING: f64 = 0.03;
 /// Largest share of boundary points of a surface taken for closed.
 const MOST_BOUNDARY: f64 = 0.01;
-/// Largest bare share of a surface taken for closed. A patch of 2 % of a slab leaves 2.5 in a thousand: its rim supports the rest.
-const MOST_BARE: f64 = WHOLLY;
 /// Largest share of points off a surface taken for closed.
 const MOST_STRAYS: f64 = 0.03;
 
@@ -168,7 +169,8 @@ pub fn analyse_within(
         boundary_share: complex.boundary.iter().filter(|b| **b).count() as f64 / count,
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),
-        bare: drawn.as_ref().map_or(1.0, |s| s.bare.max(0.0)),
+        bare: drawn.as_ref().map_or(1.0, |s| s.bare),
+        wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,
         cut: complex.cut,

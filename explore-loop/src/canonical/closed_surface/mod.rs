@@ -44,7 +44,6 @@ mod samples;
 mod support;
 
 pub use error::ClosedSurfaceError;
-pub(crate) use support::WHOLLY;
 
 /// Settings of [`closed_surface`].
 #[derive(Debug, Clone, PartialEq)]
@@ -144,8 +143,10 @@ pub struct ClosedSurface {
     pub nearest: Vec<u32>,
     /// Distance to it, m; infinite if there is none.
     pub distance: Vec<f64>,
-    /// Share of the area farther than the reach from any point that faces as it does.
+    /// Share of the area without support: of triangles two of whose corners are farther than the reach from any point that faces as they do.
     pub bare: f64,
+    /// Greatest distance, where it has no support, from the nearest point that faces as it does, m; 0 if all of it has support.
+    pub farthest: f64,
     /// Input points left out: off the surface, or facing away from it.
     pub strays: Vec<u32>,
     spacing: f64,
@@ -211,23 +212,15 @@ impl ClosedSurface {
             distance: found.iter().map(|f| f.1).collect(),
             normals: facing,
             bare: 0.0,
+            farthest: 0.0,
             strays,
             spacing: options.spacing,
             reach: options.reach,
             vertices,
             triangles,
         };
-        surface.bare = surface.bare_share();
+        surface.measure_gaps();
         surface
-    }
-
-    fn bare_share(&self) -> f64 {
-        let areas = support::areas(&self.vertices, &self.triangles);
-        let bare: f64 = (0..areas.len())
-            .filter(|&v| !self.is_supported(v))
-            .map(|v| areas[v])
-            .sum();
-        bare / areas.iter().sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     /// The surface with vertices `source` of this one and new triangles.
@@ -241,7 +234,7 @@ impl ClosedSurface {
             triangles,
             ..*self
         };
-        surface.bare = surface.bare_share();
+        surface.measure_gaps();
         surface
     }
 }

@@ -5,12 +5,22 @@ use super::cells::Cells;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
-/// A patch without support up to this area, in squared spacings, is a chance gap between samples.
-const CHANCE: f64 = 1.0;
-/// Share of the area without support up to which a surface counts as wholly seen: about a vertex in a thousand.
-pub(crate) const WHOLLY: f64 = 0.001;
+/// A patch without support is a chance gap between samples when nothing of it is farther from them than so many spacings; otherwise it is a
+/// place that was not seen.
+const CHANCE: f64 = 1.75;
+/// Share of the area that chance gaps may be, all together.
+const SCATTERED: f64 = 0.003;
 /// Pieces of a trimmed mesh below this share of its area go.
 const SMALL_PIECE: f64 = 0.05;
+
+/// A connected patch without support.
+struct Gap {
+    /// m².
+    area: f64,
+    /// Greatest distance of its corners from the nearest point that faces as they do, m.
+    farthest: f64,
+    triangles: Vec<usize>,
+}
 
 /// The nearest point that does not face away from each vertex, and its distance.
 pub(super) fn nearest_facing(
@@ -55,45 +65,67 @@ fn least(a: (f64, u32), b: (f64, u32)) -> (f64, u32) {
     }
 }
 
-/// A third of the triangles around each vertex, m².
-pub(super) fn areas(places: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
-    crate::canonical::surface::vertex_areas(places, triangles)
-}
-
 impl ClosedSurface {
     /// Whether a vertex has a point that faces as it does within reach.
     pub fn is_supported(&self, vertex: usize) -> bool {
         self.distance[vertex] <= self.reach
     }
 
+    /// Whether what has no support is chance gaps between points alone: nothing farther from them than 1.75 spacings, and all of it together
+    /// less than three thousandths of the area.
+    ///
+    /// The share alone cannot tell one hole from gaps scattered over the body, and would weigh the same hole less on a larger body.
+    pub fn is_wholly_seen(&self) -> bool {
+        self.bare <= SCATTERED && self.farthest <= CHANCE * self.spacing
+    }
+
+    /// Fills in which share is bare, and how far from any point the surface gets there.
+    pub(super) fn measure_gaps(&mut self) {
+        let all: Vec<usize> = (0..self.triangles.len()).collect();
+        let total = self.area(&all).max(f64::MIN_POSITIVE);
+        let gaps = self.gaps();
+        self.bare = gaps.iter().map(|gap| gap.area).sum::<f64>() / total;
+        self.farthest = gaps.iter().map(|gap| gap.farthest).fold(0.0, f64::max);
+    }
+
+    /// Which triangles have no support: fewer than two of their corners have.
+    fn bare_triangles(&self) -> Vec<bool> {
+        let bare = |v: &&u32| !self.is_supported(**v as usize);
+        let lacks = |t: &[u32; 3]| t.iter().filter(bare).count() >= 2;
+        self.triangles.iter().map(lacks).collect()
+    }
+
+    /// Patches of triangles without support, the smallest first.
+    fn gaps(&self) -> Vec<Gap> {
+        let pieces = self.pieces(&self.bare_triangles()).into_iter();
+        let mut gaps: Vec<Gap> = pieces
+            .map(|triangles| Gap {
+                area: self.area(&triangles),
+                farthest: (triangles.iter().flat_map(|t| self.triangles[*t]))
+                    .map(|v| self.distance[v as usize])
+                    .fold(0.0, f64::max),
+                triangles,
+            })
+            .collect();
+        gaps.sort_by(|a, b| a.area.total_cmp(&b.area).then(a.triangles.cmp(&b.triangles)));
+        gaps
+    }
+
     /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
     ///
-    /// A triangle has support if two of its corners have. Patches without it of less than a squared spacing are chance gaps between
-    /// points and stay, so that a body seen from all sides stays watertight; the smallest first, as long as all of them together are less than
-    /// a thousandth of the area. Pieces of less than a twentieth of the area go.
+    /// A triangle has support if two of its corners have. Patches without it that are nowhere farther than 1.75 spacings from a point are
+    /// chance gaps and stay, so that a body seen from all sides stays watertight; the smallest first, as long as all of them together are less than
+    /// three thousandths of the area. Pieces of less than a twentieth of the area go.
     /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
     #[must_use]
     pub fn trimmed(&self) -> ClosedSurface {
-        let bare: Vec<bool> = self
-            .triangles
-            .iter()
-            .map(|t| {
-                t.iter()
-                    .filter(|v| !self.is_supported(**v as usize))
-                    .count()
-                    >= 2
-            })
-            .collect();
-        let mut keep: Vec<bool> = bare.iter().map(|b| !b).collect();
-        let gaps = self.pieces(&bare).into_iter();
-        let mut gaps: Vec<(f64, Vec<usize>)> = gaps.map(|g| (self.area(&g), g)).collect();
-        gaps.sort_by(|(a, g), (b, h)| a.total_cmp(b).then(g.cmp(h)));
-        let all: Vec<usize> = (0..bare.len()).collect();
-        let (mut kept, most) = (0.0, WHOLLY * self.area(&all));
-        for (area, gap) in gaps {
-            kept += area;
-            if area <= CHANCE * self.spacing * self.spacing && kept <= most {
-                for t in gap {
+        let mut keep: Vec<bool> = self.bare_triangles().iter().map(|b| !b).collect();
+        let all: Vec<usize> = (0..keep.len()).collect();
+        let (mut kept, most) = (0.0, SCATTERED * self.area(&all));
+        for gap in self.gaps() {
+            kept += gap.area;
+            if gap.farthest <= CHANCE * self.spacing && kept <= most {
+                for t in gap.triangles {
                     keep[t] = true;
                 }
             }
