@@ -35,6 +35,12 @@ pub enum Error {
         /// Index of the normal.
         index: usize,
     },
+    /// The vector area of a hidden piece is NaN or infinite.
+    #[error("the vector area of hidden piece {index} is not finite")]
+    NonFiniteHidden {
+        /// Index of the piece.
+        index: usize,
+    },
     /// An area is negative, NaN or infinite.
     #[error("area {index} is {area}, not a finite number of at least 0")]
     BadArea {

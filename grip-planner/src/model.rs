@@ -26,6 +26,9 @@ pub struct Model<'a> {
     pub boundary: &'a [bool],
     /// Whether the camera sees the vertex now.
     pub visible: &'a [bool],
+    /// Vector areas, m², of the pieces of surface that were never seen, as they face now, when a whole surface has been drawn through what was;
+    /// empty when none has: then the boundary and the vector area of the known part tell where the hidden one faces.
+    pub hidden: &'a [Vector3<f64>],
 }
 
 impl Model<'_> {
@@ -63,6 +66,13 @@ impl Model<'_> {
             .find(|(_, a)| !(a.is_finite() && **a >= 0.0))
         {
             return Err(Error::BadArea { index, area });
+        }
+        if let Some(index) = self
+            .hidden
+            .iter()
+            .position(|a| !a.iter().all(|x| x.is_finite()))
+        {
+            return Err(Error::NonFiniteHidden { index });
         }
         let bad = |e: &[u32; 2]| e[0] == e[1] || e.iter().any(|&v| v as usize >= points);
         if let Some((index, &vertices)) = self.edges.iter().enumerate().find(|(_, e)| bad(e)) {
@@ -115,6 +125,7 @@ pub(crate) fn check_points(points: &[Point3<f64>]) -> Result<(), Error> {
 ///     edges: &[],
 ///     boundary: &[true],
 ///     visible: &[true],
+///     hidden: &[],
 /// };
 /// assert_eq!(missing_vector_area(&model), Vector3::new(0.0, 0.0, -0.02));
 /// ```

@@ -15,7 +15,8 @@
 //! `(1 + cos(α − θ))/2` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted). The
 //! directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
 //! next to a boundary faces about the same way. While the underside is missing `m` decides; what is left at last, a
-//! band round the body whose vector area is nearly zero, is found by its boundary. The gain is multiplied by `length/longest side`: when `m` points straight down
+//! band round the body whose vector area is nearly zero, is found by its boundary. Where the caller has drawn a whole surface, the pieces of it
+//! that were never seen take the place of both ([`Model::hidden`]): the boundary of a small hole faces all ways but that of the hole. The gain is multiplied by `length/longest side`: when `m` points straight down
 //! all four turns show it equally well and the one about the longer side, which lifts least, is meant to win.
 //!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
@@ -30,6 +31,8 @@ use crate::{Error, Model, Scene, agent_box, missing_vector_area};
 
 /// Missing vector area below this share of the known area is sampling noise and has no direction.
 const NOISE: f64 = 0.01;
+/// Hidden pieces whose vector areas cancel to less than this share do not face one way.
+const ONE_WAY: f64 = 0.5;
 /// A body lower than this share of its span does not stand on its side.
 const STANDS: f64 = 0.7;
 
@@ -171,6 +174,14 @@ struct Hidden {
 
 impl Hidden {
     fn new(model: &Model, up: &UnitVector3<f64>) -> Self {
+        if !model.hidden.is_empty() {
+            let sum: Vector3<f64> = model.hidden.iter().sum();
+            let all: f64 = model.hidden.iter().map(Vector3::norm).sum();
+            return Self {
+                missing: Some(sum).filter(|m| m.norm() > ONE_WAY * all),
+                directions: model.hidden.to_vec(),
+            };
+        }
         let known: f64 = model.areas.iter().sum();
         let rim = (0..model.points.len()).filter(|&v| model.boundary[v]);
         let mut directions: Vec<_> = rim

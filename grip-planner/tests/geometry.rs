@@ -9,7 +9,7 @@ use fixture::Body;
 use grip_planner::nalgebra::{
     Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3,
 };
-use grip_planner::{Plane, agent_box, missing_vector_area, turns};
+use grip_planner::{Model, Plane, agent_box, missing_vector_area, turns};
 use proptest::prelude::*;
 
 fn plane() -> impl Strategy<Value = Plane> {
@@ -172,4 +172,33 @@ fn what_is_left_at_the_ends_is_shown_by_a_turn_about_the_shorter_side() {
     }
     let best = turns(&body.model(), &fixture::scene(&arms)).unwrap()[0];
     assert!(best.lifted.y.abs() > 0.999, "{best:?}");
+}
+
+#[test]
+fn the_pieces_known_to_be_hidden_decide_and_their_end_is_lifted() {
+    // A small hole at one end; its boundary, on the flank all round it, faces any way but along the body.
+    let arms = fixture::arms(2);
+    let mut body = Body::ellipsoid([0.1, 0.06, 0.025], 4000, -1.0, 0.0);
+    for v in 0..body.points.len() {
+        body.boundary[v] = (0.07..0.08).contains(&body.points[v].x);
+    }
+    let scene = fixture::scene(&arms);
+    for end in [Vector3::x(), -Vector3::x()] {
+        let hidden = [0.3, -0.3, 0.0].map(|z| 1e-5 * Vector3::new(end.x, 0.0, z));
+        let model = Model {
+            hidden: &hidden,
+            ..body.model()
+        };
+        let best = turns(&model, &scene).unwrap()[0];
+        assert!(best.lifted.dot(&end) > 0.999, "{best:?}");
+    }
+    let guessed = turns(&body.model(), &scene).unwrap()[0];
+    assert!(guessed.lifted.y.abs() > 0.999, "without them: {guessed:?}");
+    let hidden = [Vector3::new(0.0, f64::NAN, 0.0)];
+    let model = Model {
+        hidden: &hidden,
+        ..body.model()
+    };
+    let refused = turns(&model, &scene).unwrap_err();
+    assert!(refused.to_string().contains("hidden piece 0"), "{refused}");
 }

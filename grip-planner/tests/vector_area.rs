@@ -133,6 +133,7 @@ impl Mesh {
             edges: &[],
             boundary: &no,
             visible: &no,
+            hidden: &[],
         })
     }
 

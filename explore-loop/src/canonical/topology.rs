@@ -13,7 +13,7 @@
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
 use super::{CanonicalModel, graph};
 use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// Cylinder radius, in spacings of the complex: discs of neighbours overlap well beyond the largest gap a maximal net of the
 /// spacing leaves.
@@ -40,6 +40,8 @@ pub struct Topology {
     pub missing: f64,
     /// Share of the closed surface that no point supports; 1 when no surface could be drawn.
     pub bare: f64,
+    /// The pieces of it that no point supports.
+    pub hidden: Vec<Hidden>,
     /// Whether what no point supports is chance gaps alone ([`ClosedSurface::is_wholly_seen`]).
     pub wholly_seen: bool,
     /// Share of the points that lie off the surface: a second sheet, or strays.
@@ -57,6 +59,15 @@ pub struct Topology {
     pub thinned: usize,
     /// The surface: closed when the object is, otherwise open where nothing was seen; `None` when none could be drawn.
     pub surface: Option<ClosedSurface>,
+}
+
+/// A triangle of the closed surface that no point supports.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hidden {
+    /// Nearest vertex of the model.
+    pub vertex: u32,
+    /// Vector area at rest, m².
+    pub area: Vector3<f64>,
 }
 
 impl Topology {
@@ -170,6 +181,7 @@ pub fn analyse_within(
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),
         bare: drawn.as_ref().map_or(1.0, |s| s.bare),
+        hidden: drawn.as_ref().map_or_else(Vec::new, |s| hidden(s, model)),
         wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,
@@ -259,7 +271,7 @@ const SAMPLE: f64 = 0.8;
 
 /// Length of the vector area of the supported surface as a share of its area: a lower bound on the share that is missing.
 fn missing_share(surface: &ClosedSurface) -> f64 {
-    let (mut vector, mut area) = (nalgebra::Vector3::zeros(), 0.0);
+    let (mut vector, mut area) = (Vector3::zeros(), 0.0);
     for t in &surface.triangles {
         if !t.iter().all(|v| surface.is_supported(*v as usize)) {
             continue;
@@ -274,6 +286,22 @@ fn missing_share(surface: &ClosedSurface) -> f64 {
     } else {
         1.0
     }
+}
+
+/// The triangles that no point supports, each with the vertex of the model next to it.
+fn hidden(surface: &ClosedSurface, model: &CanonicalModel) -> Vec<Hidden> {
+    let Some(tree) = graph::tree(&model.rest) else {
+        return Vec::new();
+    };
+    let bare = surface.bare_triangles();
+    let triangles = (0..bare.len()).filter(|&t| bare[t]);
+    let corners = triangles.map(|t| surface.triangles[t].map(|v| surface.vertices[v as usize]));
+    corners
+        .map(|[a, b, c]| Hidden {
+            vertex: graph::nearest(&tree, &((a + b.coords + c.coords) / 3.0)).0 as u32,
+            area: (b - a).cross(&(c - a)) / 2.0,
+        })
+        .collect()
 }
 
 /// The cut edges of the model between the nearest points of the sample.

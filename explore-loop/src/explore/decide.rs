@@ -49,6 +49,9 @@ impl Explorer<'_> {
             None => vec![false; model.len()],
         };
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
+        // A piece that was not seen turns with the nearest vertex.
+        let turned = |h: &topology::Hidden| model.rotations[h.vertex as usize] * h.area;
+        let hidden: Vec<_> = topology.hidden.iter().map(turned).collect();
         let input = PlanInput {
             points: &model.live,
             normals: &model.live_normals(),
@@ -56,6 +59,7 @@ impl Explorer<'_> {
             edges: &model.edges,
             topology,
             visible: &visible,
+            hidden: &hidden,
             cell: self.cell.info(),
             limits: self.options.limits,
             attempt: self.manipulations + self.misses,

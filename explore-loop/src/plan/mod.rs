@@ -23,7 +23,7 @@ use grip_planner::{
     Arm, GripSet, Model, Plan, PlanOptions, ReachOptions, Reason, Refusal, RefusedSet, Scene,
     Workspace,
 };
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 
 mod coverage;
 mod hole;
@@ -47,6 +47,8 @@ pub struct PlanInput<'a> {
     pub topology: &'a Topology,
     /// What the camera sees now.
     pub visible: &'a [bool],
+    /// Vector areas of the pieces of surface that were never seen, as they face now, m².
+    pub hidden: &'a [Vector3<f64>],
     /// The arms and the table.
     pub cell: &'a CellInfo,
     /// How fast the arms may go.
@@ -148,6 +150,7 @@ fn model<'a>(input: &PlanInput<'a>) -> Model<'a> {
         edges: input.edges,
         boundary: &input.topology.boundary,
         visible: input.visible,
+        hidden: input.hidden,
     }
 }
 

@@ -66,6 +66,7 @@ impl Surface {
             edges: &self.edges,
             boundary: &self.boundary,
             visible: &self.visible,
+            hidden: &[],
         }
     }
 

@@ -89,7 +89,7 @@ impl ClosedSurface {
     }
 
     /// Which triangles have no support: fewer than two of their corners have.
-    fn bare_triangles(&self) -> Vec<bool> {
+    pub(crate) fn bare_triangles(&self) -> Vec<bool> {
         let bare = |v: &&u32| !self.is_supported(**v as usize);
         let lacks = |t: &[u32; 3]| t.iter().filter(bare).count() >= 2;
         self.triangles.iter().map(lacks).collect()
