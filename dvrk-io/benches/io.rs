@@ -1,11 +1,14 @@
-//! Throughput of what runs for every frame: decoding a cloud, reading a session, segmenting an image.
+//! Throughput of what runs for every frame or pose: decoding a cloud, reading a session, segmenting an image,
+//! kinematics.
 #![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
 
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use dvrk_io::Psm;
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
 use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Segmentation, segment};
+use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
 use dvrk_io::session::{SessionReader, SessionWriter};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -104,5 +107,32 @@ fn images(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, clouds, sessions, images);
+fn kinematics(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("kinematics");
+    group.throughput(Throughput::Elements(1));
+    let arm = Kinematics::new(Psm::Classic);
+    let joints = [0.2, -0.3, 0.15, 0.7, -0.4, 0.5];
+    let wrist = arm.rcm_from_wrist(&joints).unwrap();
+    let tip = arm.tip_of(&wrist).0;
+    let workspace = PsmWorkspace::new(arm, &Isometry3::identity()).unwrap();
+    let outside = RcmFromWrist(Isometry3::translation(0.0, 0.0, -0.4) * wrist.0);
+    group.bench_function("forward", |bencher| {
+        bencher.iter(|| arm.rcm_from_wrist(black_box(&joints)).unwrap());
+    });
+    group.bench_function("inverse", |bencher| {
+        bencher.iter(|| arm.inverse(black_box(&wrist)).unwrap());
+    });
+    group.bench_function("inverse, unreachable", |bencher| {
+        bencher.iter(|| arm.inverse(black_box(&outside)).unwrap_err());
+    });
+    group.bench_function("workspace test", |bencher| {
+        bencher.iter(|| workspace.contains(black_box(&tip)));
+    });
+    group.bench_function("Jacobian", |bencher| {
+        bencher.iter(|| arm.wrist_jacobian(black_box(&joints)).unwrap());
+    });
+    group.finish();
+}
+
+criterion_group!(benches, clouds, sessions, images, kinematics);
 criterion_main!(benches);

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::kinematics::Unreachable;
+
 /// The one error of this crate. Every variant says where and which value.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -145,6 +147,9 @@ pub enum Error {
         /// Frame of the clouds.
         expected: String,
     },
+    /// An arm cannot have its tip in this pose.
+    #[error("unreachable: {0}")]
+    Unreachable(#[from] Unreachable),
     /// The name of an arm cannot be part of a topic.
     #[error(
         "arm name `{name}` cannot be part of a topic: letters, digits and underscores, not starting with a digit"

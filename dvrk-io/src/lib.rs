@@ -3,6 +3,7 @@
 pub mod cdr;
 pub mod depth;
 mod error;
+pub mod kinematics;
 mod psm;
 pub mod session;
 
