@@ -384,10 +384,11 @@ fn other_units_and_mirror_images() {
             far
         })
         .collect();
-    assert!(matches!(
-        fit_sightings(&millimetres, &options),
-        Err(Error::ScaleMismatch { .. })
-    ));
+    let result = fit_sightings(&millimetres, &options);
+    assert!(
+        matches!(result, Err(Error::ScaleMismatch { ratio }) if (900.0..1100.0).contains(&ratio)),
+        "{result:?}"
+    );
 }
 
 /// The marker moves twenty times as far as the wrist: this is no matter of units.
@@ -814,11 +815,13 @@ proptest! {
             }
         }
         wrong.sort_unstable();
-        let fit = fit_touches(&samples, &FitOptions::default())?;
+        // Nine at random may lie nearly on a line (seed 17103614847905811906).
+        let options = FitOptions::default().with_min_spread(0.005);
+        let fit = fit_touches(&samples, &options)?;
         prop_assert_eq!(&fit.residuals.outliers, &wrong);
         // As if they had not been there.
         let without: Vec<Touch> = (0..count).filter(|i| !wrong.contains(i)).map(|i| samples[i]).collect();
-        let clean = fit_touches(&without, &FitOptions::default())?;
+        let clean = fit_touches(&without, &options)?;
         let (place, _) = gap(&fit.camera_from_rcm, &clean.camera_from_rcm);
         prop_assert!(place < 1e-12);
     }
@@ -828,7 +831,8 @@ proptest! {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let planted = [any_transform(&mut random), any_transform(&mut random)];
         let samples = sightings(&mut random, &planted, count, [0.0; 2]);
-        let fit = fit_sightings(&samples, &FitOptions::default())?;
+        // Six poses at random may turn by 0.16 rad only (seed 1016413523640332883).
+        let fit = fit_sightings(&samples, &FitOptions::default().with_min_turning(0.05))?;
         let found = [fit.camera_from_rcm, fit.wrist_from_marker.unwrap()];
         for (found, planted) in found.iter().zip(&planted) {
             let (place, angle) = gap(found, planted);

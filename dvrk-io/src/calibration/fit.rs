@@ -187,7 +187,11 @@ impl Residuals {
 
 /// Root mean square; 0 of nothing.
 pub(super) fn rms(values: &[f64]) -> f64 {
-    let sum: f64 = values.iter().map(|value| value * value).sum();
+    // The sum of nothing is −0.
+    let sum = values
+        .iter()
+        .map(|value| value * value)
+        .fold(0.0, |sum, square| sum + square);
     (sum / values.len().max(1) as f64).sqrt()
 }
 

@@ -67,12 +67,6 @@ pub fn fit_sightings(sightings: &[Sighting], options: &FitOptions) -> Result<Fit
     let samples = check_samples(sightings)?;
     let everything: Vec<usize> = (0..samples.len()).collect();
     check_turning(&samples, &everything, options)?;
-    if let Some(ratio) = closed_form(&samples).and_then(|start| unit_ratio(&samples, &start))
-        && !(1.0 / UNITS..=UNITS).contains(&ratio.abs())
-    {
-        return Err(Error::ScaleMismatch { ratio });
-    }
-
     let threshold = Threshold {
         ratio: options.outlier_ratio,
         floor: options.outlier_floor,
@@ -97,6 +91,9 @@ pub fn fit_sightings(sightings: &[Sighting], options: &FitOptions) -> Result<Fit
         .into_iter()
         .filter(|index| outliers.binary_search(index).is_err())
         .collect();
+    if let Some(ratio) = wrong_unit(&pick(&kept)) {
+        return Err(Error::ScaleMismatch { ratio });
+    }
     if kept.len()
         < options
             .min_samples
@@ -137,26 +134,35 @@ pub(super) fn check_samples(sightings: &[Sighting]) -> Result<Vec<Pair>, Error> 
     sightings.iter().enumerate().map(check).collect()
 }
 
-/// The factor s of t_X + R_X·R_B·t_Y + s·R_X·t_B = t_A, least squares: 1 if camera and arm are in the same unit.
-/// `None` if the wrist hardly moves other than as the marker's own arm makes it.
-fn unit_ratio(samples: &[Pair], model: &Model) -> Option<f64> {
+/// The factor s of t_X + R_X·R_B·t_Y + s·R_X·t_B = t_A, least squares, if it says that camera and arm are in
+/// different units: far from 1, and samples fit far better with it than with 1.
+fn wrong_unit(samples: &[Pair]) -> Option<f64> {
+    let rotation_x = closed_form(samples)?.camera_from_rcm.rotation;
     let mut normal = SMatrix::<f64, 6, 6>::zeros();
     let (mut cross, mut right) = (SVector::<f64, 6>::zeros(), SVector::<f64, 6>::zeros());
-    let (mut own, mut seen) = (0.0, 0.0);
+    let (mut own, mut product, mut seen) = (0.0, 0.0, 0.0);
     for (a, b) in samples {
-        let rows = shift_rows(&model.camera_from_rcm.rotation, b);
-        let moved = model.camera_from_rcm.rotation * b.translation.vector;
+        let rows = shift_rows(&rotation_x, b);
+        let (place, moved) = (a.translation.vector, rotation_x * b.translation.vector);
         normal += rows.transpose() * rows;
         cross += rows.transpose() * moved;
-        right += rows.transpose() * a.translation.vector;
+        right += rows.transpose() * place;
         own += moved.norm_squared();
-        seen += moved.dot(&a.translation.vector);
+        product += moved.dot(&place);
+        seen += place.norm_squared();
     }
+    // What t_X and t_Y cannot take up of the motion of the wrist, of its product with the places, of the places.
     let factor = normal.cholesky()?;
-    // What is left of the motion of the wrist once t_X and t_Y have taken their part.
-    let independent = own - cross.dot(&factor.solve(&cross));
-    let is_telling = independent > LEAST_MOTION * LEAST_MOTION * samples.len() as f64;
-    is_telling.then(|| (seen - cross.dot(&factor.solve(&right))) / independent)
+    let own = own - cross.dot(&factor.solve(&cross));
+    let product = product - cross.dot(&factor.solve(&right));
+    let seen = seen - right.dot(&factor.solve(&right));
+    if own < LEAST_MOTION * LEAST_MOTION * samples.len() as f64 {
+        return None;
+    }
+    let ratio = product / own;
+    let (left, gained) = (seen - ratio * product, own * (ratio - 1.0).powi(2));
+    let is_other = !(1.0 / UNITS..=UNITS).contains(&ratio.abs()) && gained > 10.0 * left;
+    is_other.then_some(ratio)
 }
 
 /// The matrix of t_X, t_Y in t_X + R_X·R_B·t_Y.
