@@ -1,11 +1,12 @@
 //! Throughput of what runs for every frame or pose: decoding a cloud, reading a session, segmenting an image,
-//! kinematics.
+//! kinematics; and calibration, which does not.
 #![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
 
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dvrk_io::Psm;
+use dvrk_io::calibration::{FitOptions, Sighting, Touch, fit_sightings, fit_touches};
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
 use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Segmentation, segment};
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
@@ -134,5 +135,58 @@ fn kinematics(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, clouds, sessions, images, kinematics);
+fn calibration(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("calibration");
+    let planted = Isometry3::new(Vector3::new(0.1, 0.0, 0.4), Vector3::new(0.5, 0.2, 1.0));
+    let arm = Kinematics::new(Psm::Classic);
+    for count in [8_i32, 32, 128] {
+        let sightings: Vec<Sighting> = (0..count)
+            .map(|i| {
+                // A Lissajous figure of all joints.
+                let at = |rate: f64| (rate * f64::from(i)).sin();
+                let joints = [
+                    0.5 * at(1.0),
+                    0.5 * at(2.1),
+                    0.15 + 0.04 * at(3.3),
+                    at(4.7),
+                    at(5.9),
+                    at(7.1),
+                ];
+                let rcm_from_wrist = arm.rcm_from_wrist(&joints).unwrap();
+                let camera_from_marker = planted * rcm_from_wrist.0 * planted;
+                Sighting {
+                    camera_from_marker,
+                    rcm_from_wrist,
+                }
+            })
+            .collect();
+        let touches: Vec<Touch> = sightings
+            .iter()
+            .map(|sighting| sighting.rcm_from_wrist.0.translation.vector.into())
+            .map(|rcm: Point3<f64>| Touch {
+                camera: planted * rcm,
+                rcm,
+            })
+            .collect();
+        let options = FitOptions::default();
+        group.throughput(Throughput::Elements(touches.len() as u64));
+        group.bench_with_input(
+            BenchmarkId::new("touches", count),
+            &touches,
+            |bencher, touches| {
+                bencher.iter(|| fit_touches(black_box(touches), &options).unwrap());
+            },
+        );
+        group.bench_with_input(
+            BenchmarkId::new("sightings", count),
+            &sightings,
+            |bencher, sightings| {
+                bencher.iter(|| fit_sightings(black_box(sightings), &options).unwrap());
+            },
+        );
+    }
+    group.finish();
+}
+
+criterion_group!(benches, clouds, sessions, images, kinematics, calibration);
 criterion_main!(benches);

@@ -900,6 +900,26 @@ proptest! {
         }
     }
 
+    /// Any sightings at all, some with proper rotations.
+    #[test]
+    fn any_sightings(
+        numbers in prop::collection::vec(prop::array::uniform7(any::<f64>()), 0..16), unit: bool, scale: bool,
+    ) {
+        let factor = if scale { 1.0 } else { 1e-300 };
+        let pose = |[x, y, z, a, b, c, d]: [f64; 7]| {
+            let turn = Quaternion::new(a, b, c, d);
+            let turn = if unit { UnitQuaternion::new_normalize(turn) } else { UnitQuaternion::new_unchecked(turn) };
+            Isometry3::from_parts(Translation3::new(x * factor, y * factor, z * factor), turn)
+        };
+        let samples: Vec<Sighting> = numbers
+            .chunks_exact(2)
+            .map(|pair| Sighting { camera_from_marker: pose(pair[0]), rcm_from_wrist: RcmFromWrist(pose(pair[1])) })
+            .collect();
+        if let Ok(fit) = fit_sightings(&samples, &FitOptions::default()) {
+            prop_assert!(fit.camera_from_rcm.to_homogeneous().iter().all(|x| x.is_finite()));
+        }
+    }
+
     /// Any touches at all: an answer that is a rigid transform, or an error.
     #[test]
     fn any_touches(points in prop::collection::vec(prop::array::uniform6(any::<f64>()), 0..12), scale: bool) {
@@ -911,6 +931,36 @@ proptest! {
             .collect();
         if let Ok(fit) = fit_touches(&samples, &FitOptions::default()) {
             prop_assert!(fit.camera_from_rcm.to_homogeneous().iter().all(|x| x.is_finite()));
+        }
+    }
+}
+
+/// Normal noise alone names nobody.
+#[test]
+fn clean_samples_have_no_outliers() {
+    let mut random = ChaCha8Rng::seed_from_u64(19);
+    let options = FitOptions::default()
+        .with_min_spread(0.001)
+        .with_min_turning(0.01);
+    for count in [4, 5, 6, 8, 14, 40] {
+        for _ in 0..50 {
+            let planted = [any_transform(&mut random), any_transform(&mut random)];
+            let touched = touches(&mut random, &planted[0], count, 1e-3);
+            assert!(
+                fit_touches(&touched, &options)
+                    .unwrap()
+                    .residuals
+                    .outliers
+                    .is_empty()
+            );
+            let seen = sightings(&mut random, &planted, count.min(8), [1e-3, 1e-2]);
+            assert!(
+                fit_sightings(&seen, &options)
+                    .unwrap()
+                    .residuals
+                    .outliers
+                    .is_empty()
+            );
         }
     }
 }
