@@ -8,9 +8,9 @@
 
 mod arms;
 
-use arms::*;
 use std::f64::consts::TAU;
 
+use arms::*;
 use dvrk_io::kinematics::{Instrument, Kinematics, RcmFromWrist, Unreachable};
 use dvrk_io::{Error, Psm};
 use nalgebra::{
@@ -56,8 +56,8 @@ fn inverse_and_forward_undo_each_other() {
     }
 }
 
-/// Poses drawn in space rather than from joints: what is answered is the pose, what is refused breaks a limit
-/// by an independent account.
+/// Poses drawn in space rather than from joints: what is answered is the pose, what is refused for a limit
+/// names a value beyond it.
 #[test]
 fn poses_drawn_in_space() {
     let mut random = ChaCha8Rng::seed_from_u64(15);

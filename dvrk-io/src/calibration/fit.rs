@@ -153,7 +153,8 @@ pub struct Residuals {
     /// Angle between the orientation seen and the one expected, for every sighting, radians; empty for
     /// touches.
     pub angles: Vec<f64>,
-    /// Which samples do not agree with the others, in order. They have no part in the fit.
+    /// Which samples do not agree with the others, in order. They have no part in the fit. Of up to four touches
+    /// or five sightings none is named: one too many can disagree, but not say with whom.
     pub outliers: Vec<usize>,
     /// Root mean square of the distances without outliers, metres.
     pub rms: f64,

@@ -2,8 +2,8 @@
 //!
 //! ```text
 //! start       model of a small subset with the least residual r₍ₕ₎ at rank h = ⌊(n + p + 1)/2⌋
-//! repeat      s = median residual of the samples kept · (1 + 5/(m − p))
-//!             kept = { i : r_i ≤ max(floor, ratio · s) },  model = least squares on them
+//! repeat      s = median residual of the m samples kept, r₍ₕ₎ of all the first time
+//!             kept = { i : r_i ≤ max(floor, ratio · s · (1 + 5/(m − p))) },  model = least squares on them
 //! ```
 //! P. J. Rousseeuw, "Least median of squares regression", J. Am. Stat. Assoc. 79 (1984), with his correction for
 //! few samples. All subsets of p samples are tried if they are few, else a fixed sequence of them: the same

@@ -7,7 +7,8 @@ use crate::Error;
 /// Pose of the wrist frame in the frame of the remote centre: the control point that the robot reports and
 /// follows as `local/measured_cp` and `local/setpoint_cp`.
 ///
-/// Origin on the wrist yaw axis, +z along the approach.
+/// Origin on the wrist yaw axis, +z along the approach. The simulators of the dVRK's maintainers report the tip
+/// instead: with them, a `measured_cp` is a [`RcmFromTip`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RcmFromWrist(pub Isometry3<f64>);
 

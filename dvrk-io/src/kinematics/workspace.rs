@@ -115,7 +115,8 @@ impl SafetyMargins {
     }
 }
 
-/// Where the tips of an arm's closed jaws can be, in the camera frame.
+/// Where the tips of an arm's closed jaws can be, in the camera frame: poses with +z along the approach and the
+/// jaws opening along y.
 ///
 /// A planner that takes a test on poses gets `move |pose| workspace.contains(pose)`.
 ///
