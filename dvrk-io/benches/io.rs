@@ -1,11 +1,15 @@
-//! Throughput of what runs for every frame: decoding a cloud, reading a session, segmenting an image.
+//! Throughput of what runs for every frame or pose: decoding a cloud, reading a session, segmenting an image,
+//! kinematics; and calibration, which does not.
 #![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
 
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use dvrk_io::Psm;
+use dvrk_io::calibration::{FitOptions, Sighting, Touch, fit_sightings, fit_touches};
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
 use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Segmentation, segment};
+use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
 use dvrk_io::session::{SessionReader, SessionWriter};
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -104,5 +108,85 @@ fn images(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, clouds, sessions, images);
+fn kinematics(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("kinematics");
+    group.throughput(Throughput::Elements(1));
+    let arm = Kinematics::new(Psm::Classic);
+    let joints = [0.2, -0.3, 0.15, 0.7, -0.4, 0.5];
+    let wrist = arm.rcm_from_wrist(&joints).unwrap();
+    let tip = arm.tip_of(&wrist).0;
+    let workspace = PsmWorkspace::new(arm, &Isometry3::identity()).unwrap();
+    let outside = RcmFromWrist(Isometry3::translation(0.0, 0.0, -0.4) * wrist.0);
+    group.bench_function("forward", |bencher| {
+        bencher.iter(|| arm.rcm_from_wrist(black_box(&joints)).unwrap());
+    });
+    group.bench_function("inverse", |bencher| {
+        bencher.iter(|| arm.inverse(black_box(&wrist)).unwrap());
+    });
+    group.bench_function("inverse, unreachable", |bencher| {
+        bencher.iter(|| arm.inverse(black_box(&outside)).unwrap_err());
+    });
+    group.bench_function("workspace test", |bencher| {
+        bencher.iter(|| workspace.contains(black_box(&tip)));
+    });
+    group.bench_function("Jacobian", |bencher| {
+        bencher.iter(|| arm.wrist_jacobian(black_box(&joints)).unwrap());
+    });
+    group.finish();
+}
+
+fn calibration(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("calibration");
+    let planted = Isometry3::new(Vector3::new(0.1, 0.0, 0.4), Vector3::new(0.5, 0.2, 1.0));
+    let arm = Kinematics::new(Psm::Classic);
+    for count in [8_i32, 32, 128] {
+        let sightings: Vec<Sighting> = (0..count)
+            .map(|i| {
+                // A Lissajous figure of all joints.
+                let at = |rate: f64| (rate * f64::from(i)).sin();
+                let joints = [
+                    0.5 * at(1.0),
+                    0.5 * at(2.1),
+                    0.15 + 0.04 * at(3.3),
+                    at(4.7),
+                    at(5.9),
+                    at(7.1),
+                ];
+                let rcm_from_wrist = arm.rcm_from_wrist(&joints).unwrap();
+                let camera_from_marker = planted * rcm_from_wrist.0 * planted;
+                Sighting {
+                    camera_from_marker,
+                    rcm_from_wrist,
+                }
+            })
+            .collect();
+        let touches: Vec<Touch> = sightings
+            .iter()
+            .map(|sighting| sighting.rcm_from_wrist.0.translation.vector.into())
+            .map(|rcm: Point3<f64>| Touch {
+                camera: planted * rcm,
+                rcm,
+            })
+            .collect();
+        let options = FitOptions::default();
+        group.throughput(Throughput::Elements(touches.len() as u64));
+        group.bench_with_input(
+            BenchmarkId::new("touches", count),
+            &touches,
+            |bencher, touches| {
+                bencher.iter(|| fit_touches(black_box(touches), &options).unwrap());
+            },
+        );
+        group.bench_with_input(
+            BenchmarkId::new("sightings", count),
+            &sightings,
+            |bencher, sightings| {
+                bencher.iter(|| fit_sightings(black_box(sightings), &options).unwrap());
+            },
+        );
+    }
+    group.finish();
+}
+
+criterion_group!(benches, clouds, sessions, images, kinematics, calibration);
 criterion_main!(benches);

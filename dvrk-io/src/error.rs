@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::kinematics::Unreachable;
+
 /// The one error of this crate. Every variant says where and which value.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
@@ -144,6 +146,71 @@ pub enum Error {
         found: String,
         /// Frame of the clouds.
         expected: String,
+    },
+    /// An arm cannot have its tip in this pose.
+    #[error("unreachable: {0}")]
+    Unreachable(#[from] Unreachable),
+    /// A sample of a calibration cannot be used.
+    #[error("sample {index}: {source}")]
+    BadSample {
+        /// Which sample, from 0.
+        index: usize,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// Too few samples for a calibration or its check.
+    #[error("{given} samples, at least {needed} are needed")]
+    TooFewSamples {
+        /// How many there are.
+        given: usize,
+        /// How many are needed.
+        needed: usize,
+    },
+    /// Samples of a calibration are too much alike: more than one transform fits them.
+    #[error(
+        "{what} is {value:.4} {unit}, at least {needed:.4} {unit} is needed: vary the poses more"
+    )]
+    Degenerate {
+        /// What there is too little of.
+        what: &'static str,
+        /// How much there is, in `unit`.
+        value: f64,
+        /// How much is needed, in `unit`.
+        needed: f64,
+        /// `m` or `rad`.
+        unit: &'static str,
+    },
+    /// Distances in the camera are not those at the arm.
+    #[error("distances in the camera are {ratio:.3} times those at the arm: are both in metres?")]
+    ScaleMismatch {
+        /// Camera over arm, median.
+        ratio: f64,
+    },
+    /// A reflection fits the samples of a calibration, a rotation does not.
+    #[error(
+        "camera and arm points are mirror images: an axis has the wrong sign in one of the two frames"
+    )]
+    Mirrored,
+    /// The samples of a calibration do not agree with each other.
+    #[error("{outliers} of {samples} samples do not agree with the others")]
+    TooManyOutliers {
+        /// How many do not agree.
+        outliers: usize,
+        /// How many there are.
+        samples: usize,
+    },
+    /// A calibration without a marker cannot be checked with sightings.
+    #[error("this calibration knows no marker: check it with touches")]
+    NoMarker,
+    /// A calibration file, or a calibration to be written, is not what it should be.
+    #[error("calibration, line {line}, `{key}`: {reason}")]
+    BadCalibration {
+        /// Line of the file, from 1; 0 if there is no file yet.
+        line: usize,
+        /// The key, or the table.
+        key: String,
+        /// What is wrong with it.
+        reason: String,
     },
     /// The name of an arm cannot be part of a topic.
     #[error(

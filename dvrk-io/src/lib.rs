@@ -1,8 +1,10 @@
 #![doc = include_str!("../README.md")]
 
+pub mod calibration;
 pub mod cdr;
 pub mod depth;
 mod error;
+pub mod kinematics;
 mod psm;
 pub mod session;
 

@@ -2,6 +2,7 @@
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use dvrk_io::Psm;
+use dvrk_io::kinematics::Kinematics;
 use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 use proptest::prelude::*;
 
@@ -11,7 +12,8 @@ const WRIST_BEFORE_INSERTION: f64 = 0.0156;
 #[test]
 fn home_is_where_the_robot_says() {
     for psm in [Psm::Classic, Psm::Si] {
-        let tip = psm.base_from_tip(&[0.0, 0.0, 0.12, 0.0, 0.0, 0.0]).unwrap();
+        let wrist = Kinematics::new(psm).rcm_from_wrist(&[0.0, 0.0, 0.12, 0.0, 0.0, 0.0]);
+        let tip = wrist.unwrap().0;
         // 0.12 − 0.0156 + 0.0091 below the remote centre.
         assert!(
             (tip.translation.vector - Vector3::new(0.0, 0.0, -0.1135)).norm() < 1e-12,
@@ -28,9 +30,10 @@ fn home_is_where_the_robot_says() {
 #[test]
 fn yaw_goes_to_plus_x_and_pitch_to_minus_y() {
     let tip = |yaw, pitch| {
-        Psm::Classic
-            .base_from_tip(&[yaw, pitch, 0.12, 0.0, 0.0, 0.0])
+        Kinematics::new(Psm::Classic)
+            .rcm_from_wrist(&[yaw, pitch, 0.12, 0.0, 0.0, 0.0])
             .unwrap()
+            .0
             .translation
     };
     assert!(tip(0.1, 0.0).x > 0.01 && tip(0.1, 0.0).y.abs() < 1e-12);
@@ -42,7 +45,8 @@ fn the_jaws_open_across_the_approach() {
     let camera_from_base =
         Isometry3::new(Vector3::new(0.1, 0.2, 0.5), Vector3::new(0.3, -0.2, 0.1));
     let joints = [0.2, -0.3, 0.15, 0.7, -0.4, 0.5];
-    let camera_from_tip = camera_from_base * Psm::Si.base_from_tip(&joints).unwrap();
+    let camera_from_tip =
+        camera_from_base * Kinematics::new(Psm::Si).rcm_from_wrist(&joints).unwrap().0;
     let ends = |jaw: f64| {
         let capsules = Psm::Si.capsules(&camera_from_base, &joints, jaw).unwrap();
         [2, 3].map(|finger: usize| camera_from_tip.inverse_transform_point(&capsules[finger].end))
@@ -71,8 +75,8 @@ fn the_jaws_open_across_the_approach() {
 #[test]
 fn joints_that_are_not_numbers() {
     assert!(
-        Psm::Classic
-            .base_from_tip(&[0.0, f64::NAN, 0.1, 0.0, 0.0, 0.0])
+        Kinematics::new(Psm::Classic)
+            .rcm_from_wrist(&[0.0, f64::NAN, 0.1, 0.0, 0.0, 0.0])
             .is_err()
     );
     assert!(
@@ -97,7 +101,7 @@ proptest! {
         prop_assert!(shaft.start.coords.cross(&direction).norm() < 1e-12);
         prop_assert!(shaft.start.coords.dot(&direction) < 0.0);
         prop_assert!(((wrist.end - wrist.start).norm() - 0.0091).abs() < 1e-12);
-        let tip = psm.base_from_tip(&joints)?;
+        let tip = Kinematics::new(psm).rcm_from_wrist(&joints)?.0;
         prop_assert!((tip.translation.vector - wrist.end.coords).norm() < 1e-12);
     }
 }

@@ -1,0 +1,49 @@
+//! How much of a table top an arm reaches: `cargo run --example psm_reach`.
+//!
+//! A grasp from above, jaws along the arm, in steps of 2 cm: `#` within all safety margins, `+` within joint
+//! limits only, `.` out of reach. Below, why the corners are not reached.
+#![allow(clippy::print_stdout, reason = "printing is what this program is for")]
+
+use dvrk_io::kinematics::{Kinematics, PsmWorkspace, SafetyMargins};
+use dvrk_io::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use dvrk_io::{Error, Psm};
+
+/// Height of the remote centre over the table, metres.
+const HEIGHT: f64 = 0.15;
+
+fn main() -> Result<(), Error> {
+    for psm in [Psm::Classic, Psm::Si] {
+        // Seen from a table frame under the remote centre, axes as those of the arm.
+        let table_from_rcm = Isometry3::translation(0.0, 0.0, HEIGHT);
+        let safe = PsmWorkspace::new(Kinematics::new(psm), &table_from_rcm)?;
+        let bare = safe.with_margins(SafetyMargins::NONE)?;
+        println!("{psm:?}, remote centre {HEIGHT} m over the middle");
+        for row in (-9..=9).rev() {
+            let line: String = (-13..=13)
+                .map(|column| {
+                    let pose = grasp(f64::from(column) * 0.02, f64::from(row) * 0.02);
+                    match (safe.contains(&pose), bare.contains(&pose)) {
+                        (true, _) => '#',
+                        (false, true) => '+',
+                        (false, false) => '.',
+                    }
+                })
+                .collect();
+            println!("  {line}");
+        }
+        for (x, y) in [(0.26, 0.0), (0.0, 0.18), (0.0, 0.0)] {
+            match safe.reach(&grasp(x, y)) {
+                Ok(reach) => println!("  ({x:.2}, {y:.2}): joints {:.3?}", reach.joints),
+                Err(reason) => println!("  ({x:.2}, {y:.2}): {reason}"),
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Tips at (x, y) on the table, approach straight down.
+fn grasp(x: f64, y: f64) -> Isometry3<f64> {
+    let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -std::f64::consts::FRAC_PI_2);
+    Isometry3::from_parts(Translation3::new(x, y, 0.0), down * quarter)
+}

@@ -1,0 +1,188 @@
+//! Whether a calibration still holds, from samples of today.
+//!
+//! ```text
+//! holds       at least 3/4 of the samples within the limit
+//! doubtful    at least 1/2
+//! broken      fewer
+//! ```
+//! Shares, not means: a single bad look at the tip must not stop the robot, and half of them must.
+
+use nalgebra::{Isometry3, Vector3};
+
+use super::fit::{max, median, rms};
+use super::poses::between;
+use super::{Calibration, Sighting, Touch, points, poses};
+use crate::Error;
+
+/// What counts as holding.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct CheckOptions {
+    /// Largest distance between expected and seen place, metres. Default 0.005: what a registration of a dVRK
+    /// to a camera is good for at its best.
+    pub limit: f64,
+    /// Largest angle between expected and seen orientation of a marker, radians. Default 0.087 (5°).
+    pub angle_limit: f64,
+    /// Least number of samples for a verdict. Default 4.
+    pub min_samples: usize,
+}
+
+impl Default for CheckOptions {
+    fn default() -> Self {
+        Self {
+            limit: 0.005,
+            angle_limit: 0.087,
+            min_samples: 4,
+        }
+    }
+}
+
+impl CheckOptions {
+    /// Sets [`CheckOptions::limit`], metres.
+    #[must_use]
+    pub fn with_limit(self, limit: f64) -> Self {
+        Self { limit, ..self }
+    }
+
+    /// Sets [`CheckOptions::angle_limit`], radians.
+    #[must_use]
+    pub fn with_angle_limit(self, angle_limit: f64) -> Self {
+        Self {
+            angle_limit,
+            ..self
+        }
+    }
+
+    /// Sets [`CheckOptions::min_samples`].
+    #[must_use]
+    pub fn with_min_samples(self, min_samples: usize) -> Self {
+        Self {
+            min_samples,
+            ..self
+        }
+    }
+
+    fn check(&self, samples: usize) -> Result<(), Error> {
+        for (what, value) in [("limit", self.limit), ("angle limit", self.angle_limit)] {
+            if !(value > 0.0 && value.is_finite()) {
+                return Err(Error::OutOfRange {
+                    what,
+                    value,
+                    expected: "must be positive and finite",
+                });
+            }
+        }
+        let needed = self.min_samples.max(1);
+        if samples < needed {
+            return Err(Error::TooFewSamples {
+                given: samples,
+                needed,
+            });
+        }
+        Ok(())
+    }
+}
+
+/// What became of a calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// At least three quarters of the samples are within the limit.
+    Holds,
+    /// Between half and three quarters are.
+    Doubtful,
+    /// Fewer than half are: camera or arm was moved, or the instrument is another one.
+    Broken,
+}
+
+/// How far samples are from what a calibration expects.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Check {
+    /// Whether it holds.
+    pub verdict: Verdict,
+    /// The limits that the verdict is about.
+    pub options: CheckOptions,
+    /// How many samples are within them.
+    pub within: usize,
+    /// Distance between the place seen and the place expected, for every sample in order, metres.
+    pub distances: Vec<f64>,
+    /// Angle of the same, radians; empty for touches.
+    pub angles: Vec<f64>,
+    /// Median of the distances, metres.
+    pub median: f64,
+    /// Root mean square of the distances, metres.
+    pub rms: f64,
+    /// Largest distance, metres.
+    pub max: f64,
+    /// Mean shift from expected to seen, camera axes, metres: what all samples have in common.
+    pub bias: Vector3<f64>,
+}
+
+impl Check {
+    fn new(shifts: &[Vector3<f64>], angles: Vec<f64>, options: CheckOptions) -> Self {
+        let distances: Vec<f64> = shifts.iter().map(nalgebra::Matrix::norm).collect();
+        let is_within = |index: &usize| {
+            distances[*index] <= options.limit
+                && angles
+                    .get(*index)
+                    .is_none_or(|&angle| angle <= options.angle_limit)
+        };
+        let count = shifts.len();
+        let within = (0..count).filter(is_within).count();
+        let verdict = if 4 * within >= 3 * count {
+            Verdict::Holds
+        } else if 2 * within >= count {
+            Verdict::Doubtful
+        } else {
+            Verdict::Broken
+        };
+        Self {
+            verdict,
+            options,
+            within,
+            median: median(&distances),
+            rms: rms(&distances),
+            max: max(&distances),
+            bias: shifts.iter().sum::<Vector3<f64>>() / count.max(1) as f64,
+            distances,
+            angles,
+        }
+    }
+}
+
+impl Calibration {
+    /// How far touched points are from where this calibration expects them. Needs no spread: four touches of
+    /// one landmark will do.
+    ///
+    /// # Errors
+    /// Too few samples; a coordinate that is not finite; a limit that is not positive.
+    pub fn check_touches(&self, touches: &[Touch], options: &CheckOptions) -> Result<Check, Error> {
+        options.check(touches.len())?;
+        points::check_samples(touches)?;
+        let shift = |touch: &Touch| touch.camera - self.camera_from_rcm * touch.rcm;
+        let shifts: Vec<Vector3<f64>> = touches.iter().map(shift).collect();
+        Ok(Check::new(&shifts, Vec::new(), *options))
+    }
+
+    /// How far poses of the marker are from where this calibration expects them.
+    ///
+    /// # Errors
+    /// [`Error::NoMarker`] if the calibration is from touches; too few samples; a pose that is none; a limit
+    /// that is not positive.
+    pub fn check_sightings(
+        &self,
+        sightings: &[Sighting],
+        options: &CheckOptions,
+    ) -> Result<Check, Error> {
+        let wrist_from_marker = self.wrist_from_marker.ok_or(Error::NoMarker)?;
+        options.check(sightings.len())?;
+        let samples = poses::check_samples(sightings)?;
+        let compare = |(seen, wrist): &(Isometry3<f64>, Isometry3<f64>)| {
+            let expected = self.camera_from_rcm * wrist * wrist_from_marker;
+            let (shift, turn) = between(&expected, seen);
+            (shift, turn.norm())
+        };
+        let (shifts, angles): (Vec<_>, Vec<_>) = samples.iter().map(compare).unzip();
+        Ok(Check::new(&shifts, angles, *options))
+    }
+}
