@@ -18,8 +18,8 @@ pub(super) enum Source<'a> {
     Files(Vec<PathBuf>),
 }
 
-trait ReadSeek: Read + Seek {}
-impl<T: Read + Seek> ReadSeek for T {}
+trait ReadSeek: Read + Seek + Send {}
+impl<T: Read + Seek + Send> ReadSeek for T {}
 
 /// One open file.
 pub(super) struct Input<'a> {
