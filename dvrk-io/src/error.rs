@@ -148,6 +148,28 @@ pub enum Error {
         /// The name.
         name: String,
     },
+    /// An image message contradicts itself or its camera.
+    #[error("image: {reason}")]
+    BadImage {
+        /// What does not fit, with the values.
+        reason: String,
+    },
+    /// No plane holds enough of the points to be the table.
+    #[error("no table in view: the best plane holds {:.0} % of {points} points, {reason}", 100.0 * share)]
+    NoTable {
+        /// Points that were looked at.
+        points: usize,
+        /// Share of them on the best plane.
+        share: f64,
+        /// Why that is not enough.
+        reason: String,
+    },
+    /// Nothing is left that could be the object.
+    #[error("no object: {reason}")]
+    NoObject {
+        /// What was removed, or how far the seed point is from everything.
+        reason: String,
+    },
     /// A depth image has another size than it, or the camera, claims.
     #[error("{length} depths do not make an image of {width} × {height}")]
     ImageSize {

@@ -4,7 +4,8 @@
 //! the number of a failing input is printed and makes it again. `$DVRK_IO_FUZZ` sets another number of inputs.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
-use dvrk_io::cdr::{self, Endian, JointState, Plane, PointCloud2, PoseStamped};
+use dvrk_io::cdr::{self, CameraInfo, Endian, Image, JointState, Plane, PointCloud2, PoseStamped};
+use dvrk_io::depth::{ObjectOptions, Scan, find_object};
 use dvrk_io::session::{
     Compression, SessionReader, SessionWriter, WriterOptions, read_truth_from_bytes,
 };
@@ -196,4 +197,79 @@ fn poses_planes_and_joints() {
         ..JointState::default()
     };
     fuzz_message(&joints, |_: JointState| ());
+}
+
+fn camera() -> (Image, CameraInfo) {
+    let (width, height) = (12, 10);
+    let depth = |i: u16| {
+        if (i % 12).abs_diff(5) < 3 && i > 40 && i < 90 {
+            470
+        } else {
+            500
+        }
+    };
+    let image = Image {
+        height,
+        width,
+        encoding: "16UC1".into(),
+        step: 2 * width,
+        data: (0..120).flat_map(|i| depth(i).to_le_bytes()).collect(),
+        ..Image::default()
+    };
+    let k = [100.0, 0.0, 5.5, 0.0, 100.0, 4.5, 0.0, 0.0, 1.0];
+    (
+        image,
+        CameraInfo {
+            height,
+            width,
+            k,
+            ..CameraInfo::default()
+        },
+    )
+}
+
+#[test]
+fn images_and_cameras() {
+    let (image, info) = camera();
+    let options = ObjectOptions::default()
+        .with_table(-Vector3::z_axis(), 0.5)
+        .with_voxel(0.005);
+    let look = |image: &Image, info: &CameraInfo| {
+        if let Ok(scan) = Scan::from_depth(image, info, None) {
+            drop(find_object(&scan, &[], &options));
+        }
+    };
+    fuzz_message(&image, |image: Image| look(&image, &info));
+    fuzz_message(&info, |info: CameraInfo| look(&image, &info));
+}
+
+#[test]
+fn objects() {
+    let (image, info) = camera();
+    let scan = Scan::from_depth(&image, &info, None).unwrap();
+    let options = ObjectOptions::default().with_voxel(0.005);
+    assert!(find_object(&scan, &[], &options).is_ok());
+    let mut cloud = PointCloud2::from_points(cdr::Header::default(), scan.points()).unwrap();
+    (cloud.height, cloud.width, cloud.row_step) = (10, 12, 144);
+    every(&cdr::encode(&cloud, Endian::Little).unwrap(), |input| {
+        let Ok(cloud) = cdr::decode::<PointCloud2>(input) else {
+            return;
+        };
+        if let Ok(scan) = Scan::from_cloud(&cloud, None)
+            && let Ok(object) = find_object(&scan, &[], &options)
+        {
+            assert!(
+                object
+                    .points
+                    .iter()
+                    .all(|point| point.coords.norm().is_finite())
+            );
+            assert!(
+                object
+                    .normals
+                    .iter()
+                    .all(|normal| normal.norm().is_finite())
+            );
+        }
+    });
 }

@@ -1,4 +1,7 @@
-//! From a depth image to the cloud of the object: what is left once everything known is taken away.
+//! From a camera to the cloud of the object: what is left once everything known is taken away.
+//!
+//! [`find_object`] takes what any depth camera sends ([`Scan`]), finds the table if it is not known, and gives oriented
+//! points with an account of the rest. [`segment`] is its plain core for one image with everything known:
 //!
 //! ```text
 //! X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)                                    back-projection
@@ -15,10 +18,19 @@
 mod camera;
 mod capsule;
 mod edge;
+mod hanging;
 mod image;
+mod normals;
+mod object;
+mod scan;
 mod segment;
+mod table;
+mod voxels;
 
 pub use camera::Intrinsics;
 pub use capsule::{Capsule, chain};
 pub use image::DepthImage;
+pub use object::{Account, Object, ObjectOptions, find_object};
+pub use scan::{LengthUnit, Scan, UnitSource};
 pub use segment::{ObjectCloud, Removed, Segmentation, Workspace, segment};
+pub use table::Table;
