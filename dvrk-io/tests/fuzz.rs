@@ -201,7 +201,7 @@ fn poses_planes_and_joints() {
 
 fn camera() -> (Image, CameraInfo) {
     let (width, height) = (12, 10);
-    let depth = |i: u16| {
+    let depth = |i: u16| -> u16 {
         if (i % 12).abs_diff(5) < 3 && i > 40 && i < 90 {
             470
         } else {
@@ -213,7 +213,7 @@ fn camera() -> (Image, CameraInfo) {
         width,
         encoding: "16UC1".into(),
         step: 2 * width,
-        data: (0..120).flat_map(|i| depth(i).to_le_bytes()).collect(),
+        data: (0..120).flat_map(|i: u16| depth(i).to_le_bytes()).collect(),
         ..Image::default()
     };
     let k = [100.0, 0.0, 5.5, 0.0, 100.0, 4.5, 0.0, 0.0, 1.0];

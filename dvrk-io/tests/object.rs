@@ -537,7 +537,7 @@ fn cloud_of(points: &[[f64; 3]]) -> PointCloud2 {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn messages_that_contradict_themselves_are_refused() {
     let ok = image("16UC1", &vec![0.5; (WIDTH * HEIGHT) as usize], false, 0);
     let refused = |image: Image, info: CameraInfo, word: &str| {
         let error = Scan::from_depth(&image, &info, None)
@@ -620,7 +620,10 @@ fn what_does_not_fit_is_refused() {
             .to_string()
             .contains("rgba")
     );
+}
 
+#[test]
+fn options_out_of_range_are_refused() {
     let scan = Scan::from_cloud(&cloud(&Scene::new([0.0; 2]), true, 1.0), None).unwrap();
     let ok = ObjectOptions::default();
     let down = Vector3::z_axis();

@@ -15,6 +15,7 @@
 //! [`segment`] for what each step guarantees, and [`Psm::capsules`](crate::Psm::capsules) for the
 //! capsules of a dVRK arm.
 
+mod account;
 mod camera;
 mod capsule;
 mod edge;
@@ -22,15 +23,18 @@ mod hanging;
 mod image;
 mod normals;
 mod object;
+mod options;
 mod scan;
 mod segment;
 mod table;
 mod voxels;
 
+pub use account::Account;
 pub use camera::Intrinsics;
 pub use capsule::{Capsule, chain};
 pub use image::DepthImage;
-pub use object::{Account, Object, ObjectOptions, find_object};
+pub use object::{Object, find_object};
+pub use options::ObjectOptions;
 pub use scan::{LengthUnit, Scan, UnitSource};
 pub use segment::{ObjectCloud, Removed, Segmentation, Workspace, segment};
 pub use table::Table;

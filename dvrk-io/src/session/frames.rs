@@ -84,13 +84,12 @@ impl<'a> Frames<'a> {
 
     /// Outer error: the file cannot be read. Inner: the cloud cannot be decoded.
     fn cloud(&mut self, place: Place) -> Result<Result<Vec<Point3<f64>>, Error>, Error> {
-        let (_, input, cache) = match self.open.take().filter(|(part, ..)| *part == place.part) {
-            Some(open) => self.open.insert(open),
-            None => {
-                let input = self.source.open(place.part)?;
-                self.open.insert((place.part, input, Cache::default()))
-            }
+        let same = self.open.take().filter(|(part, ..)| *part == place.part);
+        let open = match same {
+            Some(open) => open,
+            None => (place.part, self.source.open(place.part)?, Cache::default()),
         };
+        let (_, input, cache) = self.open.insert(open);
         match place.chunk {
             None => input.read(place.at, place.length, &mut self.buffer)?,
             Some(chunk) => cache.read(input, chunk, [place.at, place.length], &mut self.buffer)?,

@@ -151,21 +151,18 @@ impl<'a> Scanner<'a> {
     /// The file cannot be read.
     pub(super) fn next(&mut self) -> Result<Option<Event>, Error> {
         loop {
-            let event = match self.chunk.take() {
-                Some(mut chunk) => {
-                    let Some(record) = chunk.record(&mut self.input, &mut self.body)? else {
-                        continue;
-                    };
-                    let event = self.chunk_record(&mut chunk, record)?;
-                    self.chunk = Some(chunk);
-                    event
-                }
-                None => {
-                    let Some(record) = self.record()? else {
-                        return Ok(None);
-                    };
-                    self.plain_record(record)?
-                }
+            let event = if let Some(mut chunk) = self.chunk.take() {
+                let Some(record) = chunk.record(&mut self.input, &mut self.body)? else {
+                    continue;
+                };
+                let event = self.chunk_record(&chunk, record)?;
+                self.chunk = Some(chunk);
+                event
+            } else {
+                let Some(record) = self.record()? else {
+                    return Ok(None);
+                };
+                self.plain_record(record)?
             };
             if event.is_some() {
                 return Ok(event);
@@ -211,7 +208,7 @@ impl<'a> Scanner<'a> {
         Ok(self.body(record, place))
     }
 
-    fn chunk_record(&mut self, chunk: &mut Chunk, record: Record) -> Result<Option<Event>, Error> {
+    fn chunk_record(&mut self, chunk: &Chunk, record: Record) -> Result<Option<Event>, Error> {
         let place = self.place(chunk.compressed_at(), record.at - HEADER, record.length);
         if !record.whole {
             // In a cut file that is where the recorder was killed.
@@ -244,41 +241,45 @@ impl<'a> Scanner<'a> {
         let taken = match record.opcode {
             SCHEMA => self.schema(),
             CHANNEL => self.channel(),
-            MESSAGE => self.message().map(|(channel, log_time)| {
-                let (at, length) = (record.at + MESSAGE_HEADER, record.length - MESSAGE_HEADER);
-                return Some(Event::Message {
-                    channel,
-                    log_time,
-                    place: Place {
+            MESSAGE => match self.message() {
+                None => None,
+                Some((channel, log_time)) => {
+                    let (at, length) = (record.at + MESSAGE_HEADER, record.length - MESSAGE_HEADER);
+                    let place = Place {
                         at,
                         length,
                         ..place
-                    },
-                });
-            }),
-            _ => Some(None),
+                    };
+                    return Some(Event::Message {
+                        channel,
+                        log_time,
+                        place,
+                    });
+                }
+            },
+            _ => Some(()),
         };
-        taken.unwrap_or_else(|| {
-            let opcode = record.opcode;
-            let reason = format!(
+        if taken.is_some() {
+            return None;
+        }
+        let opcode = record.opcode;
+        Some(Event::Skip {
+            place,
+            messages: usize::from(opcode == MESSAGE),
+            reason: format!(
                 "fields of the record with opcode {opcode:#04x} do not fit, or a name is not UTF-8"
-            );
-            Some(Event::Skip {
-                place,
-                messages: usize::from(opcode == MESSAGE),
-                reason,
-            })
+            ),
         })
     }
 
-    fn schema(&mut self) -> Option<Option<Event>> {
+    fn schema(&mut self) -> Option<()> {
         let mut fields = Fields::new(&self.body);
         let (id, name) = (fields.u16()?, fields.text()?);
         self.schemas.insert(id, name.to_owned());
-        Some(None)
+        Some(())
     }
 
-    fn channel(&mut self) -> Option<Option<Event>> {
+    fn channel(&mut self) -> Option<()> {
         let mut fields = Fields::new(&self.body);
         let (id, schema) = (fields.u16()?, fields.u16()?);
         let (topic, encoding) = (fields.text()?.to_owned(), fields.text()?.to_owned());
@@ -289,7 +290,7 @@ impl<'a> Scanner<'a> {
             encoding,
         };
         self.channels.insert(id, channel);
-        Some(None)
+        Some(())
     }
 
     fn message(&self) -> Option<(u16, u64)> {
