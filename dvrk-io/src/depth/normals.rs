@@ -38,12 +38,13 @@ pub(super) fn normals(
             return None;
         }
         let axis: Vector3<f64> = eigen.eigenvectors.column(smallest).into();
-        let turned = if axis.dot(&(viewpoint - point)) < 0.0 {
-            -axis
+        let unit = UnitVector3::try_new(axis, 0.5)?;
+        // Turned as a unit vector: of one that is almost perpendicular, scaling may change the sign.
+        Some(if unit.dot(&(viewpoint - point)) < 0.0 {
+            -unit
         } else {
-            axis
-        };
-        UnitVector3::try_new(turned, 0.5)
+            unit
+        })
     };
     points.iter().map(normal).collect()
 }
