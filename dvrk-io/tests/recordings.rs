@@ -80,6 +80,46 @@ fn every_compression_gives_the_same_session() {
     );
 }
 
+/// The reader of the `mcap` crate checks the checksums of chunks and finds its way by the summary.
+#[test]
+fn the_mcap_crate_reads_what_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("session.mcap");
+    record(&path, 0..FRAMES, Compression::None);
+    let bytes = std::fs::read(&path).unwrap();
+    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+    let statistics = summary.stats.unwrap();
+    let expected = u64::from(4 * FRAMES + 1);
+    assert_eq!(
+        (statistics.message_count, statistics.channel_count),
+        (expected, 5)
+    );
+    assert_eq!(statistics.chunk_count as usize, summary.chunk_indexes.len());
+    let messages: Vec<_> = mcap::MessageStream::new(&bytes)
+        .unwrap()
+        .map(Result::unwrap)
+        .collect();
+    assert_eq!(messages.len() as u64, expected);
+    let mut clouds = 0;
+    for message in messages
+        .iter()
+        .filter(|message| message.channel.topic == "/cell/points")
+    {
+        let cloud: PointCloud2 = cdr::decode(&message.data).unwrap();
+        assert!(cloud.points().unwrap() == points(clouds));
+        assert_eq!(
+            message.channel.schema.as_ref().unwrap().name,
+            "sensor_msgs/msg/PointCloud2"
+        );
+        assert_eq!(
+            (message.sequence, message.log_time),
+            (clouds, u64::from(clouds) * 100_000_000)
+        );
+        clouds += 1;
+    }
+    assert_eq!(clouds, FRAMES);
+}
+
 #[test]
 fn a_compressed_file_is_read_wherever_it_is_cut() {
     let folder = tempfile::tempdir().unwrap();

@@ -8,10 +8,41 @@
 //! Voxels stand in the order in which their first points came: nothing depends on the order of a hash table.
 
 use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
 
 use nalgebra::{Point3, Vector3};
 
 type Key = [i64; 3];
+type Cells<T> = HashMap<Key, T, BuildHasherDefault<CellHasher>>;
+
+/// Multiplies and rotates: a tenth of the time of the hash of the standard library, which withstands chosen keys; keys
+/// that collide here cost time only.
+#[derive(Default)]
+struct CellHasher(u64);
+
+impl Hasher for CellHasher {
+    /// A key comes as the bytes of its three numbers.
+    fn write(&mut self, bytes: &[u8]) {
+        let (words, rest) = bytes.as_chunks::<8>();
+        words
+            .iter()
+            .for_each(|word| self.write_u64(u64::from_le_bytes(*word)));
+        rest.iter()
+            .for_each(|&byte| self.write_u64(u64::from(byte)));
+    }
+
+    fn write_u64(&mut self, value: u64) {
+        self.0 = (self.0.rotate_left(23) ^ value).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    }
+
+    fn write_usize(&mut self, value: usize) {
+        self.write_u64(value as u64);
+    }
+
+    fn finish(&self) -> u64 {
+        self.0 ^ (self.0 >> 32)
+    }
+}
 
 fn key(point: &Point3<f64>, size: f64) -> Key {
     // Coordinates that are too large for it saturate: such points share a cell far away.
@@ -37,7 +68,7 @@ pub(super) fn voxels(points: &[Point3<f64>], colors: &[[u8; 3]], size: f64) -> V
         offset: Vector3<f64>,
         color: [usize; 3],
     }
-    let mut indices: HashMap<Key, usize> = HashMap::new();
+    let mut indices: Cells<usize> = Cells::default();
     let mut sums: Vec<(Point3<f64>, Sum)> = Vec::new();
     for (index, point) in points.iter().enumerate() {
         let at = *indices.entry(key(point, size)).or_insert(sums.len());
@@ -67,13 +98,13 @@ pub(super) fn voxels(points: &[Point3<f64>], colors: &[[u8; 3]], size: f64) -> V
 pub(super) struct Neighbours<'a> {
     points: &'a [Point3<f64>],
     radius: f64,
-    cells: HashMap<Key, Vec<u32>>,
+    cells: Cells<Vec<u32>>,
 }
 
 impl<'a> Neighbours<'a> {
     /// O(points).
     pub(super) fn new(points: &'a [Point3<f64>], radius: f64) -> Self {
-        let mut cells: HashMap<Key, Vec<u32>> = HashMap::new();
+        let mut cells: Cells<Vec<u32>> = Cells::default();
         for (index, point) in (0..).zip(points) {
             cells.entry(key(point, radius)).or_default().push(index);
         }
