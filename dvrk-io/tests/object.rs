@@ -439,6 +439,8 @@ fn edges_blurred_over_two_pixels_go() {
     let mut depths: Vec<f64> = hits.iter().map(|(depth, _)| *depth).collect();
     let mut planted = Vec::new();
     for row in 0..HEIGHT as usize {
+        // A ramp, or two pixels that support each other.
+        let blur = [[1.0 / 3.0, 2.0 / 3.0], [0.5, 0.5]][row / 8 % 2];
         let row = row * WIDTH as usize;
         for column in 3..WIDTH as usize - 3 {
             let at = row + column;
@@ -451,8 +453,8 @@ fn edges_blurred_over_two_pixels_go() {
                     && hits[next(3)].1 == 0
                 {
                     let (near, far) = (hits[at].0, hits[next(3)].0);
-                    depths[next(1)] = near + (far - near) / 3.0;
-                    depths[next(2)] = near + (far - near) * 2.0 / 3.0;
+                    depths[next(1)] = near + (far - near) * blur[0];
+                    depths[next(2)] = near + (far - near) * blur[1];
                     planted.extend([next(1), next(2)]);
                 }
             }
