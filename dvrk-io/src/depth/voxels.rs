@@ -15,8 +15,8 @@ use nalgebra::{Point3, Vector3};
 type Key = [i64; 3];
 type Cells<T> = HashMap<Key, T, BuildHasherDefault<CellHasher>>;
 
-/// Multiplies and rotates: a tenth of the time of the hash of the standard library, which withstands chosen keys; keys
-/// that collide here cost time only.
+/// Multiplies and rotates. The hash of the standard library withstands keys that were chosen to collide and is slower
+/// for it; here such keys would cost time only.
 #[derive(Default)]
 struct CellHasher(u64);
 
