@@ -8,9 +8,11 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use dvrk_io::Psm;
 use dvrk_io::calibration::{FitOptions, Sighting, Touch, fit_sightings, fit_touches};
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
-use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Segmentation, segment};
+use dvrk_io::depth::{
+    Capsule, DepthImage, Intrinsics, ObjectOptions, Scan, Segmentation, find_object, segment,
+};
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
-use dvrk_io::session::{SessionReader, SessionWriter};
+use dvrk_io::session::{Compression, SessionReader, SessionWriter, WriterOptions};
 use nalgebra::{Isometry3, Point3, Vector3};
 
 fn points(count: usize) -> Vec<Point3<f64>> {
@@ -188,5 +190,78 @@ fn calibration(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, clouds, sessions, images, kinematics, calibration);
+fn objects(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("cloud to object, table found, 3 arms of 4 capsules");
+    group.sample_size(20);
+    for (width, height) in [(160_u32, 120_u32), (320, 240), (640, 480)] {
+        let point = |index: u32| {
+            let (u, v) = (f64::from(index % width), f64::from(index / width));
+            let (x, y) = (u / f64::from(width) - 0.5, v / f64::from(width) - 0.375);
+            // A dome on the table.
+            let height = (0.01 - 0.25 * (x * x + y * y)).max(0.0).sqrt();
+            let depth = 0.5 - height;
+            Point3::new(x * depth, y * depth, depth)
+        };
+        let points: Vec<_> = (0..width * height).map(point).collect();
+        let mut cloud = PointCloud2::from_points(Header::default(), &points).unwrap();
+        (cloud.height, cloud.width, cloud.row_step) = (height, width, 12 * width);
+        let link = |index: i32| Capsule {
+            start: Point3::new(f64::from(index) * 0.02, 0.0, 0.1),
+            end: Point3::new(f64::from(index) * 0.02, 0.1, 0.3),
+            radius: 0.005,
+        };
+        let arms: Vec<_> = (-6..6).map(link).collect();
+        group.throughput(Throughput::Elements(u64::from(width * height)));
+        let name = BenchmarkId::from_parameter(format!("{width}x{height}"));
+        group.bench_function(name, |bencher| {
+            bencher.iter(|| {
+                let scan = Scan::from_cloud(black_box(&cloud), None).unwrap();
+                find_object(&scan, &arms, &ObjectOptions::default()).unwrap()
+            });
+        });
+    }
+    group.finish();
+}
+
+fn compressions(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("read session of 10 frames of 300,000 points");
+    group.sample_size(10);
+    for compression in Compression::ALL {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("session.mcap");
+        let options = WriterOptions::default().with_compression(compression);
+        let mut writer = SessionWriter::create_with(&path, options).unwrap();
+        for frame in 0..10 {
+            writer
+                .points(f64::from(frame) * 0.1, &points(300_000))
+                .unwrap();
+        }
+        writer.finish().unwrap();
+        group.throughput(Throughput::Elements(10));
+        group.bench_function(
+            BenchmarkId::from_parameter(format!("{compression:?}")),
+            |bencher| {
+                bencher.iter(|| {
+                    SessionReader::default()
+                        .frames(&path)
+                        .unwrap()
+                        .map(Result::unwrap)
+                        .count()
+                });
+            },
+        );
+    }
+    group.finish();
+}
+
+criterion_group!(
+    benches,
+    clouds,
+    sessions,
+    compressions,
+    images,
+    objects,
+    kinematics,
+    calibration
+);
 criterion_main!(benches);

@@ -16,46 +16,41 @@ pub enum Error {
         /// What the operating system said.
         source: std::io::Error,
     },
-    /// The MCAP writer refused.
-    #[error("{path}: {source}")]
+    /// A write failed before, so that nothing more can be appended.
+    #[error("{path}: nothing can be written behind the write that failed")]
     Write {
         /// The file.
         path: PathBuf,
-        /// What the writer said.
-        source: mcap::McapError,
     },
     /// The file does not start with the magic bytes of MCAP.
-    #[error("not an MCAP file: it does not start with the MCAP magic")]
-    NotMcap,
-    /// A record of the file cannot be what it claims to be.
-    #[error("record with opcode {opcode:#04x} at byte {offset}: {reason}")]
-    BadRecord {
-        /// Where in the file (or in the chunk, for a record inside a chunk) the record starts.
-        offset: usize,
-        /// What kind of record it claims to be.
-        opcode: u8,
-        /// What is wrong with it.
-        reason: &'static str,
+    #[error("{path}: not an MCAP file: it does not start with the MCAP magic")]
+    NotMcap {
+        /// The file; empty for bytes in memory.
+        path: PathBuf,
     },
-    /// A chunk is compressed; this crate reads what needs no C library.
+    /// A directory is not a rosbag2 recording that this crate reads.
+    #[error("{path}: {reason}")]
+    BadBag {
+        /// The directory, or its `metadata.yaml`.
+        path: PathBuf,
+        /// What is missing, or what is stored there instead.
+        reason: String,
+    },
+    /// A topic that was named is in none of the files.
+    #[error("no topic {topic}: there are {available}")]
+    NoSuchTopic {
+        /// The topic.
+        topic: String,
+        /// Every topic there is.
+        available: String,
+    },
+    /// Text that names no role of a topic.
     #[error(
-        "chunk at byte {offset} is compressed with `{compression}`: rewrite the file without compression first"
+        "`{text}` is no role: points, table, truth, ARM/measured_cp and ARM/jaw/measured_js are"
     )]
-    Compressed {
-        /// Where the chunk starts in the file.
-        offset: usize,
-        /// Name of the compression.
-        compression: String,
-    },
-    /// The checksum of a chunk does not fit its bytes.
-    #[error("chunk at byte {offset}: checksum {stored:08x} stored, {computed:08x} computed")]
-    BadChecksum {
-        /// Where the chunk starts in the file.
-        offset: usize,
-        /// The checksum in the file.
-        stored: u32,
-        /// The checksum of the bytes.
-        computed: u32,
+    BadRole {
+        /// The text.
+        text: String,
     },
     /// A topic this crate knows carries another message type or encoding.
     #[error("topic {topic} carries {found}, expected {expected}")]
@@ -219,6 +214,28 @@ pub enum Error {
     BadArmName {
         /// The name.
         name: String,
+    },
+    /// An image message contradicts itself or its camera.
+    #[error("image: {reason}")]
+    BadImage {
+        /// What does not fit, with the values.
+        reason: String,
+    },
+    /// No plane holds enough of the points to be the table.
+    #[error("no table in view: the best plane holds {:.0} % of {points} points, {reason}", 100.0 * share)]
+    NoTable {
+        /// Points that were looked at.
+        points: usize,
+        /// Share of them on the best plane.
+        share: f64,
+        /// Why that is not enough.
+        reason: String,
+    },
+    /// Nothing is left that could be the object.
+    #[error("no object: {reason}")]
+    NoObject {
+        /// What was removed, or how far the seed point is from everything.
+        reason: String,
     },
     /// A depth image has another size than it, or the camera, claims.
     #[error("{length} depths do not make an image of {width} × {height}")]

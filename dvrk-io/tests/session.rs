@@ -159,7 +159,7 @@ fn readable_wherever_it_is_cut() {
         match SessionReader::default().read_bytes(&bytes[..length]) {
             Ok(session) => assert!(session.frames.len() <= 1 && !session.complete),
             Err(error) => assert!(
-                matches!(error, Error::NotMcap) && length < 8,
+                matches!(error, Error::NotMcap { .. }) && length < 8,
                 "{length}: {error}"
             ),
         }
@@ -288,23 +288,37 @@ fn the_writer_refuses_what_cannot_be_read_back() {
     ));
     assert!(matches!(
         SessionReader::default().read_bytes(b"ply\nformat"),
-        Err(Error::NotMcap)
+        Err(Error::NotMcap { .. })
     ));
 }
 
 #[test]
-fn a_flipped_bit_in_a_chunk_is_noticed() {
+fn a_flipped_bit_costs_its_chunk_and_is_reported() {
     let (bytes, _) = recorded();
     let mut damaged = bytes.clone();
-    // In the middle of the first truth, which nothing but the checksum protects.
+    // In the middle of a truth, which nothing but the checksum protects.
     damaged[bytes.len() / 4] ^= 0x10;
-    let result = SessionReader::default().read_bytes(&damaged);
+    let session = read(&damaged);
+    assert!(session.complete);
+    assert_eq!(session.frames.len(), FRAMES as usize - 1);
+    assert_eq!(session.skipped.places, 1);
+    let skip = &session.skipped.first[0];
     assert!(
-        matches!(
-            result,
-            Err(Error::BadChecksum { .. } | Error::BadRecord { .. })
-        ),
-        "{result:?}"
+        skip.reason.contains("checksum") && skip.messages >= 4,
+        "{skip}"
+    );
+    assert_eq!(session.skipped.messages, skip.messages);
+    assert_eq!(bytes[usize::try_from(skip.byte).unwrap()], 0x06);
+    // What is left is the same.
+    let whole = read(&bytes);
+    let left = |frame: &&dvrk_io::session::Frame| session.frames.contains(frame);
+    assert_eq!(
+        whole.frames.iter().filter(left).count(),
+        FRAMES as usize - 1
+    );
+    assert_eq!(
+        read_truth_from_bytes(&damaged).unwrap().len(),
+        FRAMES as usize - 1
     );
 }
 

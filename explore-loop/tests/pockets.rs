@@ -92,6 +92,7 @@ impl Body {
             non_manifold: 0,
             simplices: [0; 4],
             thinned: 0,
+            wholly_seen: false,
             surface: None,
         };
         Self {

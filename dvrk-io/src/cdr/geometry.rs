@@ -67,7 +67,7 @@ pub struct Header {
 }
 
 impl Header {
-    pub(super) fn read(decoder: &mut Decoder<'_>) -> Result<Self, Error> {
+    pub(crate) fn read(decoder: &mut Decoder<'_>) -> Result<Self, Error> {
         let stamp = Time {
             sec: decoder.i32("header.stamp.sec")?,
             nanosec: decoder.u32("header.stamp.nanosec")?,

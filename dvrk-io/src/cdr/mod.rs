@@ -16,12 +16,14 @@
 mod decoder;
 mod encoder;
 mod geometry;
+mod image;
 mod joint_state;
 mod point_cloud;
 
 pub use decoder::Decoder;
 pub use encoder::Encoder;
 pub use geometry::{Header, Plane, Pose, PoseStamped, Time};
+pub use image::{CameraInfo, Image};
 pub use joint_state::JointState;
 pub use point_cloud::{PointCloud2, PointField};
 

@@ -11,6 +11,10 @@ use nalgebra::Point3;
 use super::{Decoder, Encoder, Header, Message};
 use crate::Error;
 
+/// `PointField::INT32`.
+const INT32: u8 = 5;
+/// `PointField::UINT32`.
+const UINT32: u8 = 6;
 /// `PointField::FLOAT32`.
 const FLOAT32: u8 = 7;
 /// `PointField::FLOAT64`.
@@ -107,12 +111,56 @@ impl PointCloud2 {
     pub fn points(&self) -> Result<Vec<Point3<f64>>, Error> {
         let columns = [self.column("x")?, self.column("y")?, self.column("z")?];
         self.check_size()?;
-        let step = self.point_step as usize;
-        let rows = (0..self.height as usize).map(|row| &self.data[row * self.row_step as usize..]);
-        let points = rows.flat_map(|row| row.chunks_exact(step).take(self.width as usize));
-        Ok(points
+        Ok(self
+            .rows()
             .map(|point| Point3::from(columns.map(|column| self.value(point, column))))
             .collect())
+    }
+
+    /// Red, green and blue of every point in the order of the table; nothing without a field `rgb` or `rgba`.
+    ///
+    /// Both are 32 bits, declared as a float or as an integer: blue, green, red, and alpha or nothing, from the
+    /// least significant byte on. Colours without three coordinates are colours all the same.
+    ///
+    /// # Errors
+    /// Another data type, a field outside the point, or fewer bytes than the sizes say.
+    pub fn colors(&self) -> Result<Option<Vec<[u8; 3]>>, Error> {
+        let mut fields = self.fields.iter();
+        let Some(field) = fields.find(|field| field.name == "rgb" || field.name == "rgba") else {
+            return Ok(None);
+        };
+        if !matches!(field.datatype, INT32 | UINT32 | FLOAT32) {
+            let (name, found) = (&field.name, field.datatype);
+            return Err(Error::BadCloud {
+                reason: format!("field {name} has data type {found}, not 32 bits"),
+            });
+        }
+        self.check_fits(field, 4)?;
+        self.check_size()?;
+        let color = |point| {
+            let [blue, green, red, _] = self.little_endian(point, field.offset as usize);
+            [red, green, blue]
+        };
+        Ok(Some(self.rows().map(color).collect()))
+    }
+
+    /// The bytes of each point; only behind [`Self::check_size`].
+    fn rows(&self) -> impl Iterator<Item = &[u8]> {
+        let step = self.point_step as usize;
+        let rows = (0..self.height as usize).map(|row| &self.data[row * self.row_step as usize..]);
+        rows.flat_map(move |row| row.chunks_exact(step).take(self.width as usize))
+    }
+
+    fn check_fits(&self, field: &PointField, size: u64) -> Result<(), Error> {
+        if u64::from(field.offset) + size <= u64::from(self.point_step) {
+            return Ok(());
+        }
+        let (name, offset, step) = (&field.name, field.offset, self.point_step);
+        Err(Error::BadCloud {
+            reason: format!(
+                "field {name} at byte {offset} does not fit into points of {step} bytes"
+            ),
+        })
     }
 
     fn column(&self, name: &str) -> Result<Column, Error> {
@@ -130,12 +178,7 @@ impl PointCloud2 {
                 )));
             }
         };
-        if u64::from(field.offset) + size > u64::from(self.point_step) {
-            let (offset, step) = (field.offset, self.point_step);
-            return Err(bad(format!(
-                " at byte {offset} does not fit into points of {step} bytes"
-            )));
-        }
+        self.check_fits(field, size)?;
         Ok(Column {
             offset: field.offset as usize,
             double: size == 8,

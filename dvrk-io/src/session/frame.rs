@@ -2,6 +2,8 @@
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+use super::skipped::Skipped;
+
 /// One arm in one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmSample {
@@ -51,6 +53,17 @@ pub struct Session {
     pub topics: Vec<TopicCount>,
     /// Whether the recorder closed the file. If not, the session goes as far as the file does.
     pub complete: bool,
+    /// What could not be read, and where.
+    pub skipped: Skipped,
+}
+
+/// The ground truth of a recorded session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Truth {
+    /// In the order of time.
+    pub frames: Vec<TruthFrame>,
+    /// What could not be read, and where.
+    pub skipped: Skipped,
 }
 
 /// Where the material points truly were at one time.

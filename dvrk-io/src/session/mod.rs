@@ -16,14 +16,25 @@
 //! **Truth is not part of a session.** It is read by [`read_truth`], a call of its own, so that whatever is
 //! given frames cannot look at it.
 
-mod crc;
+mod chunk;
+mod compression;
+mod container;
+mod fields;
 mod frame;
+mod frames;
+mod index;
 mod reader;
-mod record;
+mod scan;
 mod schema;
+mod skipped;
+mod source;
 mod topic;
 mod writer;
 
-pub use frame::{ArmSample, Frame, Session, TopicCount, TruthFrame};
+pub use compression::Compression;
+pub use frame::{ArmSample, Frame, Session, TopicCount, Truth, TruthFrame};
+pub use frames::Frames;
 pub use reader::{SessionReader, read_truth, read_truth_from_bytes};
-pub use writer::SessionWriter;
+pub use skipped::{Skip, Skipped};
+pub use topic::Role;
+pub use writer::{SessionWriter, WriterOptions};

@@ -1,22 +1,36 @@
-//! The topics of a session, in one place for reader and writer.
+//! What a topic means to a session, in one place for reader and writer.
+
+use std::fmt;
+use std::str::FromStr;
 
 use crate::Error;
 use crate::cdr::{JointState, Message, Plane, PointCloud2, PoseStamped};
 
-/// The segmented cloud of the object, camera frame.
-pub(super) const POINTS: &str = "/cell/points";
-/// The table, camera frame.
-pub(super) const TABLE: &str = "/cell/table";
-/// Where the material points truly are: only from simulations, only for measures.
-pub(super) const TRUTH: &str = "/truth/points";
+const POINTS: &str = "/cell/points";
+const TABLE: &str = "/cell/table";
+const TRUTH: &str = "/truth/points";
 const POSE: &str = "/measured_cp";
 const JAW: &str = "/jaw/measured_js";
 
 /// What a topic means to a session.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Topic {
+///
+/// Written and parsed as its usual topic without the slash in front, or as `points`, `table`, `truth`:
+///
+/// ```
+/// use dvrk_io::session::Role;
+/// assert_eq!("points".parse::<Role>()?, Role::Points);
+/// assert_eq!("PSM1/measured_cp".parse::<Role>()?, Role::Pose("PSM1".into()));
+/// assert_eq!(Role::Jaw("PSM2".into()).topic(), "/PSM2/jaw/measured_js");
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Role {
+    /// Segmented cloud of the object.
     Points,
+    /// The table.
     Table,
+    /// Where the material points truly are: only from simulations, only for measures.
     Truth,
     /// Tip pose of the arm of this name.
     Pose(String),
@@ -24,10 +38,10 @@ pub(super) enum Topic {
     Jaw(String),
 }
 
-impl Topic {
-    /// What `name` means, if anything. Arms that hold no instrument (endoscope, master arms) publish topics
-    /// of the same names; they are not arms of a session.
-    pub(super) fn parse(name: &str) -> Option<Self> {
+impl Role {
+    /// What the topic `name` means by its name, if anything. Arms that hold no instrument (endoscope, master
+    /// arms) publish topics of the same names; they are not arms of a session.
+    pub(super) fn of_topic(name: &str) -> Option<Self> {
         let arm = |suffix| {
             let arm: &str = name.strip_prefix('/')?.strip_suffix(suffix)?;
             let is_instrument =
@@ -44,7 +58,8 @@ impl Topic {
         }
     }
 
-    pub(super) fn name(&self) -> String {
+    /// The topic it has unless [`SessionReader::with_topic`](super::SessionReader::with_topic) names another.
+    pub fn topic(&self) -> String {
         match self {
             Self::Points => POINTS.to_owned(),
             Self::Table => TABLE.to_owned(),
@@ -54,13 +69,68 @@ impl Topic {
         }
     }
 
-    pub(super) fn type_name(&self) -> &'static str {
+    /// ROS 2 type of its messages.
+    pub fn type_name(&self) -> &'static str {
         match self {
             Self::Points | Self::Truth => PointCloud2::TYPE,
             Self::Table => Plane::TYPE,
             Self::Pose(_) => PoseStamped::TYPE,
             Self::Jaw(_) => JointState::TYPE,
         }
+    }
+}
+
+impl fmt::Display for Role {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Points => formatter.write_str("points"),
+            Self::Table => formatter.write_str("table"),
+            Self::Truth => formatter.write_str("truth"),
+            Self::Pose(_) | Self::Jaw(_) => formatter.write_str(&self.topic()[1..]),
+        }
+    }
+}
+
+impl FromStr for Role {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        match text {
+            "points" => Ok(Self::Points),
+            "table" => Ok(Self::Table),
+            "truth" => Ok(Self::Truth),
+            _ => Self::of_topic(&format!("/{text}")).ok_or_else(|| Error::BadRole {
+                text: text.to_owned(),
+            }),
+        }
+    }
+}
+
+/// Roles whose topic is not the usual one.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Topics {
+    renamed: Vec<(Role, String)>,
+}
+
+impl Topics {
+    pub(super) fn insert(&mut self, role: Role, topic: String) {
+        self.renamed
+            .retain(|(other, name)| *other != role && *name != topic);
+        self.renamed.push((role, topic));
+    }
+
+    /// What the topic `name` means. A role that moved to another topic has left its usual one.
+    pub(super) fn role(&self, name: &str) -> Option<Role> {
+        let renamed = self.renamed.iter().find(|(_, topic)| topic == name);
+        let moved = |role: &Role| self.renamed.iter().any(|(other, _)| other == role);
+        match renamed {
+            Some((role, _)) => Some(role.clone()),
+            None => Role::of_topic(name).filter(|role| !moved(role)),
+        }
+    }
+
+    pub(super) fn renamed(&self) -> impl Iterator<Item = &(Role, String)> {
+        self.renamed.iter()
     }
 }
 
@@ -73,8 +143,8 @@ fn is_arm_name(name: &str) -> bool {
 /// # Errors
 /// The name cannot be one segment of a topic, or names an arm without an instrument.
 pub(super) fn check_arm_name(name: &str) -> Result<(), Error> {
-    match Topic::parse(&Topic::Pose(name.to_owned()).name()) {
-        Some(Topic::Pose(_)) => Ok(()),
+    match Role::of_topic(&Role::Pose(name.to_owned()).topic()) {
+        Some(Role::Pose(_)) => Ok(()),
         _ => Err(Error::BadArmName {
             name: name.to_owned(),
         }),

@@ -5,14 +5,15 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
-use mcap::records::MessageHeader;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
-use super::schema::{SCHEMAS, Schema};
-use super::topic::{Topic, check_arm_name};
+use super::compression::Compression;
+use super::container::Container;
+use super::schema::SCHEMAS;
+use super::source::io_error;
+use super::topic::{Role, check_arm_name};
 use crate::Error;
 use crate::cdr::{
     self, Endian, Header, JointState, Message, Plane, PointCloud2, PoseStamped, Time,
@@ -25,23 +26,34 @@ const CHUNK_BYTES: usize = 1 << 20;
 /// … or when its messages span this many nanoseconds: arms are recorded without a camera, too.
 const CHUNK_NANOSECONDS: u64 = 1_000_000_000;
 
+/// How a session is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct WriterOptions {
+    /// How chunks are compressed. Default: not at all. Each chunk holds one cloud, so that a cloud is the most that
+    /// is compressed together.
+    pub compression: Compression,
+}
+
+impl WriterOptions {
+    /// The same options with this compression.
+    #[must_use]
+    pub fn with_compression(self, compression: Compression) -> Self {
+        Self { compression }
+    }
+}
+
 /// Writes a session, message by message. Stamps are seconds; everything is in the camera frame.
 ///
 /// Dropping the writer closes the file as well, but only [`finish`](Self::finish) says whether that worked.
 pub struct SessionWriter {
-    /// Gone once a write has failed: the library must not be called again then, not even to be dropped.
-    mcap: Option<mcap::Writer<BufWriter<File>>>,
+    /// Gone once a write has failed: what is appended behind half a chunk cannot be read.
+    container: Option<Container>,
     path: PathBuf,
-    schemas: BTreeMap<&'static str, (u16, &'static str)>,
-    channels: BTreeMap<String, Channel>,
+    schemas: BTreeMap<&'static str, u16>,
+    channels: BTreeMap<String, u16>,
     pending: usize,
     flushed_at: Option<u64>,
-}
-
-#[derive(Clone, Copy, Default)]
-struct Channel {
-    id: u16,
-    messages: u32,
 }
 
 impl SessionWriter {
@@ -50,43 +62,27 @@ impl SessionWriter {
     /// # Errors
     /// The file cannot be created or written.
     pub fn create(path: impl AsRef<Path>) -> Result<Self, Error> {
+        Self::create_with(path, WriterOptions::default())
+    }
+
+    /// Creates the file with these options; one that is there already is replaced.
+    ///
+    /// # Errors
+    /// The file cannot be created or written.
+    pub fn create_with(path: impl AsRef<Path>, options: WriterOptions) -> Result<Self, Error> {
         let path = path.as_ref().to_owned();
-        let file = File::create(&path).map_err(|source| Error::Io {
-            path: path.clone(),
-            source,
-        })?;
-        let options = mcap::WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("dvrk-io-", env!("CARGO_PKG_VERSION")))
-            .compression(None)
-            .chunk_size(None)
-            // Without seeking a chunk is collected in memory and written whole.
-            .disable_seeking(true);
-        let mcap = options
-            .create(BufWriter::new(file))
-            .map_err(|source| Error::Write {
-                path: path.clone(),
-                source,
-            })?;
-        let mut writer = Self {
-            mcap: Some(mcap),
+        let library = concat!("dvrk-io-", env!("CARGO_PKG_VERSION"));
+        let container = File::create(&path)
+            .and_then(|file| Container::new(file, "ros2", library, options.compression))
+            .map_err(|source| io_error(&path, source))?;
+        Ok(Self {
+            container: Some(container),
             path,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             pending: 0,
             flushed_at: None,
-        };
-        for Schema {
-            type_name,
-            definition,
-            hash,
-        } in SCHEMAS
-        {
-            let text = definition.as_bytes();
-            let id = writer.with(|mcap| mcap.add_schema(type_name, "ros2msg", text))?;
-            writer.schemas.insert(type_name, (id, hash));
-        }
-        Ok(writer)
+        })
     }
 
     /// The table: `normal · x + offset ≥ 0` on the free side.
@@ -103,7 +99,7 @@ impl SessionWriter {
             coef: [normal.x, normal.y, normal.z, offset],
         };
         plane.normalized()?;
-        self.write(&Topic::Table, Time::from_seconds(stamp)?, &plane)
+        self.write(&Role::Table, Time::from_seconds(stamp)?, &plane)
     }
 
     /// The segmented cloud of the object. Everything recorded before goes to the file now.
@@ -113,7 +109,7 @@ impl SessionWriter {
     pub fn points(&mut self, stamp: f64, points: &[Point3<f64>]) -> Result<(), Error> {
         let cloud = PointCloud2::from_points(header(stamp)?, points)?;
         self.flush()?;
-        self.write(&Topic::Points, cloud.header.stamp, &cloud)
+        self.write(&Role::Points, cloud.header.stamp, &cloud)
     }
 
     /// Tip pose of an arm.
@@ -132,7 +128,7 @@ impl SessionWriter {
             pose: camera_from_tip.into(),
         };
         pose.pose.isometry()?;
-        self.write(&Topic::Pose(arm.to_owned()), pose.header.stamp, &pose)
+        self.write(&Role::Pose(arm.to_owned()), pose.header.stamp, &pose)
     }
 
     /// Opening of the jaw of an arm in radians, 0 = closed.
@@ -155,7 +151,7 @@ impl SessionWriter {
             position,
             ..JointState::default()
         };
-        self.write(&Topic::Jaw(arm.to_owned()), joints.header.stamp, &joints)
+        self.write(&Role::Jaw(arm.to_owned()), joints.header.stamp, &joints)
     }
 
     /// Where the material points truly are: always all of them, always in the same order.
@@ -164,7 +160,7 @@ impl SessionWriter {
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
     pub fn truth(&mut self, stamp: f64, points: &[Point3<f64>]) -> Result<(), Error> {
         let cloud = PointCloud2::from_points(header(stamp)?, points)?;
-        self.write(&Topic::Truth, cloud.header.stamp, &cloud)
+        self.write(&Role::Truth, cloud.header.stamp, &cloud)
     }
 
     /// Hands everything recorded so far to the operating system: it survives the process from here on.
@@ -172,11 +168,7 @@ impl SessionWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn flush(&mut self) -> Result<(), Error> {
-        // A chunk without messages would stand in the index with the time 0.
-        if self.pending == 0 {
-            return Ok(());
-        }
-        self.with(mcap::Writer::flush)?;
+        self.with(Container::flush)?;
         self.pending = 0;
         self.flushed_at = None;
         Ok(())
@@ -187,26 +179,16 @@ impl SessionWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn finish(mut self) -> Result<(), Error> {
-        self.with(|mcap| mcap.finish().map(|_| ()))?;
-        let path = self.path;
-        let Some(mcap) = self.mcap else {
-            return Ok(());
-        };
-        let io_error = |source| Error::Io {
-            path: path.clone(),
-            source,
-        };
-        let file = mcap
-            .into_inner()
-            .into_inner()
-            .map_err(|error| io_error(error.into_error()))?;
-        file.sync_all().map_err(io_error)
+        self.with(Container::finish)?;
+        // It is closed already.
+        self.container = None;
+        Ok(())
     }
 
-    fn write<M: Message>(&mut self, topic: &Topic, stamp: Time, message: &M) -> Result<(), Error> {
+    fn write<M: Message>(&mut self, role: &Role, stamp: Time, message: &M) -> Result<(), Error> {
         let data = cdr::encode(message, Endian::Little)?;
         let time = stamp.nanoseconds();
-        self.append(&topic.name(), M::TYPE, time, &data)?;
+        self.append(&role.topic(), M::TYPE, time, &data)?;
         self.pending += data.len();
         let since = *self.flushed_at.get_or_insert(time);
         if self.pending >= CHUNK_BYTES || time.abs_diff(since) >= CHUNK_NANOSECONDS {
@@ -218,51 +200,60 @@ impl SessionWriter {
     fn append(
         &mut self,
         topic: &str,
-        type_name: &str,
+        type_name: &'static str,
         time: u64,
         data: &[u8],
     ) -> Result<(), Error> {
-        if !self.channels.contains_key(topic) {
-            // Every type written has its schema since `create`; id 0 would mean "no schema".
-            let (schema, hash) = self.schemas.get(type_name).copied().unwrap_or_default();
-            let metadata = [("offered_qos_profiles", "[]"), ("topic_type_hash", hash)];
-            let metadata = metadata
-                .map(|(key, value)| (key.to_owned(), value.to_owned()))
-                .into();
-            let id = self.with(|mcap| mcap.add_channel(schema, topic, "cdr", &metadata))?;
-            self.channels
-                .insert(topic.to_owned(), Channel { id, messages: 0 });
-        }
-        let channel = self.channels.entry(topic.to_owned()).or_default();
-        let (channel_id, sequence) = (channel.id, channel.messages);
-        channel.messages = sequence.wrapping_add(1);
-        let header = MessageHeader {
-            channel_id,
-            sequence,
-            log_time: time,
-            publish_time: time,
+        let channel = match self.channels.get(topic) {
+            Some(channel) => *channel,
+            None => self.add_channel(topic, type_name)?,
         };
-        self.with(|mcap| mcap.write_to_known_channel(&header, data))
+        self.with(|container| {
+            container.message(channel, time, data);
+            Ok(())
+        })
+    }
+
+    fn add_channel(&mut self, topic: &str, type_name: &'static str) -> Result<u16, Error> {
+        // Every type that is written has its schema; number 0 would mean "no schema".
+        let schema = SCHEMAS.iter().find(|schema| schema.type_name == type_name);
+        let id = match (self.schemas.get(type_name), schema) {
+            (Some(id), _) => *id,
+            (None, Some(schema)) => {
+                self.with(|container| container.schema(type_name, "ros2msg", schema.definition))?
+            }
+            (None, None) => 0,
+        };
+        self.schemas.insert(type_name, id);
+        let hash = schema.map_or("", |schema| schema.hash);
+        let metadata = [("offered_qos_profiles", "[]"), ("topic_type_hash", hash)];
+        let channel = self.with(|container| container.channel(id, topic, "cdr", &metadata))?;
+        self.channels.insert(topic.to_owned(), channel);
+        Ok(channel)
     }
 
     fn with<T>(
         &mut self,
-        call: impl FnOnce(&mut mcap::Writer<BufWriter<File>>) -> mcap::McapResult<T>,
+        call: impl FnOnce(&mut Container) -> std::io::Result<T>,
     ) -> Result<T, Error> {
-        let done = self
-            .mcap
-            .as_mut()
-            .map_or(Err(mcap::McapError::AttemptedWriteAfterFailure), call);
-        done.map_err(|source| {
-            // Dropping it would try to write again, which panics after some failures.
-            std::mem::forget(self.mcap.take());
+        let Some(container) = &mut self.container else {
             let path = self.path.clone();
-            match source {
-                // What the system said, a full disk for example.
-                mcap::McapError::Io(source) => Error::Io { path, source },
-                source => Error::Write { path, source },
-            }
+            return Err(Error::Write { path });
+        };
+        call(container).map_err(|source| {
+            self.container = None;
+            // What the system said, a full disk for example.
+            io_error(&self.path, source)
         })
+    }
+}
+
+impl Drop for SessionWriter {
+    fn drop(&mut self) {
+        if let Some(mut container) = self.container.take() {
+            // Whoever wants to know calls `finish`.
+            let _unknown = container.finish();
+        }
     }
 }
 

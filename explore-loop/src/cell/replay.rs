@@ -1,16 +1,22 @@
 //! A recorded session as a cell: it can be watched, not moved.
 
 use super::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
-use nalgebra::{Isometry3, Point3};
+use dvrk_io::session::{Frame, Frames, Session, Skipped};
+use nalgebra::{Isometry3, Point3, UnitVector3};
 
 /// Jaw angles below this hold what is between the fingers, rad.
 const CLOSED: f64 = 0.05;
 
-/// Plays a session that `dvrk-io` read.
+/// Plays a session that `dvrk-io` read, or reads while it is played.
 pub struct ReplayCell {
     info: CellInfo,
-    frames: std::vec::IntoIter<dvrk_io::session::Frame>,
+    frames: Source,
     last: Vec<ArmState>,
+}
+
+enum Source {
+    Memory(std::vec::IntoIter<Frame>),
+    File(Box<Frames<'static>>),
 }
 
 impl ReplayCell {
@@ -18,47 +24,76 @@ impl ReplayCell {
     ///
     /// # Errors
     /// A session without frames.
-    pub fn new(session: dvrk_io::session::Session) -> Result<Self, CellError> {
-        if session.frames.is_empty() {
-            return Err(CellError::Failed(
-                "the session has no frames with points".into(),
-            ));
-        }
-        let table = session.table.map_or(
-            Plane {
-                normal: -nalgebra::Vector3::z_axis(),
-                offset: 1e3,
-            },
-            |(normal, offset)| Plane { normal, offset },
-        );
-        let arms: Vec<ArmInfo> = session
-            .arm_names
-            .iter()
-            .map(|name| recorded_arm(name))
-            .collect();
-        let span = session.frames.last().map_or(0.0, |f| f.stamp) - session.frames[0].stamp;
-        let camera_rate = if span > 0.0 {
-            (session.frames.len() - 1) as f64 / span
-        } else {
-            1.0
-        };
-        let last = arms.iter().map(|_| idle()).collect();
-        let info = CellInfo {
-            arms,
-            table,
-            camera_rate,
-        };
-        Ok(Self {
-            info,
-            frames: session.frames.into_iter(),
-            last,
-        })
+    pub fn new(session: Session) -> Result<Self, CellError> {
+        let stamps = session.frames.iter().map(|frame| frame.stamp);
+        let info = info(&session.arm_names, session.table, stamps)?;
+        Ok(Self::of(info, Source::Memory(session.frames.into_iter())))
+    }
+
+    /// A cell over frames that are read from their file when they are observed.
+    ///
+    /// # Errors
+    /// A session without frames.
+    pub fn streamed(frames: Frames<'static>) -> Result<Self, CellError> {
+        let info = info(frames.arm_names(), frames.table(), frames.stamps())?;
+        Ok(Self::of(info, Source::File(Box::new(frames))))
+    }
+
+    fn of(info: CellInfo, frames: Source) -> Self {
+        let last = info.arms.iter().map(|_| idle()).collect();
+        Self { info, frames, last }
     }
 
     /// Frames not yet observed.
     pub fn remaining(&self) -> usize {
-        self.frames.len()
+        match &self.frames {
+            Source::Memory(frames) => frames.len(),
+            Source::File(frames) => frames.stamps().len(),
+        }
     }
+
+    /// What could not be read until now, if the session is read while it is played.
+    pub fn skipped(&self) -> Option<&Skipped> {
+        match &self.frames {
+            Source::Memory(_) => None,
+            Source::File(frames) => Some(frames.skipped()),
+        }
+    }
+
+    fn next(&mut self) -> Result<Frame, CellError> {
+        match &mut self.frames {
+            Source::Memory(frames) => frames.next().ok_or(CellError::Ended),
+            Source::File(frames) => {
+                let frame = frames.next().ok_or(CellError::Ended)?;
+                frame.map_err(|error| CellError::Failed(error.to_string()))
+            }
+        }
+    }
+}
+
+fn info(
+    names: &[String],
+    table: Option<(UnitVector3<f64>, f64)>,
+    mut stamps: impl ExactSizeIterator<Item = f64>,
+) -> Result<CellInfo, CellError> {
+    let count = stamps.len();
+    let Some(first) = stamps.next() else {
+        return Err(CellError::Failed(
+            "the session has no frames with points".into(),
+        ));
+    };
+    let span = stamps.last().unwrap_or(first) - first;
+    let far_below = (-nalgebra::Vector3::z_axis(), 1e3);
+    let (normal, offset) = table.unwrap_or(far_below);
+    Ok(CellInfo {
+        arms: names.iter().map(|name| recorded_arm(name)).collect(),
+        table: Plane { normal, offset },
+        camera_rate: if span > 0.0 {
+            (count - 1) as f64 / span
+        } else {
+            1.0
+        },
+    })
 }
 
 fn recorded_arm(name: &str) -> ArmInfo {
@@ -87,7 +122,7 @@ impl Cell for ReplayCell {
     }
 
     fn observe(&mut self) -> Result<Observation, CellError> {
-        let frame = self.frames.next().ok_or(CellError::Ended)?;
+        let frame = self.next()?;
         for (info, state) in self.info.arms.iter().zip(&mut self.last) {
             let sample = frame.arms.iter().find(|a| a.name == info.name);
             let pose = sample.and_then(|s| s.pose);

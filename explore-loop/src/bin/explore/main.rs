@@ -86,8 +86,11 @@ struct RunArgs {
 
 #[derive(Debug, clap::Args)]
 struct ReplayArgs {
-    /// The recording (MCAP with ROS 2 messages)
+    /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
+    /// Topic of the cloud, the table, the truth or an arm: points, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
+    #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
+    topics: Vec<(dvrk_io::session::Role, String)>,
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
@@ -185,6 +188,15 @@ fn seeds(text: &str) -> Result<Seeds, String> {
         list.extend(first..=last);
     }
     Ok(Seeds(list))
+}
+
+/// `ROLE=/NAME`.
+fn topic(text: &str) -> Result<(dvrk_io::session::Role, String), String> {
+    let (role, topic) = text
+        .split_once('=')
+        .ok_or_else(|| format!("'{text}' is not ROLE=/NAME"))?;
+    let role = role.parse().map_err(|error| format!("{error}"))?;
+    Ok((role, topic.to_owned()))
 }
 
 fn positive(text: &str) -> Result<f64, String> {

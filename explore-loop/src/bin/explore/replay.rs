@@ -2,6 +2,7 @@
 
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::{Failure, ReplayArgs};
+use dvrk_io::session::{SessionReader, Skipped};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
@@ -9,17 +10,23 @@ use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use std::path::Path;
 use std::time::Instant;
 
 /// Reconstructs the whole recording; true when it got to its end.
 pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
-    let session = dvrk_io::session::SessionReader::open(&args.session)
-        .map_err(|error| format!("{}: {error}", args.session.display()))?;
+    let mut reader = SessionReader::default();
+    for (role, topic) in &args.topics {
+        reader = reader.with_topic(role.clone(), topic);
+    }
+    let session = reader
+        .frames(&args.session)
+        .map_err(|error| with_path(&args.session, &error))?;
     let out = OutputFolder::create(&args.out)?;
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
-    let mut cell = ReplayCell::new(session)?;
-    let mut truth = Truth::read(&args.session, args.quiet)?;
+    let mut cell = ReplayCell::streamed(session)?;
+    let mut truth = Truth::read(&reader, &args.session, args.quiet)?;
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
     let bar = if args.quiet {
         indicatif::ProgressBar::hidden()
@@ -28,6 +35,9 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     };
     let log = watch(args, &out, &mut cell, &mut reconstructor, &mut truth, &bar)?;
     bar.finish_and_clear();
+    if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty() && !args.quiet) {
+        complain(skipped);
+    }
     reconstructor.consolidate(&cell.info().table);
     let topology = topology::analyse(reconstructor.model(), spacing)?;
     let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
@@ -46,6 +56,29 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         }
     }
     Ok(true)
+}
+
+/// Some errors name a file of the recording themselves.
+fn with_path(path: &Path, error: &dvrk_io::Error) -> String {
+    let (path, text) = (path.display().to_string(), error.to_string());
+    if text.starts_with(&path) {
+        text
+    } else {
+        format!("{path}: {text}")
+    }
+}
+
+/// Says what of the recording could not be read: the first few places.
+fn complain(skipped: &Skipped) {
+    eprintln!(
+        "{} messages of the recording could not be read, in {} places:",
+        skipped.messages, skipped.places
+    );
+    skipped
+        .first
+        .iter()
+        .take(5)
+        .for_each(|skip| eprintln!("  {skip}"));
 }
 
 /// Takes frame after frame, to the end of the recording or as far as was asked for.
@@ -127,8 +160,8 @@ struct Truth {
 }
 
 impl Truth {
-    fn read(path: &std::path::Path, quiet: bool) -> Result<Option<Self>, Failure> {
-        let frames = dvrk_io::session::read_truth(path)?;
+    fn read(reader: &SessionReader, path: &Path, quiet: bool) -> Result<Option<Self>, Failure> {
+        let frames = reader.read_truth(path)?.frames;
         let Some(first) = frames.first() else {
             return Ok(None);
         };

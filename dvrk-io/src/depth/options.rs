@@ -1,0 +1,209 @@
+//! What tells the object from everything else, as lengths and shares.
+
+use nalgebra::{Point3, UnitVector3};
+
+use super::Workspace;
+use crate::Error;
+
+/// Settings of [`find_object`](super::find_object). All lengths in metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct ObjectOptions {
+    /// Everything outside goes. Default: no crop.
+    pub workspace: Option<Workspace>,
+    /// The table, `normal · x + offset ≥ 0` on its free side, where the camera is. Default: it is found.
+    pub table: Option<(UnitVector3<f64>, f64)>,
+    /// How far from its plane a point of the table may be. Default 4 mm: twice the depth noise of a close stereo camera.
+    pub table_tolerance: f64,
+    /// Share of the points that a plane needs to be the table. Default 0.3: the visible cap of a ball that is all there is
+    /// to see stays below it.
+    pub least_table_share: f64,
+    /// Everything up to this height above the table goes with it. Default 4 mm.
+    pub table_clearance: f64,
+    /// How far outside of its capsule a point may still belong to an arm. Default 5 mm.
+    pub arm_clearance: f64,
+    /// Steepest trusted angle between normal and ray, radians. Default 80°.
+    pub max_incidence: f64,
+    /// Differences of distance that noise alone makes. Default 2 mm.
+    pub noise: f64,
+    /// Edge of the cells of which one point is kept each. Default 3 mm.
+    pub voxel: f64,
+    /// Parts farther from each other than this are not one object; 2 to 50 voxels. Default 10 mm.
+    pub gap: f64,
+    /// Points within `gap` of a voxel, its own included, that make it trusted. Default 4: stray points are fewer.
+    pub support: usize,
+    /// The object is the part nearest to this point. Default: the part with most points.
+    pub seed_point: Option<Point3<f64>>,
+    /// Where the camera is in the frame of the points. Default: the origin.
+    pub viewpoint: Point3<f64>,
+    /// Seed of the search for the table.
+    pub seed: u64,
+}
+
+impl Default for ObjectOptions {
+    fn default() -> Self {
+        Self {
+            workspace: None,
+            table: None,
+            table_tolerance: 0.004,
+            least_table_share: 0.3,
+            table_clearance: 0.004,
+            arm_clearance: 0.005,
+            max_incidence: 80_f64.to_radians(),
+            noise: 0.002,
+            voxel: 0.003,
+            gap: 0.010,
+            support: 4,
+            seed_point: None,
+            viewpoint: Point3::origin(),
+            seed: 0,
+        }
+    }
+}
+
+impl ObjectOptions {
+    /// The same options with this workspace.
+    #[must_use]
+    pub fn with_workspace(self, workspace: Workspace) -> Self {
+        Self {
+            workspace: Some(workspace),
+            ..self
+        }
+    }
+
+    /// The same options with this table.
+    #[must_use]
+    pub fn with_table(self, normal: UnitVector3<f64>, offset: f64) -> Self {
+        Self {
+            table: Some((normal, offset)),
+            ..self
+        }
+    }
+
+    /// The same options with this search for the table: tolerance in metres, least share of the points, seed.
+    #[must_use]
+    pub fn with_table_search(self, tolerance: f64, least_share: f64, seed: u64) -> Self {
+        Self {
+            table_tolerance: tolerance,
+            least_table_share: least_share,
+            seed,
+            ..self
+        }
+    }
+
+    /// The same options with these clearances, metres.
+    #[must_use]
+    pub fn with_clearances(self, table_clearance: f64, arm_clearance: f64) -> Self {
+        Self {
+            table_clearance,
+            arm_clearance,
+            ..self
+        }
+    }
+
+    /// The same options with this definition of a flying pixel: steepest angle in radians, noise in metres.
+    #[must_use]
+    pub fn with_edges(self, max_incidence: f64, noise: f64) -> Self {
+        Self {
+            max_incidence,
+            noise,
+            ..self
+        }
+    }
+
+    /// The same options with this edge of the voxels, metres.
+    #[must_use]
+    pub fn with_voxel(self, voxel: f64) -> Self {
+        Self { voxel, ..self }
+    }
+
+    /// The same options with this definition of a part: largest gap in metres, and points that make a voxel trusted.
+    #[must_use]
+    pub fn with_parts(self, gap: f64, support: usize) -> Self {
+        Self {
+            gap,
+            support,
+            ..self
+        }
+    }
+
+    /// The same options with a point on or near the object.
+    #[must_use]
+    pub fn with_seed_point(self, point: Point3<f64>) -> Self {
+        Self {
+            seed_point: Some(point),
+            ..self
+        }
+    }
+
+    /// The same options for points in a frame in which the camera is here.
+    #[must_use]
+    pub fn with_viewpoint(self, viewpoint: Point3<f64>) -> Self {
+        Self { viewpoint, ..self }
+    }
+
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let refuse = |what, value, expected| {
+            Err(Error::OutOfRange {
+                what,
+                value,
+                expected,
+            })
+        };
+        for (what, value) in [
+            ("table tolerance", self.table_tolerance),
+            ("table clearance", self.table_clearance),
+            ("arm clearance", self.arm_clearance),
+            ("depth noise", self.noise),
+        ] {
+            if !(value >= 0.0 && value.is_finite()) {
+                return refuse(what, value, "must be finite and not negative");
+            }
+        }
+        // Below a micrometre there is nothing to see, and the cells of a large cloud could no longer be counted.
+        if !(1e-6..=1e3).contains(&self.voxel) {
+            return refuse("voxel", self.voxel, "must be between 1 µm and 1 km");
+        }
+        // The mean points of neighbouring cells are up to two cells apart; far beyond that every voxel is a neighbour.
+        if !(2.0..=50.0).contains(&(self.gap / self.voxel)) {
+            return refuse("gap", self.gap, "must be 2 to 50 voxels");
+        }
+        if !(0.0..=1.0).contains(&self.least_table_share) {
+            return refuse(
+                "least share of the table",
+                self.least_table_share,
+                "must be between 0 and 1",
+            );
+        }
+        if !(self.max_incidence > 0.0 && self.max_incidence < std::f64::consts::FRAC_PI_2) {
+            return refuse(
+                "largest incidence",
+                self.max_incidence,
+                "must be between 0 and π/2",
+            );
+        }
+        for (index, point) in [Some(self.viewpoint), self.seed_point]
+            .into_iter()
+            .flatten()
+            .enumerate()
+        {
+            if !point.iter().all(|value| value.is_finite()) {
+                return Err(Error::NonFinitePoint {
+                    index,
+                    point: point.into(),
+                });
+            }
+        }
+        if let Some((normal, offset)) = self.table {
+            let height = normal.dot(&self.viewpoint.coords) + offset;
+            if !(height > 0.0 && height.is_finite()) {
+                return refuse(
+                    "height of the camera above the table",
+                    height,
+                    "must be positive and finite",
+                );
+            }
+        }
+        Ok(())
+    }
+}

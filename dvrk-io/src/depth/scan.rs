@@ -1,0 +1,207 @@
+//! What a depth camera saw, whatever message it came in: points with an optional grid and optional colours.
+//!
+//! ```text
+//! PointCloud2            the points themselves; a cloud with rows is a grid
+//! Image + CameraInfo     X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)
+//! ```
+//! A point of which nothing was measured is NaN, infinite, or zero: cameras differ. Lengths are metres by the
+//! conventions of ROS for `32FC1` images and clouds, millimetres for `16UC1`; cameras that send millimetres as
+//! floats exist, and are told by their range.
+
+use nalgebra::Point3;
+
+use super::Intrinsics;
+use crate::Error;
+use crate::cdr::{CameraInfo, Image, PointCloud2};
+
+/// The unit of lengths in a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LengthUnit {
+    /// 1.
+    Metres,
+    /// 0.001.
+    Millimetres,
+}
+
+impl LengthUnit {
+    /// Metres in one unit.
+    pub fn in_metres(self) -> f64 {
+        match self {
+            Self::Metres => 1.0,
+            Self::Millimetres => 0.001,
+        }
+    }
+}
+
+/// What told the unit of a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum UnitSource {
+    /// The caller.
+    Given,
+    /// The encoding of the image: `16UC1` is in millimetres.
+    Encoding,
+    /// The median distance: of 20 and more it is millimetres. No camera sees nearer than 20 mm, and none that a cell has
+    /// farther than 20 m.
+    Range,
+}
+
+/// Median distances of at least this many units are millimetres.
+const MILLIMETRES_FROM: f64 = 20.0;
+
+/// Points as a depth camera saw them, in metres.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    /// In the order of the message; NaN where nothing was measured.
+    points: Vec<Point3<f64>>,
+    colors: Option<Vec<[u8; 3]>>,
+    width: usize,
+    unit: LengthUnit,
+    unit_source: UnitSource,
+}
+
+impl Scan {
+    /// Takes in a cloud; `unit` is told by its range unless it is given.
+    ///
+    /// # Errors
+    /// See [`PointCloud2::points`] and [`PointCloud2::colors`].
+    pub fn from_cloud(cloud: &PointCloud2, unit: Option<LengthUnit>) -> Result<Self, Error> {
+        let points = cloud.points()?;
+        let width = if cloud.height > 1 {
+            cloud.width as usize
+        } else {
+            0
+        };
+        Ok(Self::of(
+            points,
+            cloud.colors()?,
+            width,
+            unit.map(|unit| (unit, UnitSource::Given)),
+        ))
+    }
+
+    /// Takes in a rectified depth image (`16UC1`, `mono16` or `32FC1`); `unit` is told by encoding and range unless
+    /// it is given.
+    ///
+    /// # Errors
+    /// Another encoding, an image that contradicts itself or has another size than the camera, or a camera
+    /// without focal lengths.
+    pub fn from_depth(
+        image: &Image,
+        info: &CameraInfo,
+        unit: Option<LengthUnit>,
+    ) -> Result<Self, Error> {
+        let given = unit.map(|unit| (unit, UnitSource::Given));
+        let (depths, unit): (Vec<f64>, _) = match image.encoding.as_str() {
+            "16UC1" | "mono16" => (
+                image.pixels(|bytes| f64::from(u16::from_le_bytes(bytes)))?,
+                given.or(Some((LengthUnit::Millimetres, UnitSource::Encoding))),
+            ),
+            "32FC1" => (
+                image.pixels(|bytes| f64::from(f32::from_le_bytes(bytes)))?,
+                given,
+            ),
+            other => {
+                let reason = format!("encoding `{other}` is no depth: 16UC1 and 32FC1 are");
+                return Err(Error::BadImage { reason });
+            }
+        };
+        if (image.width, image.height) != (info.width, info.height) {
+            let reason = format!(
+                "the image has {} × {} pixels, its camera {} × {}",
+                image.width, image.height, info.width, info.height
+            );
+            return Err(Error::BadImage { reason });
+        }
+        let camera = intrinsics(info)?;
+        let width = camera.width();
+        let point = |(index, depth): (usize, f64)| {
+            let (column, row) = (index % width, index / width);
+            // Behind the camera there is nothing.
+            let depth = if depth > 0.0 { depth } else { f64::NAN };
+            camera.back_project(column as f64, row as f64, depth)
+        };
+        let points = depths.into_iter().enumerate().map(point).collect();
+        Ok(Self::of(
+            points,
+            None,
+            if info.height > 1 { width } else { 0 },
+            unit,
+        ))
+    }
+
+    fn of(
+        mut points: Vec<Point3<f64>>,
+        colors: Option<Vec<[u8; 3]>>,
+        width: usize,
+        unit: Option<(LengthUnit, UnitSource)>,
+    ) -> Self {
+        let (unit, unit_source) =
+            unit.unwrap_or_else(|| (unit_by_range(&points), UnitSource::Range));
+        for point in &mut points {
+            if is_measured(point) {
+                *point *= unit.in_metres();
+            } else {
+                *point = Point3::new(f64::NAN, f64::NAN, f64::NAN);
+            }
+        }
+        Self {
+            points,
+            colors,
+            width,
+            unit,
+            unit_source,
+        }
+    }
+
+    /// The points in the order of the message, metres; NaN where nothing was measured.
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// Red, green and blue of each point, if the message has them.
+    pub fn colors(&self) -> Option<&[[u8; 3]]> {
+        self.colors.as_deref()
+    }
+
+    /// Columns, if neighbours in the message are neighbours in the image.
+    pub fn columns(&self) -> Option<usize> {
+        (self.width > 1).then_some(self.width)
+    }
+
+    /// The unit that the message had, and what told it.
+    pub fn unit(&self) -> (LengthUnit, UnitSource) {
+        (self.unit, self.unit_source)
+    }
+}
+
+/// Coordinates beyond this are no measurement, whatever the unit: sums and squares of those below stay exact enough.
+const FARTHEST: f64 = 1e7;
+
+pub(super) fn is_measured(point: &Point3<f64>) -> bool {
+    point.iter().all(|value| value.abs() < FARTHEST) && *point != Point3::origin()
+}
+
+fn unit_by_range(points: &[Point3<f64>]) -> LengthUnit {
+    let measured = points.iter().filter(|point| is_measured(point));
+    let mut ranges: Vec<f64> = measured.map(|point| point.coords.norm()).collect();
+    let middle = ranges.len() / 2;
+    if middle >= ranges.len() {
+        return LengthUnit::Metres;
+    }
+    let (_, median, _) = ranges.select_nth_unstable_by(middle, f64::total_cmp);
+    if *median < MILLIMETRES_FROM {
+        LengthUnit::Metres
+    } else {
+        LengthUnit::Millimetres
+    }
+}
+
+/// A rectified image is projected by `p`; a camera that has none does not distort and is projected by `k`.
+fn intrinsics(info: &CameraInfo) -> Result<Intrinsics, Error> {
+    let (width, height) = (info.width as usize, info.height as usize);
+    let [fx, skew, cx, _, _, fy, cy, ..] = info.p;
+    if fx == 0.0 {
+        return Intrinsics::from_k(width, height, &info.k);
+    }
+    Intrinsics::from_k(width, height, &[fx, skew, cx, 0.0, fy, cy, 0.0, 0.0, 1.0])
+}

@@ -1,0 +1,171 @@
+//! The second walk through a session: cloud by cloud in the order of time, each with the arm samples next to it.
+
+use nalgebra::{Isometry3, Point3, UnitVector3};
+
+use super::chunk::Cache;
+use super::frame::{ArmSample, Frame, TopicCount};
+use super::index::{Arm, Index, Track};
+use super::scan::Place;
+use super::skipped::{Skip, Skipped};
+use super::source::{Input, Source};
+use crate::Error;
+use crate::cdr::{self, PointCloud2, Time};
+
+/// The frames of a session, one by one in the order of time: each is read from the file when it is asked for.
+///
+/// A cloud that cannot be decoded is passed over and reported in [`Frames::skipped`]. An error ends the frames; only a
+/// file that can no longer be read gives one.
+///
+/// *Memory.* One cloud, one chunk if it is compressed, every arm sample (about 80 bytes each), and 48 bytes a frame.
+pub struct Frames<'a> {
+    source: Source<'a>,
+    tolerance: f64,
+    index: Index,
+    names: Vec<String>,
+    next: usize,
+    open: Option<(usize, Input<'a>, Cache)>,
+    buffer: Vec<u8>,
+}
+
+impl<'a> Frames<'a> {
+    pub(super) fn new(source: Source<'a>, tolerance: f64, index: Index) -> Self {
+        let names = index.arms.keys().cloned().collect();
+        Self {
+            source,
+            tolerance,
+            index,
+            names,
+            next: 0,
+            open: None,
+            buffer: Vec::new(),
+        }
+    }
+
+    /// The table: `normal · x + offset ≥ 0` on the free side, camera frame. The first one recorded.
+    pub fn table(&self) -> Option<(UnitVector3<f64>, f64)> {
+        self.index.table
+    }
+
+    /// Names of the arms, sorted.
+    pub fn arm_names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Name of the frame the clouds are in.
+    pub fn camera_frame(&self) -> &str {
+        &self.index.camera_frame
+    }
+
+    /// Every topic of the session, sorted, whether this crate knows it or not.
+    pub fn topics(&self) -> &[TopicCount] {
+        &self.index.topics
+    }
+
+    /// Whether the recorder closed every file. If not, the session goes as far as the files do.
+    pub fn complete(&self) -> bool {
+        self.index.complete
+    }
+
+    /// What was passed over until now.
+    pub fn skipped(&self) -> &Skipped {
+        &self.index.skipped
+    }
+
+    /// Stamps of the clouds that are still to come, seconds, in their order. A cloud among them that turns out to be
+    /// damaged makes no frame.
+    pub fn stamps(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        let left = &self.index.clouds[self.next.min(self.index.clouds.len())..];
+        left.iter().map(|(stamp, _)| seconds(*stamp))
+    }
+
+    pub(super) fn into_index(self) -> Index {
+        self.index
+    }
+
+    /// Outer error: the file cannot be read. Inner: the cloud cannot be decoded.
+    fn cloud(&mut self, place: Place) -> Result<Result<Vec<Point3<f64>>, Error>, Error> {
+        let same = self.open.take().filter(|(part, ..)| *part == place.part);
+        let open = match same {
+            Some(open) => open,
+            None => (place.part, self.source.open(place.part)?, Cache::default()),
+        };
+        let (_, input, cache) = self.open.insert(open);
+        match place.chunk {
+            None => input.read(place.at, place.length, &mut self.buffer)?,
+            Some(chunk) => cache.read(input, chunk, [place.at, place.length], &mut self.buffer)?,
+        }
+        Ok(object_points(&self.buffer))
+    }
+
+    fn frame(&self, stamp: u64, points: Vec<Point3<f64>>) -> Frame {
+        let arms = self.index.arms.iter();
+        Frame {
+            stamp: seconds(stamp),
+            points,
+            arms: arms
+                .map(|(name, arm)| self.sample(name, arm, stamp))
+                .collect(),
+        }
+    }
+
+    fn sample(&self, name: &str, arm: &Arm, stamp: u64) -> ArmSample {
+        let pose: Option<&Isometry3<f64>> = self.closest(&arm.poses, stamp);
+        ArmSample {
+            name: name.to_owned(),
+            pose: pose.copied(),
+            jaw: self.closest(&arm.jaws, stamp).copied(),
+        }
+    }
+
+    /// The value closest to `stamp` (the earlier of two as close), if it lies within the tolerance.
+    fn closest<'t, T>(&self, track: &'t Track<T>, stamp: u64) -> Option<&'t T> {
+        let after = track.partition_point(|(time, _)| *time < stamp);
+        let candidates = &track[after.saturating_sub(1)..track.len().min(after + 1)];
+        let (time, value) = candidates
+            .iter()
+            .min_by_key(|(time, _)| time.abs_diff(stamp))?;
+        (time.abs_diff(stamp) as f64 * 1e-9 <= self.tolerance).then_some(value)
+    }
+
+    fn skip(&mut self, place: Place, error: &Error) {
+        self.index.skipped.add(Skip {
+            file: self.source.path(place.part),
+            byte: place.chunk.unwrap_or(place.at),
+            byte_in_chunk: place.chunk.map(|_| place.at),
+            topic: self.index.cloud_topic.clone(),
+            messages: 1,
+            reason: error.to_string(),
+        });
+    }
+}
+
+impl Iterator for Frames<'_> {
+    type Item = Result<Frame, Error>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            let &(stamp, place) = self.index.clouds.get(self.next)?;
+            self.next += 1;
+            match self.cloud(place) {
+                Ok(Ok(points)) => return Some(Ok(self.frame(stamp, points))),
+                Ok(Err(error)) => self.skip(place.record(), &error),
+                Err(error) => {
+                    self.next = self.index.clouds.len();
+                    return Some(Err(error));
+                }
+            }
+        }
+    }
+}
+
+/// The valid points of a cloud message.
+fn object_points(data: &[u8]) -> Result<Vec<Point3<f64>>, Error> {
+    let mut points = cdr::decode::<PointCloud2>(data)?.points()?;
+    let is_finite = |point: &Point3<f64>| point.iter().all(|value| value.is_finite());
+    points.retain(|point| is_finite(point) && *point != Point3::origin());
+    Ok(points)
+}
+
+pub(super) fn seconds(nanoseconds: u64) -> f64 {
+    Time::from_nanoseconds(nanoseconds).seconds()
+}

@@ -1,0 +1,275 @@
+//! 10⁵ damaged inputs a decoder: nothing panics, and nothing takes more memory or time than its input is worth.
+//!
+//! Inputs are whole files and messages with bytes overwritten, cut out, doubled or inserted, by a seeded generator:
+//! the number of a failing input is printed and makes it again. `$DVRK_IO_FUZZ` sets another number of inputs.
+#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+
+use dvrk_io::cdr::{self, CameraInfo, Endian, Image, JointState, Plane, PointCloud2, PoseStamped};
+use dvrk_io::depth::{ObjectOptions, Scan, find_object};
+use dvrk_io::session::{
+    Compression, SessionReader, SessionWriter, WriterOptions, read_truth_from_bytes,
+};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// `SplitMix64`.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn below(&mut self, bound: usize) -> usize {
+        (self.next() % bound.max(1) as u64) as usize
+    }
+}
+
+/// `bytes` with one to four pieces of damage.
+fn damaged(bytes: &[u8], seed: u64) -> Vec<u8> {
+    const NASTY: [u64; 8] = [0, 1, 0x7F, 0xFF, 0xFFFF, 0x7FFF_FFFF, 0xFFFF_FFFF, u64::MAX];
+    let mut random = Random(seed);
+    let mut bytes = bytes.to_vec();
+    for _ in 0..=random.below(4) {
+        let at = random.below(bytes.len());
+        let width = 1 + random.below(8);
+        let end = bytes.len().min(at + width);
+        match random.below(7) {
+            0 => bytes.truncate(at),
+            1 => drop(bytes.drain(at..end)),
+            2 => bytes.extend_from_within(at..end),
+            3 => bytes.insert(at, random.next() as u8),
+            4 => bytes[at..end].fill(random.next() as u8),
+            5 => {
+                let value = NASTY[random.below(NASTY.len())].to_le_bytes();
+                for (byte, value) in bytes[at..end].iter_mut().zip(value) {
+                    *byte = value;
+                }
+            }
+            _ => {
+                let bit = 1 << random.below(8);
+                if let Some(byte) = bytes.get_mut(at) {
+                    *byte ^= bit;
+                }
+            }
+        }
+    }
+    bytes
+}
+
+fn every(bytes: &[u8], mut check: impl FnMut(&[u8])) {
+    let count = std::env::var("DVRK_IO_FUZZ").map_or(100_000, |text| text.parse().unwrap());
+    for seed in 0..count {
+        let input = damaged(bytes, seed);
+        let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&input)));
+        assert!(outcome.is_ok(), "input {seed} panics");
+    }
+}
+
+/// A small session: what costs time are not the bytes but what is tried with them.
+fn session(compression: Compression) -> Vec<u8> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("session.mcap");
+    let options = WriterOptions::default().with_compression(compression);
+    let mut writer = SessionWriter::create_with(&path, options).unwrap();
+    writer.table(0.0, &-Vector3::z_axis(), 0.5).unwrap();
+    for frame in 0..3 {
+        let stamp = f64::from(frame);
+        let points: Vec<_> = (0..40)
+            .map(|i| Point3::new(f64::from(i), stamp, 0.25))
+            .collect();
+        writer.points(stamp, &points).unwrap();
+        writer.pose(stamp, "PSM1", &Isometry3::identity()).unwrap();
+        writer.jaw(stamp, "PSM1", 0.0).unwrap();
+        writer.truth(stamp, &points).unwrap();
+    }
+    writer.finish().unwrap();
+    std::fs::read(&path).unwrap()
+}
+
+fn fuzz_session(compression: Compression) {
+    let mut read = 0;
+    every(&session(compression), |input| {
+        let Ok(session) = SessionReader::default().read_bytes(input) else {
+            return;
+        };
+        read += 1;
+        assert!(session.frames.iter().all(|frame| {
+            frame
+                .points
+                .iter()
+                .all(|point| point.coords.norm().is_finite())
+        }));
+        let _ = read_truth_from_bytes(input);
+    });
+    assert!(read > 0);
+}
+
+/// Checksums hide most of the walk from damage; here there are none.
+fn without_checksums(mut file: Vec<u8>) -> Vec<u8> {
+    let mut at = 8;
+    while at + 9 < file.len() {
+        if file[at] == 0x06 {
+            file[at + 9 + 24..at + 9 + 28].fill(0);
+        }
+        at += 9 + usize::try_from(u64::from_le_bytes(file[at + 1..at + 9].try_into().unwrap()))
+            .unwrap();
+    }
+    file
+}
+
+#[test]
+fn sessions() {
+    fuzz_session(Compression::None);
+}
+
+#[test]
+fn sessions_in_lz4() {
+    fuzz_session(Compression::Lz4);
+}
+
+#[test]
+fn sessions_in_zstd() {
+    fuzz_session(Compression::Zstd);
+}
+
+#[test]
+fn sessions_without_checksums() {
+    for compression in Compression::ALL {
+        every(&without_checksums(session(compression)), |input| {
+            let _ = SessionReader::default().read_bytes(input);
+        });
+    }
+}
+
+fn fuzz_message<M: cdr::Message>(message: &M, check: impl Fn(M)) {
+    for endian in [Endian::Little, Endian::Big] {
+        every(&cdr::encode(message, endian).unwrap(), |input| {
+            if let Ok(message) = cdr::decode(input) {
+                check(message);
+            }
+        });
+    }
+}
+
+#[test]
+fn clouds() {
+    let points = [
+        Point3::new(1.0, 2.0, 3.0),
+        Point3::origin(),
+        Point3::new(-1.0, 0.5, 4.0),
+    ];
+    let mut cloud = PointCloud2::from_points(cdr::Header::default(), &points).unwrap();
+    fuzz_message(&cloud, |cloud: PointCloud2| drop(cloud.points()));
+    (
+        cloud.height,
+        cloud.width,
+        cloud.row_step,
+        cloud.is_bigendian,
+    ) = (3, 1, 12, true);
+    fuzz_message(&cloud, |cloud: PointCloud2| drop(cloud.points()));
+}
+
+#[test]
+fn poses_planes_and_joints() {
+    let pose = (&Isometry3::translation(1.0, 2.0, 3.0)).into();
+    fuzz_message(
+        &PoseStamped {
+            header: cdr::Header::default(),
+            pose,
+        },
+        |pose: PoseStamped| {
+            drop(pose.pose.isometry());
+        },
+    );
+    fuzz_message(
+        &Plane {
+            coef: [0.0, 0.0, 1.0, 2.0],
+        },
+        |plane: Plane| drop(plane.normalized()),
+    );
+    let joints = JointState {
+        name: vec!["jaw".into(); 3],
+        position: vec![0.1; 3],
+        ..JointState::default()
+    };
+    fuzz_message(&joints, |_: JointState| ());
+}
+
+fn camera() -> (Image, CameraInfo) {
+    let (width, height) = (12, 10);
+    let depth = |i: u16| -> u16 {
+        if (i % 12).abs_diff(5) < 3 && i > 40 && i < 90 {
+            470
+        } else {
+            500
+        }
+    };
+    let image = Image {
+        height,
+        width,
+        encoding: "16UC1".into(),
+        step: 2 * width,
+        data: (0..120).flat_map(|i: u16| depth(i).to_le_bytes()).collect(),
+        ..Image::default()
+    };
+    let k = [100.0, 0.0, 5.5, 0.0, 100.0, 4.5, 0.0, 0.0, 1.0];
+    (
+        image,
+        CameraInfo {
+            height,
+            width,
+            k,
+            ..CameraInfo::default()
+        },
+    )
+}
+
+#[test]
+fn images_and_cameras() {
+    let (image, info) = camera();
+    let options = ObjectOptions::default()
+        .with_table(-Vector3::z_axis(), 0.5)
+        .with_voxel(0.005);
+    let look = |image: &Image, info: &CameraInfo| {
+        if let Ok(scan) = Scan::from_depth(image, info, None) {
+            drop(find_object(&scan, &[], &options));
+        }
+    };
+    fuzz_message(&image, |image: Image| look(&image, &info));
+    fuzz_message(&info, |info: CameraInfo| look(&image, &info));
+}
+
+#[test]
+fn objects() {
+    let (image, info) = camera();
+    let scan = Scan::from_depth(&image, &info, None).unwrap();
+    let options = ObjectOptions::default().with_voxel(0.005);
+    assert!(find_object(&scan, &[], &options).is_ok());
+    let mut cloud = PointCloud2::from_points(cdr::Header::default(), scan.points()).unwrap();
+    (cloud.height, cloud.width, cloud.row_step) = (10, 12, 144);
+    every(&cdr::encode(&cloud, Endian::Little).unwrap(), |input| {
+        let Ok(cloud) = cdr::decode::<PointCloud2>(input) else {
+            return;
+        };
+        if let Ok(scan) = Scan::from_cloud(&cloud, None)
+            && let Ok(object) = find_object(&scan, &[], &options)
+        {
+            assert!(
+                object
+                    .points
+                    .iter()
+                    .all(|point| point.coords.norm().is_finite())
+            );
+            assert!(
+                object
+                    .normals
+                    .iter()
+                    .all(|normal| normal.norm().is_finite())
+            );
+        }
+    });
+}
