@@ -85,6 +85,8 @@ impl Body {
             missing: if whole { 0.02 } else { 0.6 },
             bare: 0.1,
             strays: 0.0,
+            bars: Vec::new(),
+            shorter_bars: [0; 3],
             loops,
             cut: [0; 3],
             non_manifold: 0,

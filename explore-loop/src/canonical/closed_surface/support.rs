@@ -107,7 +107,11 @@ impl ClosedSurface {
                 triangles,
             })
             .collect();
-        gaps.sort_by(|a, b| a.area.total_cmp(&b.area).then(a.triangles.cmp(&b.triangles)));
+        gaps.sort_by(|a, b| {
+            a.area
+                .total_cmp(&b.area)
+                .then(a.triangles.cmp(&b.triangles))
+        });
         gaps
     }
 
