@@ -120,13 +120,20 @@ impl Page {
         page.call("Emulation.setDeviceMetricsOverride", &metrics);
         let url = format!("file://{}", file.canonicalize().unwrap().display());
         page.call("Page.navigate", &json!({ "url": url }));
-        page.wait("document.documentElement.dataset.ready === 'yes'");
+        page.wait("document.documentElement?.dataset.ready === 'yes'");
         page.settle();
         page
     }
 
     /// Calls a method of the browser and gives its result.
     pub fn call(&mut self, method: &str, parameters: &Value) -> Value {
+        let answer = self.ask(method, parameters);
+        assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
+        answer["result"].clone()
+    }
+
+    /// Calls a method of the browser and gives its answer: a result or an error.
+    fn ask(&mut self, method: &str, parameters: &Value) -> Value {
         self.last += 1;
         let mut message = json!({"id": self.last, "method": method, "params": parameters});
         if !self.session.is_empty() {
@@ -141,8 +148,7 @@ impl Page {
             };
             let answer: Value = serde_json::from_str(text.as_str()).unwrap();
             if answer["id"] == self.last {
-                assert!(answer["error"].is_null(), "{method}: {}", answer["error"]);
-                return answer["result"].clone();
+                return answer;
             }
             if !answer["method"].is_null() {
                 self.events.push(answer);
@@ -165,7 +171,9 @@ impl Page {
     /// Waits until an expression is true.
     pub fn wait(&mut self, expression: &str) {
         let started = Instant::now();
-        while self.value(expression) != true {
+        let parameters = json!({"expression": expression, "returnByValue": true});
+        // While a page is being loaded there may be nothing to ask: that is no answer yet.
+        while self.ask("Runtime.evaluate", &parameters)["result"]["result"]["value"] != true {
             let messages = self.complaints();
             assert!(
                 started.elapsed() < Duration::from_secs(90) && messages.is_empty(),
