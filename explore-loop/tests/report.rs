@@ -64,7 +64,8 @@ fn decimals(text: &str) -> Vec<(f64, i32)> {
         } else {
             let number = word.trim_end_matches('.');
             let after = number.split_once('.').map_or(0, |(_, after)| after.len());
-            found.extend(number.parse().ok().map(|value| (value, after as i32)));
+            let after = i32::try_from(after).unwrap();
+            found.extend(number.parse().ok().map(|value| (value, after)));
             word.clear();
         }
     }

@@ -111,7 +111,7 @@ impl Page {
             "Target.attachToTarget",
             &json!({"targetId": target["targetId"], "flatten": true}),
         );
-        page.session = attached["sessionId"].as_str().unwrap().to_owned();
+        page.session = attached["sessionId"].as_str().map(str::to_owned).unwrap();
         for domain in ["Page", "Runtime", "Log", "Network"] {
             page.call(&format!("{domain}.enable"), &json!({}));
         }

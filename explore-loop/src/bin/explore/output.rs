@@ -6,8 +6,8 @@ use explore_loop::canonical::closed_surface::ClosedSurface;
 use explore_loop::canonical::topology::Topology;
 use explore_loop::canonical::{CanonicalModel, surface};
 use explore_loop::measure::{
-    MeasureError, Measurer, MeshMeasures, MeshReport, Sampling, Spread, Surface, TrueSurface,
-    compare,
+    Comparison, MeasureError, Measurer, MeshMeasures, MeshReport, Sampling, Spread, Surface,
+    TrueSurface, compare,
 };
 use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
@@ -265,8 +265,8 @@ impl FinalMesh {
         let compared = surface.map(|s| compare(&s, measurer.surface(), Sampling::default()));
         AgainstTruth {
             shape: Some(measurer.shape(model, spacing)),
-            accuracy: compared.as_ref().map(|c| c.accuracy()),
-            completeness: compared.as_ref().map(|c| c.completeness()),
+            accuracy: compared.as_ref().map(Comparison::accuracy),
+            completeness: compared.as_ref().map(Comparison::completeness),
         }
     }
 }

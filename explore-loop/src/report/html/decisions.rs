@@ -193,7 +193,7 @@ struct Manipulation {
 /// All decisions and manipulations that are kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Decisions {
-    decisions: Thinned<Decision>,
+    known: Thinned<Decision>,
     /// The last one, if it is not among those.
     last: Option<Decision>,
     manipulations: Thinned<Manipulation>,
@@ -203,7 +203,7 @@ pub(super) struct Decisions {
 impl Decisions {
     pub fn new() -> Self {
         Self {
-            decisions: Thinned::new(MOST_DECISIONS),
+            known: Thinned::new(MOST_DECISIONS),
             last: None,
             manipulations: Thinned::new(MOST_DECISIONS),
             under_way: None,
@@ -240,8 +240,8 @@ impl Decisions {
             loops: loops(topology, model),
             mesh: PackedMesh::of(mesh),
         };
-        self.last = if self.decisions.takes_next() {
-            self.decisions.keep(decision);
+        self.last = if self.known.takes_next() {
+            self.known.keep(decision);
             None
         } else {
             Some(decision)
@@ -299,7 +299,7 @@ impl Decisions {
 
     /// For the page.
     pub fn page(&self) -> (serde_json::Value, serde_json::Value) {
-        let decisions: Vec<_> = self.decisions.kept().iter().chain(&self.last).collect();
+        let decisions: Vec<_> = self.known.kept().iter().chain(&self.last).collect();
         let manipulations = self.manipulations.kept().iter().chain(&self.under_way);
         let shown = manipulations.map(|m| {
             let (tips, paths) = (m.tips.kept(), &m.planned);
