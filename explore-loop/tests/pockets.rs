@@ -84,6 +84,7 @@ impl Body {
             boundary_share: 0.1,
             missing: if whole { 0.02 } else { 0.6 },
             bare: 0.1,
+            wholly_seen: false,
             strays: 0.0,
             bars: Vec::new(),
             shorter_bars: [0; 3],
