@@ -74,16 +74,18 @@ function chart(name, unit, curves, { marks = false, whole = false, top = 0 } = {
   let high = top;
   for (const curve of shown) high = Math.max(high, range(curve.y)[1]);
   const root = svg('svg', { viewBox: `0 0 ${WIDE} ${HIGH}`, role: 'img', 'aria-label': name });
-  const last = Math.max(x1, DATA.samples.time[DATA.samples.time.length - 1] ?? 0, 1e-3);
+  const last = Math.max(x1, DATA.samples.time[DATA.samples.time.length - 1] ?? 0, 1);
   const { x, y } = axes(root, [0, last], [0, high > 0 ? (top && high <= top ? top : 1.06 * high) : 1], 'time, s', whole);
   for (const curve of shown) {
+    // A single point makes no line.
+    const dots = marks || curve.y.filter(Number.isFinite).length === 1;
     let path = '';
     let pen = 'M';
     for (const i of slim(curve.x, curve.y)) {
       if (!Number.isFinite(curve.y[i])) { pen = 'M'; continue; }
       path += `${pen}${x(curve.x[i]).toFixed(1)} ${y(curve.y[i]).toFixed(1)}`;
       pen = 'L';
-      if (marks) root.append(svg('circle', { cx: x(curve.x[i]), cy: y(curve.y[i]), r: 2.6, fill: curve.ink }));
+      if (dots) root.append(svg('circle', { cx: x(curve.x[i]), cy: y(curve.y[i]), r: 2.6, fill: curve.ink }));
     }
     root.append(svg('path', { d: path, fill: 'none', stroke: curve.ink, 'stroke-width': 1.4, 'stroke-linejoin': 'round', class: 'curve' }));
   }

@@ -13,6 +13,8 @@ use serde::{Deserialize, Serialize};
 
 /// Most decisions, and most manipulations, that are kept.
 const MOST_DECISIONS: usize = 32;
+/// Most bytes of all meshes before decisions together.
+const MOST_BYTES: usize = 3_000_000;
 /// Most bars of a dimension that a page shows.
 const MOST_BARS: usize = 40;
 /// Most loops of a decision, the longest first.
@@ -80,6 +82,11 @@ impl PackedMesh {
             quantities: mesh.quantities.iter().map(quantity).collect(),
         }
     }
+
+    fn size(&self) -> usize {
+        let values = self.quantities.iter().map(|q| q.values.len());
+        self.vertices.len() + self.triangles.len() + values.sum::<usize>()
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -113,6 +120,8 @@ impl Bars {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Decision {
+    /// From 0.
+    number: u64,
     time: f64,
     manipulations: usize,
     vertices: usize,
@@ -222,6 +231,7 @@ impl Decisions {
         self.end_manipulation();
         let pair = |s: Spread| [s.mean, s.p95];
         let decision = Decision {
+            number: self.known.given(),
             time,
             manipulations,
             vertices: model.len(),
@@ -240,12 +250,24 @@ impl Decisions {
             loops: loops(topology, model),
             mesh: PackedMesh::of(mesh),
         };
-        self.last = if self.known.takes_next() {
+        let number = decision.number;
+        self.last = Some(decision.clone());
+        if self.known.takes_next() {
             self.known.keep(decision);
-            None
-        } else {
-            Some(decision)
-        };
+            // The first one stays, however large it is.
+            while self.size() > MOST_BYTES && self.known.kept().len() > 1 {
+                self.known.halve();
+            }
+            // It stands there already, unless it has just gone again.
+            if self.known.kept().last().map(|d| d.number) == Some(number) {
+                self.last = None;
+            }
+        }
+    }
+
+    fn size(&self) -> usize {
+        let kept = self.known.kept().iter();
+        kept.map(|decision| decision.mesh.size()).sum()
     }
 
     /// A manipulation begins.
@@ -320,4 +342,45 @@ fn loops(topology: &Topology, model: &CanonicalModel) -> Vec<Points> {
     loops.truncate(MOST_LOOPS);
     let points = |l: &&Vec<u32>| Points::of(l.iter().filter_map(|v| model.rest.get(*v as usize)));
     loops.iter().map(points).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{AgainstTruth, Decisions, MOST_BYTES, Mesh};
+    use crate::canonical::CanonicalModel;
+    use crate::canonical::topology::analyse;
+    use nalgebra::Point3;
+
+    /// However many decisions there were and however large the meshes, the first and the last are shown, and the page stays small.
+    #[test]
+    fn the_first_and_the_last_decision_stay() -> Result<(), Box<dyn std::error::Error>> {
+        let model = CanonicalModel::default();
+        let topology = analyse(&model, 0.005)?;
+        for (count, vertices) in [(1, 10), (40, 10), (100, 10), (9, 200_000), (2, 1_000_000)] {
+            let mut decisions = Decisions::new();
+            let mesh = Mesh {
+                vertices: vec![Point3::origin(); vertices],
+                ..Mesh::default()
+            };
+            for k in 0..count {
+                let truth = AgainstTruth::default();
+                decisions.decision(k as f64, k, &topology, &model, &mesh, &truth);
+                let shown: Vec<_> = decisions
+                    .known
+                    .kept()
+                    .iter()
+                    .chain(&decisions.last)
+                    .collect();
+                assert_eq!(shown[0].manipulations, 0);
+                assert_eq!(shown[shown.len() - 1].manipulations, k);
+                assert!(
+                    shown
+                        .windows(2)
+                        .all(|w| w[0].manipulations < w[1].manipulations)
+                );
+                assert!(decisions.size() <= MOST_BYTES.max(6 * vertices));
+            }
+        }
+        Ok(())
+    }
 }

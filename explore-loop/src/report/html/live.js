@@ -17,13 +17,13 @@ function liveView(root, whenTime) {
   const stage = new Stage(place, boxOf(some.map((frame) => points(frame.vertices))), 2.5);
   if (!stage.renderer) return;
   slider.max = String(frames.length - 1);
-  const spacing = DATA.about.spacing;
+  const spacing = drawnSpacing(stage.box);
   table(stage, some);
 
   const known = frames.some((frame) => frame.error.data !== '');
   const MODES = ['first seen', 'seen now', ...(known ? ['distance to the true place'] : []), 'plain'];
   options(colour, MODES, 0);
-  const latest = Math.max(1e-9, frames[frames.length - 1].time);
+  const latest = Math.max(0.1, frames[frames.length - 1].time);
   const highest = known ? percentile(frames, 0.98) : 1;
 
   function paints(frame, count) {

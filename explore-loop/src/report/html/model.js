@@ -86,7 +86,7 @@ function restView(root) {
     const shown = root.querySelector('.grips').checked
       ? DATA.manipulations.filter((m) => m.number === decision.manipulations + 1 || (decision === decisions[last] && m.number === decision.manipulations))
       : [];
-    const size = 0.9 * DATA.about.spacing;
+    const size = 0.9 * drawnSpacing(stage.box);
     stage.show('grips', shown.flatMap((m) => m.grips.filter((g) => g.rest).map((g) => ball(g.rest, size, armColour(g.arm)))));
   }
 

@@ -188,6 +188,11 @@ function ball(at, radius, colour) {
   return mesh;
 }
 
+// The spacing of the model as a measure of what is drawn; of a coarse model a share of its size.
+function drawnSpacing([low, high]) {
+  return Math.min(DATA.about.spacing, 0.025 * Math.hypot(...low.map((c, k) => high[k] - c)));
+}
+
 // The box round some positions.
 function boxOf(list) {
   const low = [Infinity, Infinity, Infinity];

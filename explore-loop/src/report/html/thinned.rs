@@ -67,6 +67,11 @@ impl<T> Thinned<T> {
         &mut self.kept
     }
 
+    /// How many entries there were.
+    pub fn given(&self) -> u64 {
+        self.given
+    }
+
     /// Every how many-th entry is kept.
     pub fn every(&self) -> u64 {
         self.every
