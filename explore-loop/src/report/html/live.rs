@@ -192,7 +192,7 @@ impl Live {
 
 #[cfg(test)]
 mod tests {
-    use super::{Live, MOST_BYTES, MOST_FRAMES, Moment};
+    use super::{Indices, Live, MOST_BYTES, MOST_FRAMES, Moment, triangulate};
     use crate::canonical::{CanonicalModel, NewVertex};
     use crate::cell::Observation;
     use crate::reconstruct::{Constraints, FrameReport};
@@ -254,10 +254,10 @@ mod tests {
         for (k, frame) in kept.iter().enumerate() {
             assert_eq!(u64::from(frame.frame), k as u64 * live.frames.every());
             let side = 2 + (frame.frame / 200) as usize;
-            // A sheet of n × n points has 2 (n - 1)² triangles, unless its mesh is the one drawn before a few vertices came.
-            let corners = live.meshes[frame.mesh].len() / 2;
-            assert!(corners <= 6 * (side - 1).pow(2), "frame {}", frame.frame);
-            assert!(side < 4 || corners * 12 >= 10 * 6 * (side - 2).pow(2));
+            // A side more is more than the few vertices that may wait for a mesh, so each frame has that of its own sheet.
+            let (model, ..) = sheet(side, 0);
+            let triangles = triangulate(&model.rest, &model.rest_normals, 0.005);
+            assert_eq!(live.meshes[frame.mesh], Indices::of(&triangles));
         }
     }
 }
