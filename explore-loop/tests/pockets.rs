@@ -87,6 +87,8 @@ impl Body {
             hidden: Vec::new(),
             wholly_seen: false,
             strays: 0.0,
+            bars: Vec::new(),
+            shorter_bars: [0; 3],
             loops,
             cut: [0; 3],
             non_manifold: 0,

@@ -65,6 +65,7 @@ fn help_and_version_are_no_errors() {
         &["run", "--help"],
         &["replay", "--help"],
         &["tables", "--help"],
+        &["view", "--help"],
         &["--version"],
     ] {
         let output = explore(arguments);

@@ -12,7 +12,7 @@
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
 use super::{CanonicalModel, graph};
-use cech_complex::{Complex, Cylinder, Options, Orientation, VertexKind};
+use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// Cylinder radius, in spacings of the complex: discs of neighbours overlap well beyond the largest gap a maximal net of the
@@ -46,6 +46,11 @@ pub struct Topology {
     pub wholly_seen: bool,
     /// Share of the points that lie off the surface: a second sheet, or strays.
     pub strays: f64,
+    /// Bars of the persistent homology of the complex, by dimension, then birth: the longest [`MOST_BARS`] of each dimension. Scales are those of
+    /// [`cech_complex`]: at 1 the cylinders have the radius and the height that the spacing gives; the complex ends at scale 1.25.
+    pub bars: Vec<Bar>,
+    /// How many bars of each dimension are shorter than those.
+    pub shorter_bars: [usize; 3],
     /// Boundary loops, vertices of the model in order.
     pub loops: Vec<Vec<u32>>,
     /// Simplices that the cuts removed: vertices, edges, triangles.
@@ -185,6 +190,8 @@ pub fn analyse_within(
         wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,
+        bars: complex.bars,
+        shorter_bars: complex.shorter_bars,
         cut: complex.cut,
         non_manifold: complex.non_manifold,
         simplices: complex.simplices,
@@ -197,6 +204,24 @@ pub fn analyse_within(
         drawn.map(|s| s.trimmed())
     };
     Ok(topology)
+}
+
+/// Most bars of a dimension in [`Topology::bars`].
+pub const MOST_BARS: usize = 100;
+
+/// The longest bars of each dimension, and how many are left out.
+fn longest_bars(complex: &Complex) -> (Vec<Bar>, [usize; 3]) {
+    let (mut kept, mut shorter) = (Vec::new(), [0; 3]);
+    for (dimension, left_out) in shorter.iter_mut().enumerate() {
+        let all = complex.barcode().of_dimension(dimension);
+        let mut bars: Vec<(usize, Bar)> = all.copied().enumerate().collect();
+        bars.sort_by(|(_, a), (_, b)| b.persistence().total_cmp(&a.persistence()));
+        *left_out = bars.len().saturating_sub(MOST_BARS);
+        bars.truncate(MOST_BARS);
+        bars.sort_by_key(|(place, _)| *place);
+        kept.extend(bars.into_iter().map(|(_, bar)| bar));
+    }
+    (kept, shorter)
 }
 
 /// Most simplices of a complex: about 2 GB.
@@ -319,6 +344,8 @@ fn cuts(model: &CanonicalModel, points: &[Point3<f64>]) -> Vec<[u32; 2]> {
 struct Read {
     betti: [usize; 3],
     persistent: [usize; 3],
+    bars: Vec<Bar>,
+    shorter_bars: [usize; 3],
     boundary: Vec<bool>,
     loops: Vec<Vec<u32>>,
     cut: [usize; 3],
@@ -346,7 +373,10 @@ impl Read {
         let kinds = complex.classify(spacing)?;
         let count = |kind| kinds.iter().filter(|k| **k == kind).count();
         let loops = complex.boundary_loops(&kinds)?;
+        let (bars, shorter_bars) = longest_bars(&complex);
         Ok(Self {
+            bars,
+            shorter_bars,
             betti: complex.betti(1.0),
             persistent: complex.persistent_betti(1.0, PERSISTS),
             boundary: kinds.iter().map(|k| *k == VertexKind::Boundary).collect(),

@@ -1,14 +1,15 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
-//! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), or every run of a study came to an
-//! end (`tables`); 1 it did not, or something
-//! failed; 2 the command line is wrong. Errors are one line on standard error.
+//! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
+//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong. Errors are one line on standard error.
 
 mod output;
 mod recorder;
 mod replay;
 mod run;
+mod saved;
 mod tables;
+mod view;
 
 use clap::{Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
@@ -30,6 +31,8 @@ enum Command {
     Replay(ReplayArgs),
     /// Make the tables of a study over many runs
     Tables(TablesArgs),
+    /// Open the report of a run in the browser
+    View(ViewArgs),
 }
 
 /// How grips are chosen.
@@ -106,6 +109,13 @@ struct ReplayArgs {
     /// Print nothing but errors
     #[arg(long)]
     quiet: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct ViewArgs {
+    /// Folder that a run or a replay wrote its results to
+    #[arg(default_value = "explored")]
+    dir: PathBuf,
 }
 
 impl Default for RunArgs {
@@ -240,6 +250,7 @@ fn main() -> ExitCode {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::replay(args),
         Command::Tables(args) => tables::tables(args),
+        Command::View(args) => view::view(args),
     };
     match outcome {
         Ok(true) => ExitCode::SUCCESS,
@@ -254,7 +265,7 @@ fn main() -> ExitCode {
 /// What is wrong with the command line, in one line.
 fn one_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "error: no command given: run, replay or tables".into();
+        return "error: no command given: run, replay, tables or view".into();
     }
     let text = error.to_string();
     // The first paragraph: clap lists missing arguments on lines of their own.

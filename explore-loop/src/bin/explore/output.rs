@@ -6,9 +6,11 @@ use explore_loop::canonical::closed_surface::ClosedSurface;
 use explore_loop::canonical::topology::Topology;
 use explore_loop::canonical::{CanonicalModel, surface};
 use explore_loop::measure::{
-    MeasureError, MeshMeasures, MeshReport, Sampling, Spread, Surface, TrueSurface,
+    Comparison, MeasureError, Measurer, MeshMeasures, MeshReport, Sampling, Spread, Surface,
+    TrueSurface, compare,
 };
 use explore_loop::nalgebra::{Point3, UnitVector3};
+use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture, ply};
 use std::io::Write;
@@ -80,6 +82,18 @@ impl OutputFolder {
             &further,
         )?;
         Ok(self.write("canonical.ply", &text)?)
+    }
+
+    /// Writes `report.html`: `rows` are those of the closing table.
+    pub fn report(
+        &self,
+        report: &Report,
+        metrics: &Metrics,
+        rows: Vec<(&'static str, String)>,
+    ) -> Result<(), Failure> {
+        let metrics = serde_json::to_value(metrics)?;
+        let page = report.page(&Closing { rows, metrics });
+        Ok(self.write("report.html", page.as_bytes())?)
     }
 
     /// Writes `truth.ply`: the true surface at rest, to compare `canonical.ply` with in any mesh tool.
@@ -202,6 +216,74 @@ impl FinalMesh {
             Sampling::default(),
         )
     }
+
+    /// As the report shows it, with the distance to the truth where it is known.
+    pub fn page(&self, truth: Option<&Surface>) -> html::Mesh {
+        let known = self.further.iter().map(|(name, values)| {
+            let (name, unit, scale) = match *name {
+                "support" => ("distance to the nearest measurement", "mm", 1e3),
+                "first_seen" => ("first seen", "s", 1.0),
+                name => (name, "", 1.0),
+            };
+            html::Quantity {
+                name,
+                unit,
+                values: values.iter().map(|v| scale * v).collect(),
+            }
+        });
+        let distance = |surface: &Surface| html::Quantity {
+            name: "distance to the truth",
+            unit: "mm",
+            values: self
+                .vertices
+                .iter()
+                .map(|v| 1e3 * surface.distance(v))
+                .collect(),
+        };
+        let mut quantities: Vec<html::Quantity> = known.chain(truth.map(distance)).collect();
+        // What a reader looks for first comes first.
+        quantities.sort_by_key(|q| q.name != "first seen");
+        html::Mesh {
+            vertices: self.vertices.clone(),
+            triangles: self.triangles.clone(),
+            quantities,
+        }
+    }
+
+    /// What the truth says of the mesh and of the model's points.
+    pub fn against(
+        &self,
+        measurer: Option<&Measurer>,
+        model: &CanonicalModel,
+        spacing: f64,
+    ) -> AgainstTruth {
+        let Some(measurer) = measurer else {
+            return AgainstTruth::default();
+        };
+        // A mesh without an area is compared with nothing.
+        let surface = Surface::new(&self.vertices, &self.triangles).ok();
+        let compared = surface.map(|s| compare(&s, measurer.surface(), Sampling::default()));
+        AgainstTruth {
+            shape: Some(measurer.shape(model, spacing)),
+            accuracy: compared.as_ref().map(Comparison::accuracy),
+            completeness: compared.as_ref().map(Comparison::completeness),
+        }
+    }
+}
+
+/// The command that is being carried out, as one would type it.
+pub fn command_line() -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+    let word = |argument: std::ffi::OsString| {
+        let text = argument.to_string_lossy().into_owned();
+        if !text.is_empty() && text.chars().all(plain) {
+            text
+        } else {
+            format!("'{}'", text.replace('\'', "'\\''"))
+        }
+    };
+    let words: Vec<String> = std::env::args_os().skip(1).map(word).collect();
+    format!("explore {}", words.join(" "))
 }
 
 /// Frames after which a vertex counts as well seen.

@@ -1,102 +1,32 @@
-//! Follows a run: progress on the terminal, the session file, the measures, and what is left in the folder to go on from.
+//! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
-use crate::output::{FinalMesh, OutputFolder, mm};
+use crate::output::{FinalMesh, OutputFolder, command_line, mm};
+use crate::saved::{CHECKPOINT, Saved, SoFar};
 use crate::{Failure, Grips, RunArgs};
 use dvrk_io::session::SessionWriter;
 use explore_loop::Error;
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::Topology;
-use explore_loop::cell::sim::{Command, Journal, SimCell, SimOptions, Truth};
+use explore_loop::cell::sim::{Journal, SimCell, SimOptions, Truth};
 use explore_loop::cell::{Cell, Observation};
 use explore_loop::checkpoint;
 use explore_loop::explore::{Event, Outcome, Phase, SavedState, Watcher};
-use explore_loop::measure::{Measurer, MeasurerState, ShapeMeasures, TrueSurface};
+use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::report::frames;
-use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use explore_loop::report::html::About;
+use explore_loop::report::metrics::{Cut, Metrics, Timing};
 use grip_planner::Plan;
-use serde::{Deserialize, Serialize};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
-
-/// What a run leaves in its folder to go on from.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct Saved {
-    /// The options that decide how the run goes.
-    run: String,
-    commands: Vec<Command>,
-    /// Nothing before the first manipulation is over.
-    explorer: Option<SavedState>,
-    recorder: SoFar,
-}
-
-/// Name of the checkpoint in the folder of a run.
-const CHECKPOINT: &str = "checkpoint.bin";
-
-impl Saved {
-    pub fn new(args: &RunArgs) -> Result<Self, Failure> {
-        let mesh = args.mesh.as_ref().map(std::fs::read).transpose()?;
-        let object = match &mesh {
-            Some(bytes) => format!(
-                "--mesh of {} bytes ({:08x})",
-                bytes.len(),
-                crc32fast::hash(bytes)
-            ),
-            None => format!("--scene {}", args.scene),
-        };
-        Ok(Self {
-            run: format!(
-                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",
-                args.arms,
-                args.grips,
-                args.seed,
-                args.speed,
-                args.spacing,
-                args.noise,
-                args.max_manipulations
-            )
-            .to_lowercase(),
-            commands: Vec::new(),
-            explorer: None,
-            recorder: SoFar::default(),
-        })
-    }
-
-    pub fn read(out: &OutputFolder, args: &RunArgs) -> Result<Self, Failure> {
-        let saved: Self = checkpoint::read(&out.file(CHECKPOINT))?;
-        let expected = Self::new(args)?.run;
-        if saved.run != expected {
-            let path = out.file(CHECKPOINT);
-            let (path, run) = (path.display(), &saved.run);
-            return Err(format!("{path}: the run there has {run}, not {expected}").into());
-        }
-        Ok(saved)
-    }
-}
-
-/// What was recorded and measured so far.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(crate) struct SoFar {
-    measurer: Option<MeasurerState>,
-    registration: Vec<f64>,
-    frames: Vec<f64>,
-    failures: usize,
-    constraints: ConstraintMeasures,
-    shapes: Vec<ShapeMeasures>,
-    last_stamp: f64,
-    pub lines: String,
-    pub model: CanonicalModel,
-    pub manipulations: usize,
-    /// Time that went by before, seconds.
-    wall: f64,
-}
 
 /// Watches a run: progress on the terminal, the session file, the measures.
 pub(crate) struct Recorder<'a> {
     args: &'a RunArgs,
     out: &'a OutputFolder,
     session: Option<dvrk_io::session::SessionWriter>,
+    subject: String,
     arm_names: Vec<String>,
     journal: Journal,
     truth: Truth,
@@ -111,6 +41,7 @@ impl<'a> Recorder<'a> {
     pub fn new(
         args: &'a RunArgs,
         out: &'a OutputFolder,
+        subject: &str,
         cell: &SimCell,
         truth: Truth,
     ) -> Result<Self, Failure> {
@@ -140,6 +71,7 @@ impl<'a> Recorder<'a> {
             args,
             out,
             session: Some(session),
+            subject: subject.to_owned(),
             arm_names: info.arms.iter().map(|a| a.name.clone()).collect(),
             journal: cell.journal(),
             truth,
@@ -164,6 +96,16 @@ impl<'a> Recorder<'a> {
             self.record(&observation)
         })?;
         self.so_far = saved.recorder;
+        self.so_far.report.goes_on(
+            About {
+                subject: self.subject.clone(),
+                command: command_line(),
+                version: env!("CARGO_PKG_VERSION").into(),
+                spacing: self.args.spacing * 1e-3,
+                ..About::default()
+            }
+            .with_cell(cell.info()),
+        );
         if let Some(gathered) = self.so_far.measurer.take() {
             let mut measurer = Measurer::new(self.true_surface(self.truth.rest().vertices))?;
             measurer.restore(gathered)?;
@@ -281,14 +223,30 @@ impl<'a> Recorder<'a> {
             shape.map_or_else(|| "unknown".into(), |s| mm(s.difference)),
             self.so_far.failures,
         ));
+        let mesh = FinalMesh::of(model, topology, spacing);
+        self.shown(topology, model, &mesh);
         if self.args.pictures {
             let k = self.so_far.shapes.len() - 1;
-            let mesh = FinalMesh::of(model, topology, spacing);
             self.out.surface_picture(&format!("rest_{k}.png"), &mesh)?;
             self.out
                 .live_picture(&format!("live_{k}.png"), model, spacing)?;
         }
         Ok(())
+    }
+
+    /// Takes what is known before a decision, and at the end, into the report.
+    pub fn shown(&mut self, topology: &Topology, model: &CanonicalModel, mesh: &FinalMesh) {
+        let measurer = self.measurer.as_ref();
+        let truth = mesh.against(measurer, model, self.args.spacing * 1e-3);
+        let mesh = mesh.page(measurer.map(Measurer::surface));
+        let report = &mut self.so_far.report;
+        report.decision(topology, model, &mesh, &truth);
+    }
+
+    /// Says what happened: on the terminal, and in the report.
+    fn note(&mut self, text: String) {
+        self.say(&format!("{:5.1} s  {text}", self.so_far.last_stamp));
+        self.so_far.report.note(text);
     }
 
     /// Closes the session file; what was recorded stays readable whatever happened before.
@@ -372,7 +330,10 @@ impl Watcher for Recorder<'_> {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
         self.stop_if_asked()?;
         match event {
-            Event::Phase(phase) => self.bar.set_message(phase_words(phase)),
+            Event::Phase(phase) => {
+                self.bar.set_message(phase_words(phase));
+                self.so_far.report.phase(phase);
+            }
             Event::Observed(observation) => self.record(observation)?,
             Event::Frame(observation, report) => {
                 self.so_far.last_stamp = observation.stamp;
@@ -387,20 +348,24 @@ impl Watcher for Recorder<'_> {
                     model,
                     &errors,
                 ));
+                self.so_far
+                    .report
+                    .frame(observation, report, model, &errors);
                 self.bar.tick();
             }
             Event::Topology(topology) => {
                 self.topology(topology, model)?;
                 self.so_far.model = model.clone();
             }
-            Event::Missed(arm) => self.say(&format!("arm {arm} closed on nothing")),
-            Event::Planned(plan) => self.say(&format!("        {}", words(plan))),
-            Event::Fault(fault) => self.say(&format!("{:5.1} s  {fault}", self.so_far.last_stamp)),
-            Event::Trouble(trouble) => self.say(&format!(
-                "{:5.1} s  {trouble}: the arms are stopped",
-                self.so_far.last_stamp
-            )),
-            Event::Found => self.say("        the body was found again"),
+            Event::Missed(arm) => self.note(format!("arm {arm} closed on nothing")),
+            Event::Planned(plan) => {
+                let what = words(plan);
+                self.say(&format!("        {what}"));
+                self.so_far.report.planned(what, plan, model);
+            }
+            Event::Fault(fault) => self.note(fault.to_string()),
+            Event::Trouble(trouble) => self.note(format!("{trouble}: the arms are stopped")),
+            Event::Found => self.note("the body was found again".into()),
             Event::Manipulated(count) => self.so_far.manipulations = count,
             Event::State(state) => self.save(Some(state))?,
             _ => {}

@@ -1,6 +1,6 @@
 //! `explore replay`: the canonical model from a recording.
 
-use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
+use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::{Failure, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped};
 use explore_loop::canonical::topology::{self, Topology};
@@ -9,6 +9,7 @@ use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
+use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
 use std::path::Path;
 use std::time::Instant;
@@ -33,7 +34,16 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     } else {
         indicatif::ProgressBar::new(cell.remaining() as u64)
     };
-    let log = watch(args, &out, &mut cell, &mut reconstructor, &mut truth, &bar)?;
+    let mut log = Log::new(args, &cell);
+    watch(
+        args,
+        &out,
+        &mut cell,
+        &mut reconstructor,
+        &mut truth,
+        &bar,
+        &mut log,
+    )?;
     bar.finish_and_clear();
     if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty() && !args.quiet) {
         complain(skipped);
@@ -49,11 +59,19 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
     let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
     out.metrics(&metrics)?;
+    let measurer = truth.as_ref().map(|t| &t.measurer);
+    let model = reconstructor.model();
+    log.report.decision(
+        &topology,
+        model,
+        &mesh.page(measurer.map(Measurer::surface)),
+        &mesh.against(measurer, model, spacing),
+    );
+    let mut rows = rows(&metrics, log.failures);
+    rows.extend(topology.obstacle().map(|o| ("not closed", o.to_string())));
+    out.report(&log.report, &metrics, rows.clone())?;
     if !args.quiet {
-        print(&metrics, log.failures)?;
-        if let Some(obstacle) = topology.obstacle() {
-            table(&[("not closed", obstacle.to_string())])?;
-        }
+        table(&rows)?;
     }
     Ok(true)
 }
@@ -89,9 +107,9 @@ fn watch(
     reconstructor: &mut Reconstructor,
     truth: &mut Option<Truth>,
     bar: &indicatif::ProgressBar,
-) -> Result<Log, Failure> {
+    log: &mut Log,
+) -> Result<(), Failure> {
     let spacing = args.spacing * 1e-3;
-    let mut log = Log::default();
     loop {
         let observation = match cell.observe() {
             Ok(observation) => observation,
@@ -115,6 +133,8 @@ fn watch(
             Some(truth) => truth.frame(&observation, reconstructor, &report.measured)?,
             None => Vec::new(),
         };
+        log.report
+            .frame(&observation, &report, reconstructor.model(), &errors);
         log.lines.push_str(&frames::line(
             observation.stamp,
             &report,
@@ -139,11 +159,12 @@ fn watch(
         bar.set_message(format!("{} vertices", reconstructor.model().len()));
         bar.inc(1);
     }
-    Ok(log)
+    Ok(())
 }
 
 #[derive(Default)]
 struct Log {
+    report: Report,
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
@@ -151,6 +172,22 @@ struct Log {
     first_stamp: Option<f64>,
     last_stamp: f64,
     lines: String,
+}
+
+impl Log {
+    fn new(args: &ReplayArgs, cell: &ReplayCell) -> Self {
+        let about = About {
+            subject: args.session.display().to_string(),
+            command: command_line(),
+            version: env!("CARGO_PKG_VERSION").into(),
+            spacing: args.spacing * 1e-3,
+            ..About::default()
+        };
+        Self {
+            report: Report::new(about.with_cell(cell.info())),
+            ..Self::default()
+        }
+    }
 }
 
 /// The recorded ground truth, read apart from what the reconstruction is given.
@@ -258,7 +295,8 @@ fn metrics(
     }
 }
 
-fn print(metrics: &Metrics, failures: usize) -> Result<(), Failure> {
+/// The closing table.
+fn rows(metrics: &Metrics, failures: usize) -> Vec<(&'static str, String)> {
     let mut rows = vec![
         (
             "frames",
@@ -278,5 +316,5 @@ fn print(metrics: &Metrics, failures: usize) -> Result<(), Failure> {
         ),
         ("wall time", format!("{:.1} s", metrics.wall_s)),
     ]);
-    table(&rows)
+    rows
 }

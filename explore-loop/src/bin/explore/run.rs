@@ -1,11 +1,12 @@
 //! `explore run`: an exploration in the simulated cell.
 
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
-use crate::recorder::{Recorder, Saved};
+use crate::recorder::Recorder;
+use crate::saved::Saved;
 use crate::{Failure, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
-use explore_loop::explore::{ExploreOptions, Explorer};
+use explore_loop::explore::{ExploreOptions, Explorer, Stop};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
 
@@ -13,7 +14,7 @@ use explore_loop::report::metrics::{Metrics, Timing};
 pub fn run(args: &RunArgs) -> Result<bool, Failure> {
     let metrics = explore(args)?;
     if !args.quiet {
-        print(&metrics)?;
+        table(&rows(&metrics))?;
     }
     Ok(metrics.stop == "closed")
 }
@@ -43,7 +44,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     } else {
         Saved::new(args)?
     };
-    let mut recorder = Recorder::new(args, &out, &cell, truth)?;
+    let mut recorder = Recorder::new(args, &out, options.scene.name(), &cell, truth)?;
     let state = recorder.resume(saved, &mut cell)?;
     let mut explorer = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?;
     let resumed = state.map_or(Ok(()), |state| explorer.resume(state));
@@ -63,13 +64,15 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         // What went wrong first is what there is to say, not that the recording or the metrics cannot be written after it.
         Err(error) => {
             if let Ok(recorder) = finished {
-                let _unwritten = out.metrics(&recorder.failure(args, &options, &error));
+                let metrics = recorder.failure(args, &options, &error);
+                let _unwritten = out.metrics(&metrics);
+                let _unwritten = out.report(&recorder.so_far.report, &metrics, rows(&metrics));
             }
             return Err(error.into());
         }
         Ok(outcome) => outcome,
     };
-    let recorder = finished?;
+    let mut recorder = finished?;
     let mesh = FinalMesh::of(
         &recorder.so_far.model,
         &outcome.topology,
@@ -82,10 +85,16 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     }
     let metrics = recorder.metrics(args, &options, &outcome, &mesh)?;
     out.metrics(&metrics)?;
+    if matches!(outcome.stop, Stop::Trouble(_)) {
+        // What ended the run came between two decisions: the page shows what was known then, too.
+        recorder.shown(&outcome.topology, &recorder.so_far.model.clone(), &mesh);
+    }
+    out.report(&recorder.so_far.report, &metrics, rows(&metrics))?;
     Ok(metrics)
 }
 
-fn print(metrics: &Metrics) -> Result<(), Failure> {
+/// The closing table.
+fn rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
     let timing = |t: &Timing| format!("{:.1} ms median, {:.1} ms p95", t.median, t.p95);
     let mut rows = vec![
         (
@@ -106,5 +115,5 @@ fn print(metrics: &Metrics) -> Result<(), Failure> {
         ("robot time", format!("{:.1} s", metrics.robot_time_s)),
         ("wall time", format!("{:.1} s", metrics.wall_s)),
     ]);
-    table(&rows)
+    rows
 }

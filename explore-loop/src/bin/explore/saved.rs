@@ -1,0 +1,85 @@
+//! What a run leaves in its folder to go on from.
+
+use crate::output::OutputFolder;
+use crate::{Failure, RunArgs};
+use explore_loop::canonical::CanonicalModel;
+use explore_loop::cell::sim::Command;
+use explore_loop::checkpoint;
+use explore_loop::explore::SavedState;
+use explore_loop::measure::{MeasurerState, ShapeMeasures};
+use explore_loop::report::html::Report;
+use explore_loop::report::metrics::ConstraintMeasures;
+use serde::{Deserialize, Serialize};
+
+/// What a run leaves in its folder to go on from.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct Saved {
+    /// The options that decide how the run goes.
+    pub run: String,
+    pub commands: Vec<Command>,
+    /// Nothing before the first manipulation is over.
+    pub explorer: Option<SavedState>,
+    pub recorder: SoFar,
+}
+
+/// Name of the checkpoint in the folder of a run.
+pub(crate) const CHECKPOINT: &str = "checkpoint.bin";
+
+impl Saved {
+    pub fn new(args: &RunArgs) -> Result<Self, Failure> {
+        let mesh = args.mesh.as_ref().map(std::fs::read).transpose()?;
+        let object = match &mesh {
+            Some(bytes) => format!(
+                "--mesh of {} bytes ({:08x})",
+                bytes.len(),
+                crc32fast::hash(bytes)
+            ),
+            None => format!("--scene {}", args.scene),
+        };
+        Ok(Self {
+            run: format!(
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",
+                args.arms,
+                args.grips,
+                args.seed,
+                args.speed,
+                args.spacing,
+                args.noise,
+                args.max_manipulations
+            )
+            .to_lowercase(),
+            commands: Vec::new(),
+            explorer: None,
+            recorder: SoFar::default(),
+        })
+    }
+
+    pub fn read(out: &OutputFolder, args: &RunArgs) -> Result<Self, Failure> {
+        let saved: Self = checkpoint::read(&out.file(CHECKPOINT))?;
+        let expected = Self::new(args)?.run;
+        if saved.run != expected {
+            let path = out.file(CHECKPOINT);
+            let (path, run) = (path.display(), &saved.run);
+            return Err(format!("{path}: the run there has {run}, not {expected}").into());
+        }
+        Ok(saved)
+    }
+}
+
+/// What was recorded and measured so far.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(crate) struct SoFar {
+    pub measurer: Option<MeasurerState>,
+    pub registration: Vec<f64>,
+    pub frames: Vec<f64>,
+    pub failures: usize,
+    pub constraints: ConstraintMeasures,
+    pub shapes: Vec<ShapeMeasures>,
+    pub last_stamp: f64,
+    pub lines: String,
+    pub model: CanonicalModel,
+    pub manipulations: usize,
+    pub report: Report,
+    /// Time that went by before, seconds.
+    pub wall: f64,
+}

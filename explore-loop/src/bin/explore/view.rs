@@ -1,0 +1,51 @@
+//! `explore view`: the report of a run in the browser.
+
+use crate::{Failure, ViewArgs};
+use std::io::Write;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// How long a launcher has to say that it failed: a browser that it starts may run as long as it likes.
+const PATIENCE: Duration = Duration::from_secs(3);
+
+/// Opens the report; prints where it is in any case.
+pub fn view(args: &ViewArgs) -> Result<bool, Failure> {
+    let report = if args.dir.is_file() {
+        args.dir.clone()
+    } else {
+        args.dir.join("report.html")
+    };
+    if !report.is_file() {
+        let report = report.display();
+        return Err(format!(
+            "{report}: no report there; `explore run` and `explore replay` write one"
+        )
+        .into());
+    }
+    let report = report.canonicalize().unwrap_or(report);
+    writeln!(std::io::stdout().lock(), "{}", report.display())?;
+    if !open::commands(&report).into_iter().any(opens) {
+        eprintln!("no browser could be opened: open the file yourself");
+    }
+    Ok(true)
+}
+
+/// Whether a launcher starts and does not fail at once.
+fn opens(mut launcher: Command) -> bool {
+    let quiet = launcher
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null());
+    let Ok(mut child) = quiet.spawn() else {
+        return false;
+    };
+    let started = Instant::now();
+    while started.elapsed() < PATIENCE {
+        match child.try_wait() {
+            Ok(Some(status)) => return status.success(),
+            Ok(None) => std::thread::sleep(Duration::from_millis(20)),
+            Err(_) => return false,
+        }
+    }
+    true
+}

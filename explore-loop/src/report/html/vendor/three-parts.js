@@ -1,0 +1,28 @@
+// The parts of three.js that the page uses; `vendor.sh` bundles them into three.min.js.
+export {
+  BackSide,
+  BufferAttribute,
+  BufferGeometry,
+  Color,
+  CylinderGeometry,
+  DirectionalLight,
+  GridHelper,
+  Group,
+  HemisphereLight,
+  Line,
+  LineBasicMaterial,
+  LineDashedMaterial,
+  LineLoop,
+  LineSegments,
+  Mesh,
+  MeshLambertMaterial,
+  PerspectiveCamera,
+  Points,
+  PointsMaterial,
+  Scene,
+  SphereGeometry,
+  Texture,
+  Vector3,
+  WebGLRenderer,
+} from 'three';
+export { OrbitControls } from 'three/addons/controls/OrbitControls.js';
