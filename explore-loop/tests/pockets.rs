@@ -94,7 +94,6 @@ impl Body {
             non_manifold: 0,
             simplices: [0; 4],
             thinned: 0,
-            wholly_seen: false,
             surface: None,
         };
         Self {
