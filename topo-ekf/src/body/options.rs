@@ -61,7 +61,7 @@ impl Default for BodyOptions {
             momentum: 0.8,
             grip_sigma: 0.001,
             contact_sigma: 0.5e-3,
-            stick_sigma: 0.1e-3,
+            stick_sigma: 0.3e-3,
             friction: 1.0,
             touch: 0.002,
             steps: 4,

@@ -84,7 +84,12 @@ impl ClosedSurface {
         let all: Vec<usize> = (0..self.triangles.len()).collect();
         let total = self.area(&all).max(f64::MIN_POSITIVE);
         let gaps = self.gaps();
-        self.bare = gaps.iter().map(|gap| gap.area).sum::<f64>() / total;
+        // An empty sum is −0.
+        self.bare = gaps
+            .iter()
+            .map(|gap| gap.area)
+            .fold(0.0, |sum, area| sum + area)
+            / total;
         self.farthest = gaps.iter().map(|gap| gap.farthest).fold(0.0, f64::max);
     }
 
