@@ -84,12 +84,8 @@ impl ClosedSurface {
         let all: Vec<usize> = (0..self.triangles.len()).collect();
         let total = self.area(&all).max(f64::MIN_POSITIVE);
         let gaps = self.gaps();
-        // An empty sum is −0.
-        self.bare = gaps
-            .iter()
-            .map(|gap| gap.area)
-            .fold(0.0, |sum, area| sum + area)
-            / total;
+        // An empty sum of floats is −0.
+        self.bare = (gaps.iter().map(|gap| gap.area).sum::<f64>() + 0.0) / total;
         self.farthest = gaps.iter().map(|gap| gap.farthest).fold(0.0, f64::max);
     }
 
