@@ -143,7 +143,8 @@ pub struct ClosedSurface {
     pub nearest: Vec<u32>,
     /// Distance to it, m; infinite if there is none.
     pub distance: Vec<f64>,
-    /// Share of the area without support: of triangles two of whose corners are farther than the reach from any point that faces as they do.
+    /// Share of the area without support: of triangles two of whose corners are farther than the reach from any point that faces as they do, or one
+    /// farther than 1.75 spacings.
     pub bare: f64,
     /// Greatest distance, where it has no support, from the nearest point that faces as it does, m; 0 if all of it has support.
     pub farthest: f64,

@@ -89,10 +89,14 @@ impl ClosedSurface {
         self.farthest = gaps.iter().map(|gap| gap.farthest).fold(0.0, f64::max);
     }
 
-    /// Which triangles have no support: fewer than two of their corners have.
+    /// Which triangles have no support: two of their corners are beyond the reach of any point, or one is farther than a chance gap allows.
     pub(crate) fn bare_triangles(&self) -> Vec<bool> {
-        let bare = |v: &&u32| !self.is_supported(**v as usize);
-        let lacks = |t: &[u32; 3]| t.iter().filter(bare).count() >= 2;
+        let far = self.reach.max(CHANCE * self.spacing);
+        let beyond = |t: &[u32; 3], limit: f64| {
+            let corners = t.iter().map(|v| self.distance[*v as usize]);
+            corners.filter(|distance| *distance > limit).count()
+        };
+        let lacks = |t: &[u32; 3]| beyond(t, self.reach) >= 2 || beyond(t, far) >= 1;
         self.triangles.iter().map(lacks).collect()
     }
 
@@ -118,9 +122,9 @@ impl ClosedSurface {
 
     /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
     ///
-    /// A triangle has support if two of its corners have. Patches without it that are nowhere farther than 1.75 spacings from a point are
-    /// chance gaps and stay, so that a body seen from all sides stays watertight; the smallest first, as long as all of them together are less than
-    /// three thousandths of the area. Pieces of less than a twentieth of the area go.
+    /// A triangle has support if two of its corners have and the third is not far off. Patches without it that are nowhere farther than
+    /// 1.75 spacings from a point are chance gaps and stay, so that a body seen from all sides stays watertight; the smallest first, as long
+    /// as all of them together are less than three thousandths of the area. Pieces of less than a twentieth of the area go.
     /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
     #[must_use]
     pub fn trimmed(&self) -> ClosedSurface {
