@@ -42,6 +42,8 @@ pub struct Topology {
     pub bare: f64,
     /// The pieces of it that no point supports.
     pub hidden: Vec<Hidden>,
+    /// Distance of the innermost of those from anything that was seen, m; infinite when no surface could be drawn.
+    pub farthest: f64,
     /// Whether what no point supports is chance gaps alone ([`ClosedSurface::is_wholly_seen`]).
     pub wholly_seen: bool,
     /// Share of the points that lie off the surface: a second sheet, or strays.
@@ -90,7 +92,10 @@ impl Topology {
         if self.persistent != [1, 0, 1] {
             Some(Obstacle::Betti(self.persistent))
         } else if !self.wholly_seen {
-            Some(Obstacle::Bare(self.bare))
+            Some(Obstacle::Bare {
+                share: self.bare,
+                farthest: self.farthest,
+            })
         } else if self.strays > MOST_STRAYS {
             Some(Obstacle::Strays(self.strays))
         } else if self.boundary_share > MOST_BOUNDARY {
@@ -113,8 +118,13 @@ impl Topology {
 pub enum Obstacle {
     /// Its persistent Betti numbers are not those of a sphere.
     Betti([usize; 3]),
-    /// So much of it was never seen.
-    Bare(f64),
+    /// Some of it was never seen.
+    Bare {
+        /// Share of the area.
+        share: f64,
+        /// Distance of its innermost place from anything that was seen, m.
+        farthest: f64,
+    },
     /// So many points lie off it.
     Strays(f64),
     /// So much of it lies on a boundary.
@@ -128,7 +138,12 @@ impl std::fmt::Display for Obstacle {
         let percent = |share: f64| 100.0 * share;
         match self {
             Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
-            Self::Bare(share) => write!(f, "{:.2} % never seen", percent(*share)),
+            Self::Bare { share, farthest } => write!(
+                f,
+                "{:.2} % never seen, up to {:.1} mm from what was",
+                percent(*share),
+                1e3 * farthest
+            ),
             Self::Strays(share) => {
                 write!(f, "{:.1} % of the points off the surface", percent(*share))
             }
@@ -187,6 +202,7 @@ pub fn analyse_within(
         missing: drawn.as_ref().map_or(1.0, missing_share),
         bare: drawn.as_ref().map_or(1.0, |s| s.bare),
         hidden: drawn.as_ref().map_or_else(Vec::new, |s| hidden(s, model)),
+        farthest: drawn.as_ref().map_or(f64::INFINITY, |s| s.farthest),
         wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,

@@ -6,7 +6,7 @@ use crate::saved::Saved;
 use crate::{Failure, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
-use explore_loop::explore::{ExploreOptions, Explorer, Stop};
+use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
 
@@ -21,17 +21,8 @@ pub fn run(args: &RunArgs) -> Result<bool, Failure> {
 
 /// Explores, writes the results, and returns what was measured.
 pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
-    let scene = match &args.mesh {
-        Some(path) => {
-            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
-        }
-        None => Scene::named(&args.scene)?,
-    };
+    let options = simulation(args)?;
     let out = OutputFolder::create(&args.out)?;
-    let mut options = SimOptions::new(scene);
-    options.arms = usize::from(args.arms);
-    options.seed = args.seed;
-    options.camera.noise = args.noise * 1e-3;
     let (mut cell, truth) = SimCell::new(&options)?;
     let mut planner: Box<dyn Planner> = match args.grips {
         Grips::Planned => Box::new(CoveragePlanner::default()),
@@ -72,7 +63,32 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         }
         Ok(outcome) => outcome,
     };
-    let mut recorder = finished?;
+    write(args, &options, &out, finished?, &outcome)
+}
+
+/// The object and the cell that were asked for.
+fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
+    let scene = match &args.mesh {
+        Some(path) => {
+            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
+        }
+        None => Scene::named(&args.scene)?,
+    };
+    let mut options = SimOptions::new(scene);
+    options.arms = usize::from(args.arms);
+    options.seed = args.seed;
+    options.camera.noise = args.noise * 1e-3;
+    Ok(options)
+}
+
+/// Writes the results of a run that came to an end of its own.
+fn write(
+    args: &RunArgs,
+    options: &SimOptions,
+    out: &OutputFolder,
+    mut recorder: Recorder<'_>,
+    outcome: &Outcome,
+) -> Result<Metrics, Failure> {
     let mesh = FinalMesh::of(
         &recorder.so_far.model,
         &outcome.topology,
@@ -83,7 +99,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     if let Some(measurer) = &recorder.measurer {
         out.truth(measurer.rest())?;
     }
-    let metrics = recorder.metrics(args, &options, &outcome, &mesh)?;
+    let metrics = recorder.metrics(args, options, outcome, &mesh)?;
     out.metrics(&metrics)?;
     if matches!(outcome.stop, Stop::Trouble(_)) {
         // What ended the run came between two decisions: the page shows what was known then, too.
