@@ -1,5 +1,5 @@
-//! Throughput of what runs for every frame or pose: decoding a cloud, reading a session, segmenting an image,
-//! kinematics; and calibration, which does not.
+//! Throughput of what runs for every frame or pose: decoding a cloud, reading a session, finding the object in
+//! an image, kinematics; and calibration, which does not.
 #![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
 
 use std::hint::black_box;
@@ -8,9 +8,7 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use dvrk_io::Psm;
 use dvrk_io::calibration::{FitOptions, Sighting, Touch, fit_sightings, fit_touches};
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
-use dvrk_io::depth::{
-    Capsule, DepthImage, Intrinsics, ObjectOptions, Scan, Segmentation, find_object, segment,
-};
+use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, ObjectOptions, Scan, find_object};
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
 use dvrk_io::session::{Compression, SessionReader, SessionWriter, WriterOptions};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -74,14 +72,16 @@ fn sessions(criterion: &mut Criterion) {
 }
 
 fn images(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("segment image, 3 arms of 4 capsules");
+    let mut group = criterion.benchmark_group("image to object, table known, 3 arms of 4 capsules");
+    group.sample_size(20);
     for (width, height) in [(160, 120), (640, 480), (1280, 720)] {
         let camera = Intrinsics::new(
             width,
             height,
             [width as f64; 2],
             [width as f64 / 2.0, height as f64 / 2.0],
-        );
+        )
+        .unwrap();
         // A third of the image is a box on the table.
         let is_box = |pixel: usize| (width / 3..2 * width / 3).contains(&(pixel % width));
         let depths: Vec<f32> = (0..width * height)
@@ -97,13 +97,15 @@ fn images(criterion: &mut Criterion) {
             }
         };
         let arms: Vec<_> = (-6..6).map(link).collect();
-        let settings = Segmentation::default().with_table(-Vector3::z_axis(), 0.5);
+        let options = ObjectOptions::default().with_table(-Vector3::z_axis(), 0.5);
         group.throughput(Throughput::Elements((width * height) as u64));
         group.bench_function(
             BenchmarkId::from_parameter(format!("{width}x{height}")),
             |bencher| {
-                let camera = camera.as_ref().unwrap();
-                bencher.iter(|| segment(black_box(&image), camera, &arms, &settings).unwrap());
+                bencher.iter(|| {
+                    let scan = Scan::from_image(black_box(&image), &camera).unwrap();
+                    find_object(&scan, &arms, &options).unwrap()
+                });
             },
         );
     }

@@ -141,15 +141,7 @@ fn the_wrist_given_for_the_tip_shows() {
     let mut samples = |wrong: bool| -> Vec<Touch> {
         (0..12)
             .map(|_| {
-                let mut share = |range: f64| random.random_range(-range..range);
-                let joints = [
-                    share(0.5),
-                    share(0.5),
-                    0.14 + share(0.05),
-                    share(1.0),
-                    share(1.2),
-                    share(1.2),
-                ];
+                let joints = any_joints(&mut random, 1.2);
                 let tip = arm.rcm_from_tip(&joints).unwrap();
                 let camera = planted * Point3::from(tip.0.translation.vector);
                 let wrist = arm

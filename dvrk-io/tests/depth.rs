@@ -6,12 +6,16 @@
     reason = "tests; copied values must be the same bits"
 )]
 
+mod scene;
+
 use dvrk_io::Error;
 use dvrk_io::depth::{
-    Capsule, DepthImage, Intrinsics, ObjectCloud, Segmentation, Workspace, chain, segment,
+    Capsule, DepthImage, Intrinsics, LengthUnit, Object, ObjectOptions, Scan, UnitSource,
+    Workspace, chain, find_object,
 };
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, UnitVector3, Vector3};
 use proptest::prelude::*;
+use scene::adds_up;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
@@ -61,9 +65,14 @@ impl Scene {
         self.normal.dot(&point.coords) + self.offset
     }
 
-    fn settings(&self) -> Segmentation {
-        Segmentation::default().with_table(self.normal, self.offset)
+    fn options(&self) -> ObjectOptions {
+        ObjectOptions::default().with_table(self.normal, self.offset)
     }
+}
+
+/// For scenes without a table: it is far behind everything.
+fn no_table() -> ObjectOptions {
+    ObjectOptions::default().with_table(-Vector3::z_axis(), 100.0)
 }
 
 fn render(depth: impl Fn(f64, f64) -> f64) -> DepthImage {
@@ -73,27 +82,65 @@ fn render(depth: impl Fn(f64, f64) -> f64) -> DepthImage {
     DepthImage::from_metres(WIDTH, HEIGHT, &depths).unwrap()
 }
 
-fn every_pixel_is_accounted_for(cloud: &ObjectCloud) {
-    let removed = cloud.removed;
-    let gone = removed.no_depth + removed.outside + removed.table + removed.flying + removed.arm;
-    assert_eq!(gone + cloud.points.len(), WIDTH * HEIGHT);
-    assert_eq!(cloud.points.len(), cloud.pixels.len());
+fn scan(image: &DepthImage) -> Scan {
+    Scan::from_image(image, &camera()).unwrap()
+}
+
+fn find(image: &DepthImage, arms: &[Capsule], options: &ObjectOptions) -> Object {
+    let scan = scan(image);
+    let object = find_object(&scan, arms, options).unwrap();
+    every_pixel_is_accounted_for(&scan, &object);
+    object
+}
+
+fn every_pixel_is_accounted_for(scan: &Scan, object: &Object) {
+    adds_up(object);
+    assert_eq!(object.account.total, scan.points().len());
+    assert_eq!(object.point_of.len(), scan.points().len());
+    // Every point is the mean of its pixels, or, where that is not allowed to be one, the first of them.
+    let mut pixels = vec![Vec::new(); object.points.len()];
+    for (pixel, point) in object.point_of.iter().enumerate() {
+        if let Some(point) = point {
+            pixels[*point].push(scan.points()[pixel]);
+        }
+    }
+    for (point, pixels) in object.points.iter().zip(&pixels) {
+        let sum: Vector3<f64> = pixels.iter().map(|pixel| pixel.coords).sum();
+        let mean = Point3::from(sum / pixels.len() as f64);
+        assert!((point - mean).norm() < 1e-12 || *point == pixels[0]);
+    }
+    let kept = pixels.iter().map(Vec::len).sum::<usize>();
+    assert_eq!(kept, object.account.kept + object.account.merged);
+}
+
+/// Pixels of the object.
+fn kept(object: &Object) -> Vec<usize> {
+    (0..object.point_of.len())
+        .filter(|&pixel| object.point_of[pixel].is_some())
+        .collect()
 }
 
 #[test]
 fn a_ball_on_a_table() {
     let scene = Scene::new();
-    let settings = scene.settings();
+    let options = scene.options();
     let image = render(|u, v| scene.depth(u, v));
-    let cloud = segment(&image, &camera(), &[], &settings).unwrap();
-    every_pixel_is_accounted_for(&cloud);
-    for point in &cloud.points {
+    let object = find(&image, &[], &options);
+    let pixels = kept(&object);
+    for &pixel in &pixels {
+        let point = scan(&image).points()[pixel];
         assert!(
             ((point - scene.center).norm() - scene.radius).abs() < ROUNDING,
             "{point}"
         );
-        assert!(scene.height(point) > settings.table_clearance);
+        assert!(scene.height(&point) > options.table_clearance);
     }
+    assert!(
+        object
+            .points
+            .iter()
+            .all(|point| scene.height(point) > options.table_clearance)
+    );
     // What must stay: the ball above the clearance, where the ray meets it at less than 70°, well under the 80°
     // of the settings, so that the neighbours of the pixel do not reach 80° either.
     let mut expected = 0;
@@ -104,9 +151,9 @@ fn a_ball_on_a_table() {
             let normal = (point - scene.center) / scene.radius;
             let on_ball = (normal.norm() - 1.0).abs() < 1e-5;
             let steep = normal.dot(&point.coords.normalize()).abs() < 70_f64.to_radians().cos();
-            if on_ball && !steep && scene.height(&point) > settings.table_clearance + ROUNDING {
+            if on_ball && !steep && scene.height(&point) > options.table_clearance + ROUNDING {
                 assert!(
-                    cloud.pixels.contains(&(row * WIDTH + column)),
+                    pixels.contains(&(row * WIDTH + column)),
                     "lost {column}, {row}"
                 );
                 expected += 1;
@@ -114,9 +161,9 @@ fn a_ball_on_a_table() {
         }
     }
     assert!(
-        expected > 800 && cloud.points.len() - expected < expected / 3,
+        expected > 800 && pixels.len() - expected < expected / 3,
         "{expected} {}",
-        cloud.points.len()
+        pixels.len()
     );
 }
 
@@ -141,32 +188,36 @@ fn averaged_depths_at_the_rim_are_removed() {
         rays(u, v).filter(|&ray| hit(ray)).count()
     };
     let image = render(|u, v| rays(u, v).map(|(u, v)| scene.depth(u, v)).sum::<f64>() / 16.0);
-    let settings = scene.settings();
-    let cloud = segment(&image, &camera(), &[], &settings).unwrap();
-    every_pixel_is_accounted_for(&cloud);
+    let options = scene.options();
+    let pixels = kept(&find(&image, &[], &options));
     let mixed =
         |pixel: usize| (1..16).contains(&hits((pixel % WIDTH) as f64, (pixel / WIDTH) as f64));
     let whole = |pixel: usize| hits((pixel % WIDTH) as f64, (pixel / WIDTH) as f64) == 16;
     let planted = (0..WIDTH * HEIGHT).filter(|&pixel| mixed(pixel)).count();
-    let survivors = cloud.pixels.iter().filter(|&&pixel| mixed(pixel)).count();
+    let survivors = pixels.iter().filter(|&&pixel| mixed(pixel)).count();
     let owned = (0..WIDTH * HEIGHT).filter(|&pixel| whole(pixel)).count();
-    let kept = cloud.pixels.iter().filter(|&&pixel| whole(pixel)).count();
+    let whole_kept = pixels.iter().filter(|&&pixel| whole(pixel)).count();
     assert!(planted > 100 && owned > 1500, "{planted} {owned}");
     // A mixed pixel may lie so little behind the rim that it is within noise of it: those alone may stay.
     let off = |point: &Point3<f64>| (point - scene.center).norm() - scene.radius;
-    let worst = cloud.points.iter().map(off).fold(0.0, f64::max);
+    let scan = scan(&image);
+    let points = pixels.iter().map(|&pixel| &scan.points()[pixel]);
+    let worst = points.map(off).fold(0.0, f64::max);
     assert!(
         survivors * 50 <= planted,
         "{survivors} of {planted} mixed pixels stayed, up to {worst} m off"
     );
     assert!(
-        kept * 100 >= owned * 97,
-        "{kept} of {owned} good pixels kept"
+        whole_kept * 100 >= owned * 97,
+        "{whole_kept} of {owned} good pixels kept"
     );
-    // Without the test for edges nearly all of them stay.
-    let blind = settings.with_edges(1.57, 1.0, 0);
-    let cloud = segment(&image, &camera(), &[], &blind).unwrap();
-    assert!(cloud.pixels.iter().filter(|&&pixel| mixed(pixel)).count() * 10 >= planted * 9);
+    // Without the tests for edges and strays nearly all of them stay.
+    let blind = options
+        .with_edges(1.57, 1.0)
+        .with_voxel(0.02)
+        .with_parts(0.15, 0);
+    let pixels = kept(&find(&image, &[], &blind));
+    assert!(pixels.iter().filter(|&&pixel| mixed(pixel)).count() * 10 >= planted * 9);
 }
 
 #[test]
@@ -177,11 +228,20 @@ fn a_straight_edge_loses_its_mixed_column_only() {
         u if u < 80.0 => 0.4,
         _ => 0.6,
     });
-    let lonely_allowed = Segmentation::default().with_edges(80_f64.to_radians(), 0.002, 0);
-    let cloud = segment(&image, &camera(), &[], &lonely_allowed).unwrap();
-    every_pixel_is_accounted_for(&cloud);
-    assert_eq!(cloud.removed.flying, HEIGHT);
-    assert!(cloud.pixels.iter().all(|pixel| pixel % WIDTH != 80));
+    let lonely_allowed = no_table().with_parts(0.01, 0);
+    let mut walls = Vec::new();
+    for depth in [0.4, 0.6] {
+        let options = lonely_allowed.with_seed_point(Point3::new(0.0, 0.0, depth));
+        let object = find(&image, &[], &options);
+        assert_eq!(object.account.flying, HEIGHT);
+        walls.extend(kept(&object));
+    }
+    // The walls are two parts; together they are everything else.
+    walls.sort_unstable();
+    let others: Vec<_> = (0..WIDTH * HEIGHT)
+        .filter(|pixel| pixel % WIDTH != 80)
+        .collect();
+    assert_eq!(walls, others);
 }
 
 #[test]
@@ -193,9 +253,9 @@ fn pixels_next_to_holes_need_company() {
         (u, v) if hole(u, v) => f64::NAN,
         _ => 0.5,
     });
-    let cloud = segment(&image, &camera(), &[], &Segmentation::default()).unwrap();
-    every_pixel_is_accounted_for(&cloud);
-    assert_eq!((cloud.removed.no_depth, cloud.removed.flying), (24, 1));
+    let object = find(&image, &[], &no_table());
+    assert_eq!((object.account.missing, object.account.lone), (24, 1));
+    assert_eq!(kept(&object).len(), WIDTH * HEIGHT - 25);
 }
 
 #[test]
@@ -226,30 +286,57 @@ fn an_arm_in_front_of_a_ball() {
             .filter_map(|(center, radius)| ball(&ray, center, *radius));
         arm.fold(scene.depth(u, v), f64::min)
     });
-    let settings = scene.settings();
-    let seen = segment(&image, &camera(), &[], &settings).unwrap();
-    let cloud = segment(&image, &camera(), &arms, &settings).unwrap();
-    every_pixel_is_accounted_for(&cloud);
-    assert!(cloud.removed.arm > 200);
-    for point in &cloud.points {
+    let options = scene.options();
+    let seen = find(&image, &[], &options);
+    let object = find(&image, &arms, &options);
+    assert!(object.account.arm > 200);
+    let scan = scan(&image);
+    let outside = |point: &Point3<f64>| {
+        arms.iter()
+            .all(|arm| arm.distance(point) > options.arm_clearance)
+    };
+    for pixel in kept(&object) {
+        let point = scan.points()[pixel];
         assert!(
             ((point - scene.center).norm() - scene.radius).abs() < ROUNDING,
             "{point}"
         );
-        assert!(
-            arms.iter()
-                .all(|arm| arm.distance(point) > settings.arm_clearance)
-        );
+        assert!(outside(&point));
     }
+    assert!(object.points.iter().all(outside));
     // Nothing else went: what lies outside of the capsules is the same with and without them.
-    let outside = |point: &&Point3<f64>| {
-        arms.iter()
-            .all(|arm| arm.distance(point) > settings.arm_clearance)
+    let mut others = kept(&seen);
+    others.retain(|&pixel| outside(&scan.points()[pixel]));
+    assert_eq!(others, kept(&object));
+}
+
+#[test]
+fn no_mean_lies_in_a_thin_arm() {
+    // A needle along a wall, and voxels so wide that they hold pixels of both sides of it.
+    let image = render(|_, _| 0.5);
+    let needle = Capsule {
+        start: Point3::new(0.01, -0.1, 0.5),
+        end: Point3::new(0.01, 0.1, 0.5),
+        radius: 0.001,
     };
-    assert_eq!(
-        seen.points.iter().filter(outside).count(),
-        cloud.points.len()
-    );
+    let options = no_table().with_voxel(0.02).with_parts(0.05, 4);
+    let object = find(&image, &[needle], &options);
+    let clear = |point: &Point3<f64>| needle.distance(point) > options.arm_clearance;
+    assert!(object.points.iter().all(clear));
+    let scan = scan(&image);
+    let pixels = kept(&object);
+    assert!(pixels.iter().all(|&pixel| clear(&scan.points()[pixel])));
+    assert_eq!(pixels.len() + object.account.arm, WIDTH * HEIGHT);
+    // The means of their pixels would not be.
+    let is_mean_inside = |index: usize| {
+        let pixels = pixels.iter().map(|&pixel| (pixel, scan.points()[pixel]));
+        let own = pixels.filter(|(pixel, _)| object.point_of[*pixel] == Some(index));
+        let own: Vec<_> = own.map(|(_, point)| point.coords).collect();
+        !clear(&Point3::from(
+            own.iter().sum::<Vector3<f64>>() / own.len() as f64,
+        ))
+    };
+    assert!((0..object.points.len()).any(is_mean_inside));
 }
 
 #[test]
@@ -260,23 +347,25 @@ fn the_workspace_is_a_turned_box() {
         camera_from_center: Isometry3::from_parts(Vector3::new(0.02, 0.0, 0.5).into(), turn),
         half_extents: Vector3::new(0.08, 0.03, 0.01),
     };
-    let cloud = segment(
-        &image,
-        &camera(),
-        &[],
-        &Segmentation::default().with_workspace(workspace),
-    )
-    .unwrap();
-    every_pixel_is_accounted_for(&cloud);
+    let object = find(&image, &[], &no_table().with_workspace(workspace));
+    let pixels = kept(&object);
     // 0.16 m × 0.06 m at f = 200 × 210 pixels and 0.5 m: 1613 pixels, up to half a pixel all round.
     let expected = 0.16 * 0.06 * (200.0 / 0.5) * (210.0 / 0.5);
     let rim = 0.5 * 2.0 * (0.16 + 0.06) * (205.0 / 0.5);
     assert!(
-        (cloud.points.len() as f64 - expected).abs() < rim,
+        (pixels.len() as f64 - expected).abs() < rim,
         "{}",
-        cloud.points.len()
+        pixels.len()
     );
-    assert!(cloud.points.iter().all(|point| workspace.contains(point)));
+    assert!(object.points.iter().all(|point| workspace.contains(point)));
+    let scan = scan(&image);
+    assert!(
+        pixels
+            .iter()
+            .all(|&pixel| workspace.contains(&scan.points()[pixel]))
+    );
+    // The first test that fails counts: everything else is outside.
+    assert_eq!(pixels.len() + object.account.outside, WIDTH * HEIGHT);
 }
 
 #[test]
@@ -292,18 +381,31 @@ fn millimetres_and_missing_depths() {
     );
     assert!((units.depth(1, 0).unwrap() - 0.5).abs() < 1e-9);
     assert_eq!(units.depth(2, 0), None);
+    let camera = Intrinsics::new(2, 2, [2.0, 4.0], [0.0; 2]).unwrap();
+    let scan = Scan::from_image(&metres, &camera).unwrap();
+    assert_eq!(scan.unit(), (LengthUnit::Metres, UnitSource::Given));
+    assert_eq!((scan.columns(), scan.colors()), (Some(2), None));
+    assert!(scan.points()[0].iter().all(|value| value.is_nan()));
+    assert_eq!(scan.points()[1], Point3::new(0.25, 0.0, 0.5));
+    let far = f64::from(65.535_f32);
+    assert_eq!(scan.points()[3], Point3::new(far / 2.0, far / 4.0, far));
 }
 
 #[test]
 fn what_does_not_fit_is_refused() {
     let image = render(|_, _| 0.5);
-    let ok = Segmentation::default();
-    let is_refused = |settings: Segmentation| segment(&image, &camera(), &[], &settings).is_err();
+    let scan = scan(&image);
+    let ok = no_table();
+    assert!(find_object(&scan, &[], &ok).is_ok());
+    let is_refused = |options: ObjectOptions| {
+        let result = find_object(&scan, &[], &options);
+        matches!(result, Err(Error::OutOfRange { .. }))
+    };
     assert!(
         is_refused(ok.with_clearances(f64::NAN, 0.0)) && is_refused(ok.with_clearances(0.0, -1.0))
     );
-    assert!(is_refused(ok.with_edges(1.6, 0.0, 0)) && is_refused(ok.with_edges(0.0, 0.0, 0)));
-    assert!(is_refused(ok.with_edges(1.0, f64::INFINITY, 0)));
+    assert!(is_refused(ok.with_edges(1.6, 0.0)) && is_refused(ok.with_edges(0.0, 0.0)));
+    assert!(is_refused(ok.with_edges(1.0, f64::INFINITY)));
     assert!(is_refused(ok.with_table(Vector3::z_axis(), f64::NAN)));
     let nan = Capsule {
         start: Point3::origin(),
@@ -320,16 +422,16 @@ fn what_does_not_fit_is_refused() {
         ..negative
     };
     assert!(matches!(
-        segment(&image, &camera(), &[good, nan], &ok),
+        find_object(&scan, &[good, nan], &ok),
         Err(Error::NonFinitePoint { index: 1, .. })
     ));
     assert!(matches!(
-        segment(&image, &camera(), &[negative], &ok),
+        find_object(&scan, &[negative], &ok),
         Err(Error::OutOfRange { .. })
     ));
     let other = Intrinsics::new(3, 4, [1.0; 2], [0.0; 2]).unwrap();
     assert!(matches!(
-        segment(&image, &other, &[], &ok),
+        Scan::from_image(&image, &other),
         Err(Error::ImageSize { .. })
     ));
     assert!(matches!(
@@ -384,15 +486,22 @@ proptest! {
     }
 
     #[test]
-    fn any_image_is_accounted_for(depths in prop::collection::vec(any::<f32>(), 35), noise in 0.0..1.0) {
+    fn any_image_is_accounted_for(
+        depths in prop::collection::vec(prop_oneof![0.5_f32..1.5, 0.5_f32..1.5, any::<f32>()], 35),
+        noise in 0.0..1.0,
+    ) {
         let image = DepthImage::from_metres(7, 5, &depths)?;
         let camera = Intrinsics::new(7, 5, [5.0, 6.0], [3.0, 2.0])?;
+        let scan = Scan::from_image(&image, &camera)?;
         let arm = Capsule { start: Point3::origin(), end: Point3::new(0.0, 0.0, 1.0), radius: 0.1 };
-        let settings = Segmentation::default().with_table(-Vector3::z_axis(), 1e10).with_edges(1.0, noise, 2);
-        let cloud = segment(&image, &camera, &[arm], &settings)?;
-        let removed = cloud.removed;
-        let gone = removed.no_depth + removed.outside + removed.table + removed.flying + removed.arm;
-        prop_assert_eq!(gone + cloud.points.len(), 35);
-        prop_assert!(cloud.points.iter().all(|point| point.iter().all(|value| value.is_finite())));
+        let options = ObjectOptions::default()
+            .with_table(-Vector3::z_axis(), 1e10)
+            .with_edges(1.0, noise)
+            .with_voxel(0.2)
+            .with_parts(0.5, 2);
+        match find_object(&scan, &[arm], &options) {
+            Ok(object) => every_pixel_is_accounted_for(&scan, &object),
+            Err(error) => prop_assert!(matches!(error, Error::NoObject { .. }), "{error}"),
+        }
     }
 }

@@ -137,7 +137,7 @@ fn arms_workspace_and_a_known_table() {
         object
             .points
             .iter()
-            .all(|point| arm.distance(point) > 0.0 && workspace.contains(point))
+            .all(|point| arm.distance(point) > options.arm_clearance && workspace.contains(point))
     );
     assert!(
         account.to_string().contains("arm; ") && account.to_string().starts_with("30000 points"),

@@ -104,9 +104,4 @@ impl Intrinsics {
         ];
         (point.z > 0.0).then_some(pixel)
     }
-
-    /// The coarser of the two angular resolutions: metres between neighbouring rays at one metre.
-    pub(super) fn ray_spacing(&self) -> f64 {
-        1.0 / self.fx.min(self.fy)
-    }
 }

@@ -12,20 +12,25 @@ use super::account::Account;
 use super::hanging::Hanging;
 use super::normals::normals;
 use super::options::ObjectOptions;
+use super::part::{nothing, object_part};
 use super::scan::{LengthUnit, Scan, UnitSource, is_measured};
 use super::table::Table;
-use super::voxels::{Neighbours, Voxel, parts, voxels};
+use super::voxels::{Voxel, voxels};
 use crate::Error;
 
 /// The object, and how it was told from the rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
-    /// Mean point of each voxel, metres, in the order in which the message met them.
+    /// Mean point of each voxel, metres, in the order in which the message met them. Where the mean lies in an arm, as it can
+    /// between points on two sides of one, the first of the voxel stands for it.
     pub points: Vec<Point3<f64>>,
     /// Towards the camera, one a point.
     pub normals: Vec<UnitVector3<f64>>,
     /// Mean red, green and blue, one a point, if the message has colours.
     pub colors: Option<Vec<[u8; 3]>>,
+    /// For each point of the scan, the entry of `points` that it is joined in; `None` if it was removed. Tells the pixels of
+    /// the object in an aligned image.
+    pub point_of: Vec<Option<usize>>,
     /// The table, given or found.
     pub table: Table,
     /// The unit of the message, and what told it.
@@ -37,19 +42,21 @@ pub struct Object {
 /// Finds the object in what a depth camera saw: takes away arms, table, flying pixels and everything that is not
 /// connected, and gives one oriented point a voxel.
 ///
-/// *Guarantees.* Points lie inside the workspace, above the table by more than the clearance and outside of every
-/// capsule up to the averaging within a voxel; every point of the message is accounted for; the same input gives the same bits.
+/// *Guarantees.* Points, and the points of the scan of which they are the means, lie inside the workspace, above the table
+/// by more than the clearance and outside of every capsule by more than the clearance; every point of the message is
+/// accounted for; the same input gives the same bits.
 ///
 /// *Limits.* The table that is found is the largest plane in view: a larger floor or wall must be cropped by the
 /// workspace. What touches the object is part of it. Flying pixels are found in scans with a grid; without one, only
-/// strays are.
+/// strays are. A step of depth that a surface of the steepest trusted angle could make is taken for a surface, and a
+/// stray within `gap` of the object for the object.
 ///
 /// # Errors
 /// An option or capsule out of range; no table among the points; nothing left to be the object, or nothing within `gap`
 /// of the seed point.
 ///
 /// # Complexity
-/// O(points · (30 + capsules) + voxels · neighbours).
+/// O(points · (30 + capsules) + voxels · (neighbours + capsules)).
 pub fn find_object(
     scan: &Scan,
     arms: &[Capsule],
@@ -73,26 +80,47 @@ pub fn find_object(
         options.max_incidence,
     );
     let left = above(&seen, scan, &table, hanging.as_ref(), options, &mut account);
-    let part = object_voxels(scan, &left, options, &mut account)?;
-    let (points, normals, colors) = oriented(&part, options, &mut account);
-    if points.is_empty() {
+    let (mut voxels, voxel_of) = voxels_of(scan, &left, options.voxel);
+    for voxel in &mut voxels {
+        // A mean may lie where none of its points is allowed to.
+        if is_outside(&voxel.point, options)
+            || is_arm(&voxel.point, arms, options)
+            || is_table(&voxel.point, &table, options)
+        {
+            voxel.point = voxel.first;
+        }
+    }
+    let part = object_part(voxels, options, &mut account)?;
+    let oriented = oriented(&part, options, &mut account);
+    if oriented.is_empty() {
         return Err(nothing(&account));
     }
-    account.kept = points.len();
+    account.kept = oriented.len();
+    let color = |(voxel, _): &(Voxel, _)| voxel.color;
     Ok(Object {
-        points,
-        normals,
-        colors: scan.colors().map(|_| colors),
+        points: oriented.iter().map(|(voxel, _)| voxel.point).collect(),
+        normals: oriented.iter().map(|(_, normal)| *normal).collect(),
+        colors: scan.colors().map(|_| oriented.iter().map(color).collect()),
+        point_of: point_of(account.total, &left, &voxel_of, &oriented),
         table,
         unit: scan.unit(),
         account,
     })
 }
 
-fn nothing(account: &Account) -> Error {
-    Error::NoObject {
-        reason: format!("nothing is left of {account}"),
-    }
+fn is_outside(point: &Point3<f64>, options: &ObjectOptions) -> bool {
+    options
+        .workspace
+        .is_some_and(|workspace| !workspace.contains(point))
+}
+
+fn is_arm(point: &Point3<f64>, arms: &[Capsule], options: &ObjectOptions) -> bool {
+    arms.iter()
+        .any(|arm| arm.distance(point) <= options.arm_clearance)
+}
+
+fn is_table(point: &Point3<f64>, table: &Table, options: &ObjectOptions) -> bool {
+    table.height(point) <= options.table_clearance
 }
 
 /// Indices of the points that are measured, inside the workspace and no arm.
@@ -102,19 +130,12 @@ fn visible(
     options: &ObjectOptions,
     account: &mut Account,
 ) -> Vec<usize> {
-    let is_arm = |point: &Point3<f64>| {
-        arms.iter()
-            .any(|arm| arm.distance(point) <= options.arm_clearance)
-    };
     let mut is_visible = |point: &Point3<f64>| {
         let gone = if !is_measured(point) {
             &mut account.missing
-        } else if options
-            .workspace
-            .is_some_and(|workspace| !workspace.contains(point))
-        {
+        } else if is_outside(point, options) {
             &mut account.outside
-        } else if is_arm(point) {
+        } else if is_arm(point, arms, options) {
             &mut account.arm
         } else {
             return true;
@@ -156,7 +177,7 @@ fn above(
     account: &mut Account,
 ) -> Vec<usize> {
     let mut is_left = |index: usize| {
-        if table.height(&scan.points()[index]) <= options.table_clearance {
+        if is_table(&scan.points()[index], table, options) {
             account.table += 1;
             return false;
         }
@@ -170,110 +191,53 @@ fn above(
         .collect()
 }
 
-/// The voxels of the object.
-fn object_voxels(
-    scan: &Scan,
-    left: &[usize],
-    options: &ObjectOptions,
-    account: &mut Account,
-) -> Result<Vec<Voxel>, Error> {
+/// Voxels of the points that are left, and the number of the voxel of each.
+fn voxels_of(scan: &Scan, left: &[usize], size: f64) -> (Vec<Voxel>, Vec<usize>) {
     let points: Vec<_> = left.iter().map(|&index| scan.points()[index]).collect();
     let colors = scan.colors().unwrap_or_default();
     let colors: Vec<_> = left
         .iter()
         .filter_map(|&index| colors.get(index).copied())
         .collect();
-    let mut voxels = voxels(&points, &colors, options.voxel);
-    let means: Vec<_> = voxels.iter().map(|voxel| voxel.point).collect();
-    let neighbours = Neighbours::new(&means, options.gap);
-    let company = |voxel: &Voxel| {
-        neighbours
-            .of(&voxel.point)
-            .map(|other| voxels[other].count)
-            .sum::<usize>()
-    };
-    let trusted: Vec<bool> = voxels
-        .iter()
-        .map(|voxel| company(voxel) >= options.support)
-        .collect();
-    account.lone = counted(
-        voxels
-            .iter()
-            .zip(&trusted)
-            .filter(|(_, trusted)| !**trusted)
-            .map(|(voxel, _)| voxel),
-    );
-    voxels = voxels
-        .into_iter()
-        .zip(trusted)
-        .filter(|(_, trusted)| *trusted)
-        .map(|(voxel, _)| voxel)
-        .collect();
-
-    let means: Vec<_> = voxels.iter().map(|voxel| voxel.point).collect();
-    let part = parts(&means, options.gap);
-    let object = match options.seed_point {
-        None => largest(&voxels, &part).ok_or_else(|| nothing(account))?,
-        Some(seed) => nearest(&means, &part, &seed, options.gap).map_err(|distance| Error::NoObject {
-            reason: format!(
-                "the nearest point is {:.3} m from the seed point, more than the gap of {:.3} m ({account})",
-                distance, options.gap
-            ),
-        })?,
-    };
-    let (kept, others): (Vec<_>, Vec<_>) = voxels
-        .iter()
-        .zip(&part)
-        .partition(|(_, part)| **part == object);
-    account.other_parts = counted(others.into_iter().map(|(voxel, _)| voxel));
-    Ok(kept.into_iter().map(|(voxel, _)| *voxel).collect())
+    voxels(&points, &colors, size)
 }
 
-fn counted<'a>(voxels: impl Iterator<Item = &'a Voxel>) -> usize {
-    voxels.map(|voxel| voxel.count).sum()
-}
-
-/// The part with most points of the message, the first of those with as many.
-fn largest(voxels: &[Voxel], part: &[usize]) -> Option<usize> {
-    let mut counts = vec![0; voxels.len()];
-    for (voxel, part) in voxels.iter().zip(part) {
-        counts[*part] += voxel.count;
-    }
-    (0..counts.len()).rev().max_by_key(|&part| counts[part])
-}
-
-/// The part nearest to the seed point, or how far everything is.
-fn nearest(
-    points: &[Point3<f64>],
-    part: &[usize],
-    seed: &Point3<f64>,
-    gap: f64,
-) -> Result<usize, f64> {
-    let distance = |index: &usize| (points[*index] - seed).norm();
-    let closest = (0..points.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
-    match closest {
-        Some(index) if distance(&index) <= gap => Ok(part[index]),
-        Some(index) => Err(distance(&index)),
-        None => Err(f64::INFINITY),
-    }
-}
-
-type Oriented = (Vec<Point3<f64>>, Vec<UnitVector3<f64>>, Vec<[u8; 3]>);
-
-fn oriented(part: &[Voxel], options: &ObjectOptions, account: &mut Account) -> Oriented {
+/// The voxels that have a normal, with it.
+fn oriented(
+    part: &[Voxel],
+    options: &ObjectOptions,
+    account: &mut Account,
+) -> Vec<(Voxel, UnitVector3<f64>)> {
     // Two and a half cells: some twenty voxels of a surface.
     let radius = 2.5 * options.voxel;
     let means: Vec<_> = part.iter().map(|voxel| voxel.point).collect();
-    let mut object = Oriented::default();
+    let mut oriented = Vec::with_capacity(part.len());
     for (voxel, normal) in part.iter().zip(normals(&means, radius, &options.viewpoint)) {
         let Some(normal) = normal else {
             account.without_normal += voxel.count;
             continue;
         };
         account.merged += voxel.count - 1;
-        object.0.push(voxel.point);
-        object.1.push(normal);
-        object.2.push(voxel.color);
+        oriented.push((*voxel, normal));
     }
-    object
+    oriented
+}
+
+/// For each of `total` points of the scan, the index of its voxel among those that are kept.
+fn point_of(
+    total: usize,
+    left: &[usize],
+    voxel_of: &[usize],
+    kept: &[(Voxel, UnitVector3<f64>)],
+) -> Vec<Option<usize>> {
+    // There are no more voxels than points left.
+    let mut kept_as = vec![None; left.len()];
+    for (index, (voxel, _)) in kept.iter().enumerate() {
+        kept_as[voxel.number] = Some(index);
+    }
+    let mut point_of = vec![None; total];
+    for (&index, &voxel) in left.iter().zip(voxel_of) {
+        point_of[index] = kept_as[voxel];
+    }
+    point_of
 }

@@ -12,17 +12,21 @@ pub struct ObjectOptions {
     /// Everything outside goes. Default: no crop.
     pub workspace: Option<Workspace>,
     /// The table, `normal · x + offset ≥ 0` on its free side, where the camera is. Default: it is found.
+    /// For a scene without a table, a plane far behind everything.
     pub table: Option<(UnitVector3<f64>, f64)>,
     /// How far from its plane a point of the table may be. Default 4 mm: twice the depth noise of a close stereo camera.
     pub table_tolerance: f64,
     /// Share of the points that a plane needs to be the table. Default 0.3: the visible cap of a ball that is all there is
     /// to see stays below it.
     pub least_table_share: f64,
-    /// Everything up to this height above the table goes with it. Default 4 mm.
+    /// Everything up to this height above the table goes with it. Default 4 mm. The object loses a rim of this height
+    /// where it meets the table.
     pub table_clearance: f64,
-    /// How far outside of its capsule a point may still belong to an arm. Default 5 mm.
+    /// How far outside of its capsule a point may still belong to an arm. Default 5 mm: what a dVRK is off after a careful
+    /// registration of its base.
     pub arm_clearance: f64,
-    /// Steepest trusted angle between normal and ray, radians. Default 80°.
+    /// Steepest trusted angle between normal and ray, radians. Default 80°: beyond it one pixel of error in the direction
+    /// of a ray is six pixels of error in depth.
     pub max_incidence: f64,
     /// Differences of distance that noise alone makes. Default 2 mm.
     pub noise: f64,

@@ -1,8 +1,9 @@
 //! What a depth camera saw, whatever message it came in: points with an optional grid and optional colours.
 //!
 //! ```text
-//! PointCloud2            the points themselves; a cloud with rows is a grid
-//! Image + CameraInfo     X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)
+//! PointCloud2                the points themselves; a cloud with rows is a grid
+//! Image + CameraInfo         X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)
+//! DepthImage + Intrinsics    the same, without a message
 //! ```
 //! A point of which nothing was measured is NaN, infinite, or zero: cameras differ. Lengths are metres by the
 //! conventions of ROS for `32FC1` images and clouds, millimetres for `16UC1`; cameras that send millimetres as
@@ -10,7 +11,7 @@
 
 use nalgebra::Point3;
 
-use super::Intrinsics;
+use super::{DepthImage, Intrinsics};
 use crate::Error;
 use crate::cdr::{CameraInfo, Image, PointCloud2};
 
@@ -54,6 +55,7 @@ pub struct Scan {
     /// In the order of the message; NaN where nothing was measured.
     points: Vec<Point3<f64>>,
     colors: Option<Vec<[u8; 3]>>,
+    /// Columns; 0 for points without rows.
     width: usize,
     unit: LengthUnit,
     unit_source: UnitSource,
@@ -65,16 +67,10 @@ impl Scan {
     /// # Errors
     /// See [`PointCloud2::points`] and [`PointCloud2::colors`].
     pub fn from_cloud(cloud: &PointCloud2, unit: Option<LengthUnit>) -> Result<Self, Error> {
-        let points = cloud.points()?;
-        let width = if cloud.height > 1 {
-            cloud.width as usize
-        } else {
-            0
-        };
         Ok(Self::of(
-            points,
+            cloud.points()?,
             cloud.colors()?,
-            width,
+            [cloud.width as usize, cloud.height as usize],
             unit.map(|unit| (unit, UnitSource::Given)),
         ))
     }
@@ -112,27 +108,52 @@ impl Scan {
             );
             return Err(Error::BadImage { reason });
         }
-        let camera = intrinsics(info)?;
+        Ok(Self::of_depths(depths, &intrinsics(info)?, unit))
+    }
+
+    /// Takes in a rectified depth image that did not come in a message. Point i is that of pixel row · width + column.
+    ///
+    /// # Errors
+    /// Image and camera of different size.
+    pub fn from_image(image: &DepthImage, camera: &Intrinsics) -> Result<Self, Error> {
+        let (width, height) = (camera.width(), camera.height());
+        if (image.width(), image.height()) != (width, height) {
+            return Err(Error::ImageSize {
+                width,
+                height,
+                length: image.width() * image.height(),
+            });
+        }
+        let row = |row| (0..width).map(move |column| image.depth(column, row));
+        let depths = (0..height).flat_map(row);
+        let metres = (LengthUnit::Metres, UnitSource::Given);
+        Ok(Self::of_depths(
+            depths.map(Option::unwrap_or_default),
+            camera,
+            Some(metres),
+        ))
+    }
+
+    /// Depths row by row; zero and below where nothing was measured, as behind the camera there is nothing.
+    fn of_depths(
+        depths: impl IntoIterator<Item = f64>,
+        camera: &Intrinsics,
+        unit: Option<(LengthUnit, UnitSource)>,
+    ) -> Self {
         let width = camera.width();
         let point = |(index, depth): (usize, f64)| {
             let (column, row) = (index % width, index / width);
-            // Behind the camera there is nothing.
             let depth = if depth > 0.0 { depth } else { f64::NAN };
             camera.back_project(column as f64, row as f64, depth)
         };
         let points = depths.into_iter().enumerate().map(point).collect();
-        Ok(Self::of(
-            points,
-            None,
-            if info.height > 1 { width } else { 0 },
-            unit,
-        ))
+        Self::of(points, None, [width, camera.height()], unit)
     }
 
     fn of(
         mut points: Vec<Point3<f64>>,
         colors: Option<Vec<[u8; 3]>>,
-        width: usize,
+        [width, height]: [usize; 2],
         unit: Option<(LengthUnit, UnitSource)>,
     ) -> Self {
         let (unit, unit_source) =
@@ -147,7 +168,7 @@ impl Scan {
         Self {
             points,
             colors,
-            width,
+            width: if height > 1 { width } else { 0 },
             unit,
             unit_source,
         }

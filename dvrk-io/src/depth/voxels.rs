@@ -56,13 +56,21 @@ fn key(point: &Point3<f64>, size: f64) -> Key {
 /// One cell with its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Voxel {
+    /// In the order in which the first points came.
+    pub(super) number: usize,
+    pub(super) first: Point3<f64>,
     pub(super) point: Point3<f64>,
     pub(super) color: [u8; 3],
     pub(super) count: usize,
 }
 
-/// The mean of the points in each cell of edge `size`. `colors` has as many entries as `points`, or none.
-pub(super) fn voxels(points: &[Point3<f64>], colors: &[[u8; 3]], size: f64) -> Vec<Voxel> {
+/// The mean of the points in each cell of edge `size`, and the number of the voxel of each point. `colors` has as many
+/// entries as `points`, or none.
+pub(super) fn voxels(
+    points: &[Point3<f64>],
+    colors: &[[u8; 3]],
+    size: f64,
+) -> (Vec<Voxel>, Vec<usize>) {
     #[derive(Clone, Copy, Default)]
     struct Sum {
         count: usize,
@@ -71,11 +79,13 @@ pub(super) fn voxels(points: &[Point3<f64>], colors: &[[u8; 3]], size: f64) -> V
     }
     let mut indices: Cells<usize> = Cells::default();
     let mut sums: Vec<(Point3<f64>, Sum)> = Vec::new();
+    let mut voxel_of = Vec::with_capacity(points.len());
     for (index, point) in points.iter().enumerate() {
         let at = *indices.entry(key(point, size)).or_insert(sums.len());
         if at == sums.len() {
             sums.push((*point, Sum::default()));
         }
+        voxel_of.push(at);
         let (first, sum) = &mut sums[at];
         sum.count += 1;
         // From the first point of the cell on: exact for one point, and small numbers for many.
@@ -85,14 +95,16 @@ pub(super) fn voxels(points: &[Point3<f64>], colors: &[[u8; 3]], size: f64) -> V
             *sum += usize::from(value);
         }
     }
-    let mean = |(first, sum): (Point3<f64>, Sum)| Voxel {
+    let mean = |(number, (first, sum)): (usize, (Point3<f64>, Sum))| Voxel {
+        number,
+        first,
         point: first + sum.offset / sum.count as f64,
         color: sum
             .color
             .map(|value| ((value + sum.count / 2) / sum.count) as u8),
         count: sum.count,
     };
-    sums.into_iter().map(mean).collect()
+    (sums.into_iter().enumerate().map(mean).collect(), voxel_of)
 }
 
 /// Finds the points within a radius.
@@ -219,7 +231,7 @@ mod tests {
     fn voxels_hold_every_point_once() {
         let points = cloud(3, 1000);
         let colors = vec![[10, 20, 255]; 1000];
-        let found = voxels(&points, &colors, 0.1);
+        let (found, voxel_of) = voxels(&points, &colors, 0.1);
         assert_eq!(found.iter().map(|voxel| voxel.count).sum::<usize>(), 1000);
         for voxel in &found {
             assert_eq!(voxel.color, [10, 20, 255]);
@@ -228,6 +240,9 @@ mod tests {
                 .filter(|point| key(point, 0.1) == key(&voxel.point, 0.1))
                 .collect();
             assert_eq!(inside.len(), voxel.count);
+            assert_eq!(*inside[0], voxel.first);
+            let named = (0..1000).filter(|&point| found[voxel_of[point]] == *voxel);
+            assert!(named.map(|point| &points[point]).eq(inside.iter().copied()));
             let mean = inside
                 .iter()
                 .map(|point| point.coords)

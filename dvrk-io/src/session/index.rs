@@ -1,4 +1,4 @@
-//! The first walk through a session: everything but the points of its clouds, and where those are.
+//! What the first walk through a session keeps: everything but the points of its clouds, and where those are.
 //!
 //! Poses, jaw angles and the table are small and kept. Of a cloud only its stamp is, and the place of its bytes, so
 //! that the clouds can be read again in the order of time, one by one.
@@ -8,10 +8,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Isometry3, UnitVector3};
 
 use super::frame::TopicCount;
-use super::scan::{Channel, Event, Place, Scanner};
-use super::skipped::{Skip, Skipped};
+use super::scan::{Channel, Place};
+use super::skipped::Skipped;
 use super::source::Source;
 use super::topic::{Role, Topics};
+use super::walk::walk;
 use crate::Error;
 use crate::cdr::{self, Decoder, Header, JointState, Plane, PoseStamped};
 
@@ -42,119 +43,6 @@ pub(super) struct Index {
     planes: Track<(UnitVector3<f64>, f64)>,
     /// Topics and the frames their messages are in.
     frames: BTreeSet<(String, String)>,
-}
-
-/// Walks through every file of `source` and hands `take` each message that has a role, with its channel. What `take`
-/// refuses is passed over; damage is as well. Counts the messages of every topic, and says whether every file was
-/// closed.
-///
-/// # Errors
-/// A file cannot be read or is no MCAP file; a topic with a role carries another type; a topic that was named is in
-/// none of the files.
-pub(super) fn walk(
-    source: &Source<'_>,
-    topics: &Topics,
-    wanted: impl Fn(&Role) -> bool,
-    mut take: impl FnMut(&Role, &Channel, u64, Place, &[u8]) -> Result<(), Error>,
-) -> Result<(Vec<TopicCount>, bool, Skipped), Error> {
-    let mut counts = BTreeMap::new();
-    let (mut complete, mut skipped) = (true, Skipped::default());
-    for part in 0..source.parts() {
-        let mut scanner = Scanner::open(source, part)?;
-        let path = source.path(part);
-        let mut add = |place: Place, topic: &str, messages, reason| {
-            skipped.add(Skip {
-                file: path.clone(),
-                byte: place.chunk.unwrap_or(place.at),
-                byte_in_chunk: place.chunk.map(|_| place.at),
-                topic: topic.to_owned(),
-                messages,
-                reason,
-            });
-        };
-        while let Some(event) = scanner.next()? {
-            let (id, log_time, place) = match event {
-                Event::Message {
-                    channel,
-                    log_time,
-                    place,
-                } => (channel, log_time, place),
-                Event::Skip {
-                    place,
-                    messages,
-                    reason,
-                } => {
-                    add(place, "", messages, reason);
-                    continue;
-                }
-            };
-            let Some(channel) = scanner.channels().get(&id) else {
-                add(
-                    place.record(),
-                    "",
-                    1,
-                    format!("channel {id} is not declared"),
-                );
-                continue;
-            };
-            *count(&mut counts, channel) += 1;
-            let Some(role) = topics.role(&channel.topic).filter(&wanted) else {
-                continue;
-            };
-            check_type(&role, channel)?;
-            if let Err(error) = take(&role, channel, log_time, place, scanner.data()) {
-                add(place.record(), &channel.topic, 1, error.to_string());
-            }
-        }
-        for channel in scanner.channels().values() {
-            count(&mut counts, channel);
-            if let Some(role) = topics.role(&channel.topic).filter(&wanted) {
-                check_type(&role, channel)?;
-            }
-        }
-        complete &= scanner.complete();
-    }
-    let topic = |(topic, (type_name, count))| TopicCount {
-        topic,
-        type_name,
-        count,
-    };
-    let counts: Vec<_> = counts.into_iter().map(topic).collect();
-    for (_, name) in topics.renamed().filter(|(role, _)| wanted(role)) {
-        if !counts.iter().any(|count| count.topic == *name) {
-            let names: Vec<_> = counts.iter().map(|count| count.topic.as_str()).collect();
-            let (topic, available) = (name.clone(), names.join(", "));
-            return Err(Error::NoSuchTopic { topic, available });
-        }
-    }
-    Ok((counts, complete, skipped))
-}
-
-type Counts = BTreeMap<String, (String, usize)>;
-
-fn count<'a>(counts: &'a mut Counts, channel: &Channel) -> &'a mut usize {
-    // Two channels may carry one topic (a recorder that was restarted): they are one here.
-    if !counts.contains_key(&channel.topic) {
-        counts.insert(channel.topic.clone(), (channel.type_name.clone(), 0));
-    }
-    &mut counts.entry(channel.topic.clone()).or_default().1
-}
-
-fn check_type(role: &Role, channel: &Channel) -> Result<(), Error> {
-    for (found, expected) in [
-        (&channel.encoding, "cdr"),
-        (&channel.type_name, role.type_name()),
-    ] {
-        if found != expected {
-            let (topic, found) = (channel.topic.clone(), found.clone());
-            return Err(Error::WrongType {
-                topic,
-                found,
-                expected,
-            });
-        }
-    }
-    Ok(())
 }
 
 impl Index {

@@ -29,6 +29,7 @@ mod schema;
 mod skipped;
 mod source;
 mod topic;
+mod walk;
 mod writer;
 
 pub use compression::Compression;

@@ -6,9 +6,10 @@ use nalgebra::Point3;
 
 use super::frame::{Session, Truth, TruthFrame};
 use super::frames::{Frames, seconds};
-use super::index::{self, Index};
+use super::index::Index;
 use super::source::Source;
 use super::topic::{Role, Topics};
+use super::walk::walk;
 use crate::Error;
 use crate::cdr::{self, PointCloud2};
 
@@ -128,7 +129,7 @@ impl SessionReader {
     fn truth_of(&self, source: &Source<'_>) -> Result<Truth, Error> {
         let mut frames = Vec::new();
         let wanted = |role: &Role| *role == Role::Truth;
-        let (_, _, skipped) = index::walk(source, &self.topics, wanted, |_, _, _, _, data| {
+        let (_, _, skipped) = walk(source, &self.topics, wanted, |_, _, _, _, data| {
             let cloud: PointCloud2 = cdr::decode(data)?;
             let points = cloud.points()?;
             let is_finite = |point: &Point3<f64>| point.iter().all(|value| value.is_finite());

@@ -52,6 +52,19 @@ pub fn touches(
         .collect()
 }
 
+/// Joint values all over the workspace of a Classic; the last two within ±`wrist`.
+pub fn any_joints(random: &mut ChaCha8Rng, wrist: f64) -> [f64; 6] {
+    let mut share = |range: f64| random.random_range(-range..range);
+    [
+        share(0.5),
+        share(0.5),
+        0.14 + share(0.05),
+        share(1.0),
+        share(wrist),
+        share(wrist),
+    ]
+}
+
 /// Sightings from joint values all over the workspace, noise in place (m) and orientation (rad).
 pub fn sightings(
     random: &mut ChaCha8Rng,
@@ -63,16 +76,7 @@ pub fn sightings(
     let [camera_from_rcm, wrist_from_marker] = planted;
     (0..count)
         .map(|_| {
-            let mut share = |range: f64| random.random_range(-range..range);
-            let joints = [
-                share(0.5),
-                share(0.5),
-                0.14 + share(0.05),
-                share(1.0),
-                share(0.8),
-                share(0.8),
-            ];
-            let rcm_from_wrist = arm.rcm_from_wrist(&joints).unwrap();
+            let rcm_from_wrist = arm.rcm_from_wrist(&any_joints(random, 0.8)).unwrap();
             let exact = camera_from_rcm * rcm_from_wrist.0 * wrist_from_marker;
             let turn =
                 UnitQuaternion::from_scaled_axis(noise[1] * normals(random)) * exact.rotation;
