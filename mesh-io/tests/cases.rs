@@ -505,7 +505,9 @@ fn pcd_as_other_programs_write_it() {
         let mut row = [k, -k].map(i16::to_le_bytes).concat();
         row.extend([9; 3]);
         row.extend(7i16.to_le_bytes());
-        [0.0f32, 0.0, 1.0, 5.0, 6.0].map(|v| row.extend(v.to_le_bytes()));
+        for v in [0.0f32, 0.0, 1.0, 5.0, 6.0] {
+            row.extend(v.to_le_bytes());
+        }
         row.extend([1, 2, 0x83, 0xff, 40]);
         row
     };

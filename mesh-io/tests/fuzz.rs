@@ -62,9 +62,15 @@ fn use_all(bytes: &[u8], format: Format) {
     let _ = Load::default().body(Some(1)).size(Some(1.0)).apply(mesh);
 }
 
+/// Ten thousand take two seconds; another count is given with `PROPTEST_CASES`.
+fn cases() -> u32 {
+    let given = std::env::var("PROPTEST_CASES").ok();
+    given.and_then(|n| n.parse().ok()).unwrap_or(10_000)
+}
+
 proptest! {
-    // The count is raised from outside with PROPTEST_CASES; each case tries every format.
-    #![proptest_config(ProptestConfig { max_shrink_iters: 1000, ..ProptestConfig::default() })]
+    // Each case tries every format.
+    #![proptest_config(ProptestConfig { cases: cases(), ..ProptestConfig::default() })]
 
     #[test]
     fn any_bytes(bytes in prop::collection::vec(any::<u8>(), 0..300)) {

@@ -170,7 +170,9 @@ proptest! {
     // STL has no vertices of its own: the corners of the triangles are what is kept.
     #[test]
     fn stl_holds_triangles(mesh in mesh()) {
-        prop_assume!(!mesh.triangles().is_empty());
+        if mesh.triangles().is_empty() {
+            return Ok(());
+        }
         let short = rounded(&mesh);
         let corners = |m: &Mesh| -> Vec<[Point3<f64>; 3]> {
             let corner = |v: u32| m.points()[v as usize];
