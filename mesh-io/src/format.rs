@@ -2,6 +2,7 @@
 
 use std::fmt;
 use std::path::Path;
+use std::str::FromStr;
 
 use crate::Error;
 
@@ -54,11 +55,19 @@ impl Format {
         Self::by_ending(path, false)
     }
 
+    /// The usual ending of its files, without the dot.
+    pub fn ending(self) -> &'static str {
+        let usual = ENDINGS.iter().find(|(_, format)| *format == self);
+        usual.map_or("", |(ending, _)| ending)
+    }
+
     pub(crate) fn by_ending(path: &Path, writing: bool) -> Result<Self, Error> {
-        let ending = path
-            .extension()
-            .map(|e| e.to_string_lossy().to_ascii_lowercase())
-            .unwrap_or_default();
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        Self::named(&ending, writing)
+    }
+
+    fn named(ending: &str, writing: bool) -> Result<Self, Error> {
+        let ending = ending.to_ascii_lowercase();
         ENDINGS
             .iter()
             .find(|(known, format)| *known == ending && (writing || *format != Self::Glb))
@@ -74,6 +83,15 @@ impl Format {
             .map(|(ending, _)| *ending)
             .collect();
         known.join(", ")
+    }
+}
+
+/// The format that can be written under an ending.
+impl FromStr for Format {
+    type Err = Error;
+
+    fn from_str(ending: &str) -> Result<Self, Error> {
+        Self::named(ending, true)
     }
 }
 

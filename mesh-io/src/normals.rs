@@ -51,19 +51,20 @@ impl Mesh {
 
 /// Normals of points of a surface, outward where it is closed. O(n log n).
 pub fn estimate_normals(points: &[Point3<f64>]) -> Vec<UnitVector3<f64>> {
-    let neighbours = neighbours(points);
+    let neighbours = neighbours(points, 1);
     let normals = points.iter().zip(&neighbours);
     let mut normals: Vec<_> = normals.map(|(p, near)| flattest(p, near, points)).collect();
     orient(points, &neighbours, &mut normals);
     normals
 }
 
-/// The nearest points to each, itself left out.
-fn neighbours(points: &[Point3<f64>]) -> Vec<Vec<u32>> {
+/// The nearest points to every `step`th, itself left out.
+fn neighbours(points: &[Point3<f64>], step: usize) -> Vec<Vec<u32>> {
     // The tree squares distances. Nothing that is measured in metres is as far away.
     const FARTHEST: f64 = 1e60;
+    let asked = points.iter().step_by(step);
     if points.iter().any(|p| p.coords.amax() > FARTHEST) {
-        return vec![Vec::new(); points.len()];
+        return vec![Vec::new(); asked.len()];
     }
     // A tree cannot split many points at one place, so every place is entered once.
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
@@ -78,7 +79,7 @@ fn neighbours(points: &[Point3<f64>]) -> Vec<Vec<u32>> {
     let count = NonZero::new(places.len().min(NEIGHBOURS + 1));
     let (Some(count), Ok(tree)) = (count, ImmutableKdTree::<f64, 3>::new_from_slice(&places))
     else {
-        return vec![Vec::new(); points.len()];
+        return vec![Vec::new(); asked.len()];
     };
     let near = |p: &Point3<f64>| {
         let at = p.coords.data.0[0];
@@ -89,7 +90,7 @@ fn neighbours(points: &[Point3<f64>]) -> Vec<Vec<u32>> {
         let other = found.iter().map(|n| order[n.item as usize]);
         other.filter(|w| points[*w as usize] != *p).collect()
     };
-    points.iter().map(near).collect()
+    asked.map(near).collect()
 }
 
 /// The direction of least spread around a point.
@@ -187,14 +188,17 @@ fn orient(points: &[Point3<f64>], neighbours: &[Vec<u32>], normals: &mut [UnitVe
     }
 }
 
-/// Share of pairs of near neighbours whose normals oppose: near a half, the signs mean nothing.
+/// Share of pairs of near neighbours whose normals oppose: near a half, the signs mean nothing. Looks at some thousand points of many.
 pub fn opposing_share(points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> f64 {
     /// Nearest of the neighbours that are compared.
     const NEAR: usize = 6;
+    /// Points whose neighbours are looked at: the share is then known to a hundredth.
+    const ENOUGH: usize = 2000;
+    let step = points.len().div_ceil(ENOUGH).max(1);
     let (mut pairs, mut opposed) = (0usize, 0usize);
-    for (v, near) in neighbours(points).iter().enumerate() {
+    for (k, near) in neighbours(points, step).iter().enumerate() {
         for w in near.iter().take(NEAR) {
-            if let (Some(a), Some(b)) = (normals.get(v), normals.get(*w as usize)) {
+            if let (Some(a), Some(b)) = (normals.get(k * step), normals.get(*w as usize)) {
                 pairs += 1;
                 opposed += usize::from(a.dot(b) < 0.0);
             }

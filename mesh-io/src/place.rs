@@ -7,42 +7,50 @@ use nalgebra::{Rotation3, Vector3};
 use crate::{Error, Mesh};
 
 /// Unit of the coordinates in a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Units {
-    /// Metres.
-    #[default]
-    Metres,
-    /// Centimetres.
-    Centimetres,
-    /// Millimetres.
-    Millimetres,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Units {
+    metres: f64,
 }
 
 impl Units {
+    /// Metres.
+    pub const METRES: Self = Self { metres: 1.0 };
+    /// Centimetres.
+    pub const CENTIMETRES: Self = Self { metres: 1e-2 };
+    /// Millimetres.
+    pub const MILLIMETRES: Self = Self { metres: 1e-3 };
+
     /// Length of one unit, m.
     pub fn metres(self) -> f64 {
-        match self {
-            Self::Metres => 1.0,
-            Self::Centimetres => 1e-2,
-            Self::Millimetres => 1e-3,
-        }
+        self.metres
     }
 }
 
+impl Default for Units {
+    fn default() -> Self {
+        Self::METRES
+    }
+}
+
+/// `m`, `cm`, `mm`, or the length of a unit in metres for others: `0.0254`.
 impl FromStr for Units {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        match text {
-            "m" => Ok(Self::Metres),
-            "cm" => Ok(Self::Centimetres),
-            "mm" => Ok(Self::Millimetres),
-            _ => Err(Error::BadOption {
+        let length = match text {
+            "m" => return Ok(Self::METRES),
+            "cm" => return Ok(Self::CENTIMETRES),
+            "mm" => return Ok(Self::MILLIMETRES),
+            other => other.parse().ok(),
+        };
+        let length = length.filter(|metres: &f64| metres.is_finite() && *metres > 0.0);
+        length
+            .map(|metres| Self { metres })
+            .ok_or_else(|| Error::BadOption {
                 option: "--units",
                 value: text.to_owned(),
-                expected: "m, cm or mm",
-            }),
-        }
+                expected: "m, cm, mm or the length of a unit in metres",
+            })
     }
 }
 

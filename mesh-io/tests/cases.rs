@@ -707,7 +707,7 @@ fn units_size_up_and_bodies() {
         error.contains("10.3 m across, outside 0.001 m to 0.1 m") && error.contains("--units mm"),
         "{error}"
     );
-    let small = load.units(Units::Millimetres).apply(mesh()).unwrap();
+    let small = load.units(Units::MILLIMETRES).apply(mesh()).unwrap();
     assert!((small.diagonal() - 0.0103).abs() < 1e-4);
     let first = load.size(Some(0.02)).body(Some(1)).apply(mesh()).unwrap();
     assert_eq!(first.triangles().len(), 12);
@@ -740,7 +740,11 @@ fn units_size_up_and_bodies() {
         load.option("--units", value("mm")).unwrap() && !load.option("--out", || None).unwrap()
     );
     for (option, given, words) in [
-        ("--units", "inch", "--units inch: m, cm or mm is wanted"),
+        (
+            "--units",
+            "inch",
+            "--units inch: m, cm, mm or the length of a unit in metres is wanted",
+        ),
         ("--size", "-1", "--size -1: a positive length"),
         ("--up", "w", "--up w: x, y or z"),
         ("--body", "0", "--body 0: a number from 1"),
@@ -748,7 +752,7 @@ fn units_size_up_and_bodies() {
         let error = load.option(option, value(given)).unwrap_err().to_string();
         assert!(error.contains(words), "{error}");
     }
-    assert_eq!(load.units, Units::Millimetres);
+    assert_eq!(load.units, Units::MILLIMETRES);
 }
 
 /// Points of a sphere at equal distances (a spiral).
