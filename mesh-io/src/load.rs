@@ -146,9 +146,8 @@ impl Load {
         mesh = mesh.turned_up(self.up);
         let diagonal = mesh.diagonal();
         match self.extent {
-            Some(range)
-                if !mesh.points.is_empty() && !(range[0]..=range[1]).contains(&diagonal) =>
-            {
+            // Points at one place say nothing of units.
+            Some(range) if diagonal > 0.0 && !(range[0]..=range[1]).contains(&diagonal) => {
                 Err(Error::Extent { diagonal, range })
             }
             _ => Ok(mesh),
