@@ -123,7 +123,32 @@ fn meshes_that_bound_no_object_are_refused() {
     run(&open, &["closed"]);
     let millimetres = folder.path().join("millimetres.obj");
     tetrahedron(&millimetres, 200.0, 4);
-    run(&millimetres, &["metres"]);
+    // In three digits, and with what would help.
+    run(&millimetres, &["346 m across", "metres", "--units mm"]);
+    let with = |options: &[&str], code: i32, names: &[&str]| {
+        let mesh = ["run", "--mesh", text(&millimetres), "--out", text(&out)];
+        refuses(&[&mesh, options].concat(), code, names);
+    };
+    with(&["--units", "inch"], 2, &["--units", "inch", "mm"]);
+    with(&["--size=-1"], 2, &["--size"]);
+    with(&["--size", "3"], 1, &["5.2 m across"]);
+    with(&["--up", "w"], 2, &["--up", "x, y or z"]);
+    with(&["--body", "2"], 1, &["no body 2", "consists of 1"]);
+    with(&["--export", "obj,docx"], 2, &["--export", "docx"]);
+    refuses(&["run", "--units", "mm"], 2, &["--mesh"]);
+    // The same again beside itself.
+    let two = folder.path().join("two.obj");
+    tetrahedron(&two, 0.1, 4);
+    let one = std::fs::read_to_string(&two).unwrap();
+    let beside = one.replace("v 0", "v 0.2").replace("v 0.2.1", "v 0.3");
+    let faces = ["1 3 2", "1 2 4", "1 4 3", "2 3 4"]
+        .iter()
+        .zip(["5 7 6", "5 6 8", "5 8 7", "6 7 8"]);
+    let beside = faces.fold(beside, |text, (old, new)| {
+        text.replace(&format!("f {old}"), &format!("f {new}"))
+    });
+    std::fs::write(&two, one + &beside).unwrap();
+    run(&two, &["2 pieces", "--body"]);
     let unknown = folder.path().join("mesh.docx");
     std::fs::write(&unknown, "mesh").unwrap();
     run(&unknown, &["docx"]);

@@ -3,6 +3,8 @@
 //! Files repeat vertices where textures or normals change (seams), or in every triangle (soups): such a surface falls apart along them. Two
 //! vertices are the same if they are nearer than a millionth of the diagonal of the bounding box. The first stands for all; its normal is the
 //! direction of their sum. Triangles that lose their area by it are left out.
+//!
+//! Only vertices of open edges are joined, those that two triangles do not share: bodies that are closed already and touch each other stay two.
 
 use std::collections::HashMap;
 
@@ -20,10 +22,7 @@ impl Mesh {
         if self.triangles.is_empty() {
             return self.clone();
         }
-        let mut used = vec![false; self.points.len()];
-        let corners = self.triangles.iter().flatten();
-        corners.for_each(|v| used[*v as usize] = true);
-        let first = first_at_each_place(&self.points, &used);
+        let first = first_at_each_place(&self.points, &self.at_open_edges());
         let mut mesh = self.clone();
         if !mesh.normals.is_empty() {
             mesh.normals = sums(&self.normals, &first);
@@ -42,6 +41,25 @@ impl Mesh {
             .filter(|v| kept[*v as usize])
             .collect();
         mesh.keep(&kept)
+    }
+}
+
+impl Mesh {
+    /// Which vertices belong to an edge that is not shared by two triangles.
+    fn at_open_edges(&self) -> Vec<bool> {
+        let mut count: HashMap<[u32; 2], u32> = HashMap::new();
+        for [a, b, c] in &self.triangles {
+            for (v, w) in [(a, b), (b, c), (c, a)] {
+                *count.entry([*v.min(w), *v.max(w)]).or_default() += 1;
+            }
+        }
+        let mut open = vec![false; self.points.len()];
+        for (edge, _) in count.iter().filter(|(_, count)| **count != 2) {
+            for v in edge {
+                open[*v as usize] = true;
+            }
+        }
+        open
     }
 }
 
@@ -65,13 +83,13 @@ fn sums(normals: &[Vector3<f64>], first: &[u32]) -> Vec<Vector3<f64>> {
     (0..normals.len()).map(one).collect()
 }
 
-/// For every vertex that is used the first one at its place; others stand for themselves.
-fn first_at_each_place(points: &[Point3<f64>], used: &[bool]) -> Vec<u32> {
+/// For every vertex that was chosen the first such at its place; others stand for themselves.
+fn first_at_each_place(points: &[Point3<f64>], open: &[bool]) -> Vec<u32> {
     let chosen = || {
         points
             .iter()
-            .zip(used)
-            .filter(|(_, used)| **used)
+            .zip(open)
+            .filter(|(_, open)| **open)
             .map(|(p, _)| p)
     };
     let Some(start) = chosen().next() else {
@@ -97,7 +115,7 @@ fn first_at_each_place(points: &[Point3<f64>], used: &[bool]) -> Vec<u32> {
     };
     (0..points.len())
         .map(|v| {
-            if used[v] {
+            if open[v] {
                 find(v, &mut cells)
             } else {
                 v as u32

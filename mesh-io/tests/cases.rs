@@ -690,6 +690,17 @@ fn seams_soups_and_what_no_face_uses() {
         .apply(read(text.as_bytes(), Format::Obj))
         .unwrap();
     assert_eq!(kept.points().len(), 25);
+    // Two cubes that touch along a face are two.
+    let second: String = CORNERS
+        .iter()
+        .map(|[x, y, z]| format!("v {} {y} {z}\n", x + 1.0))
+        .collect();
+    let touching = obj_vertices()
+        + &obj_faces(|v| (v + 1).to_string(), "\n")
+        + &second
+        + &obj_faces(|v| (v + 9).to_string(), "\n");
+    let two = read(touching.as_bytes(), Format::Obj).welded();
+    assert_eq!((two.points().len(), two.bodies().len()), (16, 2));
     // What is no triangle is none.
     let flat = obj_vertices() + "f 1 1 2\nf 1 2 3\nf 1 2 3\n";
     assert_eq!(read(flat.as_bytes(), Format::Obj).triangles().len(), 2);

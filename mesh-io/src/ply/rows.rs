@@ -211,7 +211,8 @@ impl Rows for Text<'_> {
                 }
             }
         }
-        match words.next() {
+        // Some programs add values of their own to faces. Behind a vertex they would mean that the columns are not what they are called.
+        match words.next().filter(|_| name == "vertex") {
             Some(extra) => Err(complain(format!("one value too many: {:?}", shown(extra)))),
             None => Ok(()),
         }

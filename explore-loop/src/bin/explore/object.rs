@@ -88,7 +88,7 @@ impl ObjectArgs {
             ("body", self.body.map(|b| b.to_string())),
         ] {
             if let Some(given) = given {
-                text += &format!(" --{option} {given}");
+                text.extend([" --", option, " ", &given]);
             }
         }
         Ok(text)
