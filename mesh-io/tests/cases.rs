@@ -691,10 +691,9 @@ fn seams_soups_and_what_no_face_uses() {
         .unwrap();
     assert_eq!(kept.points().len(), 25);
     // Two cubes that touch along a face are two.
-    let second: String = CORNERS
-        .iter()
+    let second = CORNERS
         .map(|[x, y, z]| format!("v {} {y} {z}\n", x + 1.0))
-        .collect();
+        .concat();
     let touching = obj_vertices()
         + &obj_faces(|v| (v + 1).to_string(), "\n")
         + &second

@@ -268,65 +268,98 @@ fn ply(head: &str, kind: &str, rows: &[Point3<f64>]) -> String {
     text
 }
 
-/// Clouds as people have them: each gives the answer of the plain one, or says what is wrong.
-#[test]
-fn clouds_as_people_have_them() {
-    let at = folder("cases");
-    let file = |name: &str| at.join(name).to_str().unwrap().to_owned();
-    let put = |name: &str, bytes: &[u8]| std::fs::write(at.join(name), bytes).unwrap();
-    let (source, target) = (
-        sheet(20),
-        sheet(5000).iter().map(pulled).collect::<Vec<_>>(),
-    );
-    let scaled = |cloud: &[Point3<f64>], by: f64| cloud.iter().map(|p| p * by).collect::<Vec<_>>();
-    let plain = ply("", "double", &source);
-    put("source.ply", plain.as_bytes());
-    put("target.ply", ply("", "double", &target).as_bytes());
-    let truth: Vec<_> = source.iter().map(pulled).collect();
-    let error = |name: &str, metres: f64| {
-        let moved = mesh_io::read(&at.join(name)).unwrap().scaled(metres);
-        error_mm(moved.points(), &truth).0
-    };
-    let register = |source: &str, target: &str, more: &[&str]| {
-        let (source, target, out) = (file(source), file(target), file("moved.ply"));
-        run(&[&[&source[..], &target, "--out", &out], more].concat())
-    };
-    let good = |source: &str, target: &str, more: &[&str], metres: f64| {
-        let output = register(source, target, more);
-        assert!(output.status.success(), "{source} {more:?}: {output:?}");
-        let off = error("moved.ply", metres);
-        // The plain clouds are off by 0.1 to 0.2 mm.
-        assert!(off < 0.25, "{source} {more:?}: {off} mm");
-    };
-    good("source.ply", "target.ply", &[], 1.0);
+/// The sheet before and after, in files of a folder.
+struct Desk {
+    at: PathBuf,
+    source: Vec<Point3<f64>>,
+    target: Vec<Point3<f64>>,
+}
 
-    let cloud = mesh_io::Mesh::new(source.clone()).unwrap();
-    for name in ["s.obj", "s.pcd", "s.xyz", "s.npy", "s.off"] {
-        cloud
-            .save(&at.join(name), mesh_io::Options::default())
-            .unwrap();
-        good(name, "target.ply", &[], 1.0);
+impl Desk {
+    fn new(name: &str) -> Self {
+        let target = sheet(5000).iter().map(pulled).collect();
+        let desk = Self {
+            at: folder(name),
+            source: sheet(20),
+            target,
+        };
+        desk.put("source.ply", ply("", "double", &desk.source).as_bytes());
+        desk.put("target.ply", ply("", "double", &desk.target).as_bytes());
+        desk
     }
+
+    fn file(&self, name: &str) -> String {
+        self.at.join(name).to_str().unwrap().to_owned()
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.at.join(name), bytes).unwrap();
+    }
+
+    fn register(&self, source: &str, target: &str, more: &[&str]) -> Output {
+        let [source, target, out] = [source, target, "moved.ply"].map(|name| self.file(name));
+        run(&[&[&source[..], &target, "--out", &out], more].concat())
+    }
+
+    /// The answer of the plain clouds, in units of so many metres: 0.1 to 0.2 mm off.
+    #[track_caller]
+    fn good(&self, source: &str, target: &str, more: &[&str], metres: f64) {
+        let output = self.register(source, target, more);
+        assert!(output.status.success(), "{source} {more:?}: {output:?}");
+        let truth: Vec<_> = self.source.iter().map(pulled).collect();
+        let off = self.off(&truth, metres);
+        assert!(off < 0.25, "{source} {more:?}: {off} mm");
+    }
+
+    /// Mean distance of what was written from the truth, mm.
+    fn off(&self, truth: &[Point3<f64>], metres: f64) -> f64 {
+        let moved = mesh_io::read(&self.at.join("moved.ply")).unwrap();
+        error_mm(moved.scaled(metres).points(), truth).0
+    }
+
+    /// Code and complaint.
+    fn refused(&self, source: &str, target: &str) -> (Option<i32>, String) {
+        let output = self.register(source, target, &[]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), said)
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        // What cannot be removed is left to the system.
+        let _ = std::fs::remove_dir_all(&self.at);
+    }
+}
+
+#[test]
+fn clouds_of_every_format_give_the_same_answer() {
+    let desk = Desk::new("formats");
+    desk.good("source.ply", "target.ply", &[], 1.0);
+    let cloud = mesh_io::Mesh::new(desk.source.clone()).unwrap();
+    for name in ["s.obj", "s.pcd", "s.xyz", "s.npy", "s.off"] {
+        let saved = cloud.save(&desk.at.join(name), mesh_io::Options::default());
+        saved.unwrap();
+        desk.good(name, "target.ply", &[], 1.0);
+    }
+    let plain = ply("", "double", &desk.source);
     let camera = "element camera 1\nproperty double px\nproperty double py\nproperty double pz\n";
-    let with_camera = ply(camera, "double", &source).replace("end_header\n", "end_header\n0 0 0\n");
+    let with_camera =
+        ply(camera, "double", &desk.source).replace("end_header\n", "end_header\n0 0 0\n");
     let list = plain.replace(
         "property double x",
         "property list uint double descriptor\nproperty double x",
     );
     let (header, body) = list.split_once("end_header\n").unwrap();
-    let list = format!(
-        "{header}end_header\n{}",
-        body.lines()
-            .fold(String::new(), |t, l| t + "2 1 2 " + l + "\n")
-    );
-    let latin: Vec<u8> = ply("comment M\u{fc}ller\n", "double", &source)
-        .chars()
-        .map(|c| c as u8)
-        .collect();
+    let body = body
+        .lines()
+        .fold(String::new(), |t, l| t + "2 1 2 " + l + "\n");
+    let list = format!("{header}end_header\n{body}");
+    let latin = ply("comment M\u{fc}ller\n", "double", &desk.source);
     for (name, bytes) in [
         ("camera.ply", with_camera.into_bytes()),
         ("list.ply", list.into_bytes()),
-        ("latin.ply", latin),
+        ("latin.ply", latin.chars().map(|c| c as u8).collect()),
         (
             "blank.ply",
             plain.replace("end_header\n", "end_header\n\n").into_bytes(),
@@ -339,64 +372,64 @@ fn clouds_as_people_have_them() {
         ),
         (
             "comment.ply",
-            ply("comment data follow end_header\n", "double", &source).into_bytes(),
+            ply("comment data follow end_header\n", "double", &desk.source).into_bytes(),
         ),
     ] {
-        put(name, &bytes);
-        good(name, "target.ply", &[], 1.0);
+        desk.put(name, &bytes);
+        desk.good(name, "target.ply", &[], 1.0);
     }
-    // Other units: refused with a word about them, then read.
+}
+
+#[test]
+fn other_units_are_named_and_read() {
+    let desk = Desk::new("units");
     for (by, units) in [(1e3, "mm"), (1e4, "1e-4")] {
-        let whole = |cloud: &[Point3<f64>]| {
-            let scaled = scaled(cloud, by);
-            if units == "mm" {
-                scaled
-            } else {
-                scaled.iter().map(|p| p.map(f64::round)).collect()
-            }
+        // Tenths of a millimetre as whole numbers.
+        let whole = |cloud: &[Point3<f64>]| -> Vec<Point3<f64>> {
+            let scaled = cloud.iter().map(|p| p * by);
+            scaled
+                .map(|p| if units == "mm" { p } else { p.map(f64::round) })
+                .collect()
         };
         let kind = if units == "mm" { "float" } else { "short" };
-        put("s_units.ply", ply("", kind, &whole(&source)).as_bytes());
-        put("t_units.ply", ply("", kind, &whole(&target)).as_bytes());
-        let said = register("s_units.ply", "t_units.ply", &[]);
-        let said = String::from_utf8(said.stderr).unwrap();
+        desk.put("s.ply", ply("", kind, &whole(&desk.source)).as_bytes());
+        desk.put("t.ply", ply("", kind, &whole(&desk.target)).as_bytes());
+        let (code, said) = desk.refused("s.ply", "t.ply");
         assert!(
-            said.contains("s_units.ply") && said.contains("--units mm"),
+            code == Some(1) && said.contains("s.ply") && said.contains("--units mm"),
             "{said}"
         );
-        good("s_units.ply", "t_units.ply", &["--units", units], 1.0 / by);
+        desk.good("s.ply", "t.ply", &["--units", units], 1.0 / by);
     }
-    // Landmarks with a heading and without.
-    let [s, t] = [source[7], pulled(&source[7])];
+}
+
+#[test]
+fn landmarks_with_a_heading_or_without() {
+    let desk = Desk::new("landmarks");
+    let [s, t] = [desk.source[7], pulled(&desk.source[7])];
     let row = format!("{},{},{},{},{},{}\n", s.x, s.y, s.z, t.x, t.y, t.z);
-    put("bare.csv", row.as_bytes());
-    put("headed.csv", format!("sx,sy,sz,tx,ty,tz\n{row}").as_bytes());
-    let mut answers = Vec::new();
-    for name in ["bare.csv", "headed.csv"] {
-        good(
-            "source.ply",
-            "target.ply",
-            &["--landmarks", &file(name)],
-            1.0,
-        );
-        answers.push(std::fs::read(at.join("moved.ply")).unwrap());
-    }
-    assert_eq!(answers[0], answers[1]);
-    assert_ne!(answers[0], {
-        register("source.ply", "target.ply", &[]);
-        std::fs::read(at.join("moved.ply")).unwrap()
-    });
-    // What cannot be used says why.
-    let zero = cloud
-        .clone()
+    desk.put("bare.csv", row.as_bytes());
+    desk.put("headed.csv", format!("sx,sy,sz,tx,ty,tz\n{row}").as_bytes());
+    let moved = |more: &[&str]| {
+        desk.good("source.ply", "target.ply", more, 1.0);
+        std::fs::read(desk.at.join("moved.ply")).unwrap()
+    };
+    let bare = moved(&["--landmarks", &desk.file("bare.csv")]);
+    assert_eq!(bare, moved(&["--landmarks", &desk.file("headed.csv")]));
+    assert_ne!(bare, moved(&[]));
+}
+
+#[test]
+fn what_cannot_be_used_says_why() {
+    let desk = Desk::new("refused");
+    let zero = mesh_io::Mesh::new(desk.source.clone()).unwrap();
+    let zero = zero
         .with_normals(vec![nalgebra::Vector3::zeros(); 2000])
         .unwrap();
-    zero.save(&at.join("zero.ply"), mesh_io::Options::default())
-        .unwrap();
-    put(
-        "more.ply",
-        plain.replace("vertex 2000", "vertex 2500").as_bytes(),
-    );
+    let saved = zero.save(&desk.at.join("zero.ply"), mesh_io::Options::default());
+    saved.unwrap();
+    let more = ply("", "double", &desk.source).replace("vertex 2000", "vertex 2500");
+    desk.put("more.ply", more.as_bytes());
     for (name, words) in [
         (
             "zero.ply",
@@ -407,31 +440,26 @@ fn clouds_as_people_have_them() {
             "the file ends at vertex 2000, the header promises 2500",
         ),
     ] {
-        let output = register(name, "target.ply", &[]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(
-            output.status.code() == Some(1) && said.contains(words),
-            "{said}"
-        );
+        let (code, said) = desk.refused(name, "target.ply");
+        assert!(code == Some(1) && said.contains(words), "{said}");
     }
-    // Turned by 45° about the line of sight: a doubtful answer, which says what would help.
+}
+
+/// Turned by 45° about the line of sight: a doubtful answer, which says what would help.
+#[test]
+fn a_turn_is_doubted_and_aligned() {
+    let desk = Desk::new("turned");
     let turn = nalgebra::Rotation3::from_axis_angle(
         &nalgebra::Vector3::z_axis(),
         std::f64::consts::FRAC_PI_4,
     );
     let turned: Vec<_> = sheet(5000).iter().map(|p| turn * p).collect();
-    put("turned.ply", ply("", "double", &turned).as_bytes());
-    let output = register("source.ply", "turned.ply", &[]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(
-        output.status.code() == Some(3) && said.contains("--align"),
-        "{output:?}"
-    );
-    let output = register("source.ply", "turned.ply", &["--align"]);
+    desk.put("turned.ply", ply("", "double", &turned).as_bytes());
+    let (code, said) = desk.refused("source.ply", "turned.ply");
+    assert!(code == Some(3) && said.contains("--align"), "{said}");
+    let output = desk.register("source.ply", "turned.ply", &["--align"]);
     assert!(output.status.success(), "{output:?}");
-    let moved = mesh_io::read(&at.join("moved.ply")).unwrap();
-    let truth: Vec<_> = source.iter().map(|p| turn * p).collect();
-    let off = error_mm(moved.points(), &truth).0;
+    let truth: Vec<_> = desk.source.iter().map(|p| turn * p).collect();
+    let off = desk.off(&truth, 1.0);
     assert!(off < 0.5, "{off} mm");
-    std::fs::remove_dir_all(at).unwrap();
 }
