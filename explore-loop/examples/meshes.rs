@@ -9,8 +9,9 @@
 #![allow(clippy::print_stderr)]
 
 use explore_loop::cell::sim::{SCENES, Scene, TriangleMesh};
+use explore_loop::mesh::{self, Mesh};
+use explore_loop::nalgebra::Vector3;
 use std::error::Error;
-use std::fmt::Write;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
@@ -35,11 +36,11 @@ fn write_mesh() -> Result<(), Box<dyn Error>> {
         }
         _ => {
             let names = SCENES.join("|");
-            return Err(format!("usage: meshes {names} FILE.obj [SIZE in metres]").into());
+            return Err(format!("usage: meshes {names} FILE [SIZE in metres]").into());
         }
     };
     let mesh = scene.mesh();
-    std::fs::write(path, obj(mesh)?)?;
+    standing(mesh)?.save(path.as_ref(), mesh::Options::default())?;
     let (low, high) = mesh.bounds();
     let [x, y, z]: [f64; 3] = ((high - low) * 1e3).into();
     eprintln!(
@@ -50,14 +51,10 @@ fn write_mesh() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn obj(mesh: &TriangleMesh) -> Result<String, std::fmt::Error> {
-    let ground = mesh.bounds().0.z;
-    let mut text = String::new();
-    for p in &mesh.vertices {
-        writeln!(text, "v {:.7} {:.7} {:.7}", p.x, p.y, p.z - ground)?;
-    }
-    for t in &mesh.triangles {
-        writeln!(text, "f {} {} {}", t[0] + 1, t[1] + 1, t[2] + 1)?;
-    }
-    Ok(text)
+/// The mesh with its lowest vertex at z = 0.
+fn standing(mesh: &TriangleMesh) -> Result<Mesh, mesh::Error> {
+    let ground = Vector3::new(0.0, 0.0, mesh.bounds().0.z);
+    let triangles = mesh.triangles.iter().map(|t| t.map(|v| v as u32));
+    Mesh::new(mesh.vertices.iter().map(|p| p - ground).collect())?
+        .with_triangles(triangles.collect())
 }

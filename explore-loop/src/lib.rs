@@ -14,6 +14,7 @@
 //! | a run that was broken off goes on | [`checkpoint`] |
 //! | measures against a ground truth | [`measure`] |
 //! | files and pictures | [`report`] |
+//! | meshes and clouds in and out (the crate `mesh-io`) | [`mesh`] |
 //!
 //! Units are SI, everything is in the camera frame (+z away from the camera) unless a name says `rest`: the frame of the first
 //! observation. The same input gives the same bits.
@@ -46,6 +47,7 @@
 //!
 //! A whole exploration is the program `explore run`; `src/bin/explore/run.rs` shows the calls.
 
+pub use mesh_io as mesh;
 pub use nalgebra;
 
 pub mod canonical;

@@ -8,9 +8,9 @@
     reason = "a test stops where it fails, and its loops read as prose"
 )]
 
-use explore_loop::cell::mesh_io::{Format, parse};
 use explore_loop::cell::sim::{Scene, SimCell, SimError, SimOptions, TriangleMesh, Truth};
 use explore_loop::cell::{Cell, CellError, Observation};
+use explore_loop::mesh::{Format, parse};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use parry3d_f64::query::{Ray, RayCast};
 use parry3d_f64::shape::TriMesh;
@@ -157,6 +157,7 @@ fn weight_compresses_a_block_as_it_should() {
     });
     let faces = "f 7 5 3 1\nf 2 4 6 8\nf 1 3 4 2\nf 3 5 6 4\nf 5 7 8 6\nf 7 1 2 8\n";
     let block = parse((corners.concat() + faces).as_bytes(), Format::Obj).unwrap();
+    let block = TriangleMesh::from(block);
     let settled_height = |young: f64| {
         let mut options = SimOptions::new(Scene::from_mesh("block", block.clone()).unwrap());
         options.fidelity.tetrahedra = 1000;
@@ -589,7 +590,7 @@ fn a_torus_from_a_file_is_a_torus() {
             );
         }
     }
-    let mesh = parse(obj.as_bytes(), Format::Obj).unwrap();
+    let mesh = TriangleMesh::from(parse(obj.as_bytes(), Format::Obj).unwrap());
     let volume = mesh.volume();
     let mut options = SimOptions::new(Scene::from_mesh("torus", mesh).unwrap());
     options.fidelity.tetrahedra = 1500;

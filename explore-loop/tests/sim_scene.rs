@@ -10,8 +10,8 @@
 
 use std::collections::HashSet;
 
-use explore_loop::cell::mesh_io::{Format, parse};
 use explore_loop::cell::sim::{SCENES, Scene, SimError, TriangleMesh};
+use explore_loop::mesh::{Encoding, Format, Load, Mesh, Options, parse};
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
@@ -260,189 +260,71 @@ fn an_inside_out_mesh_is_turned() {
     assert!((inside_out.into_solid().unwrap().volume() - good.volume()).abs() < 1e-12);
 }
 
-fn as_obj(mesh: &TriangleMesh) -> Vec<u8> {
-    let mut text = String::from("# a comment\nvn 0 0 1\n");
-    mesh.vertices
-        .iter()
-        .for_each(|p| text += &format!("v {} {} {}\n", p.x, p.y, p.z));
-    // Every other face counts from the end, and all carry texture and normal indices.
-    for (k, t) in mesh.triangles.iter().enumerate() {
-        let index = |v: usize| {
-            if k % 2 == 0 {
-                format!("{}//1", v + 1)
-            } else {
-                format!("-{}/1/1", mesh.vertices.len() - v)
-            }
-        };
-        text += &format!("f {} {} {}\n", index(t[0]), index(t[1]), index(t[2]));
-    }
-    text.into_bytes()
-}
-
-fn as_ply(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
-    let format = if binary {
-        "binary_little_endian"
-    } else {
-        "ascii"
-    };
-    let mut out = format!(
-        "ply\nformat {format} 1.0\ncomment made here\nelement vertex {}\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nelement face {}\nproperty list uchar int vertex_indices\nproperty float quality\nend_header\n",
-        mesh.vertices.len(),
-        mesh.triangles.len()
-    )
-    .into_bytes();
-    for p in &mesh.vertices {
-        if binary {
-            p.iter().for_each(|c| out.extend(c.to_le_bytes()));
-            out.push(200);
-        } else {
-            out.extend(format!("{} {} {} 200\n", p.x, p.y, p.z).bytes());
-        }
-    }
-    for t in &mesh.triangles {
-        if binary {
-            out.push(3);
-            t.iter()
-                .for_each(|&v| out.extend(i32::try_from(v).unwrap().to_le_bytes()));
-            out.extend(0.5_f32.to_le_bytes());
-        } else {
-            out.extend(format!("3 {} {} {} 0.5\n", t[0], t[1], t[2]).bytes());
-        }
-    }
-    out
-}
-
-fn as_stl(mesh: &TriangleMesh, binary: bool) -> Vec<u8> {
-    if !binary {
-        let mut text = String::from("solid thing\n");
-        for t in &mesh.triangles {
-            text += "facet normal 0 0 0\n outer loop\n";
-            t.iter().for_each(|&v| {
-                text += &format!(
-                    "  vertex {:e} {:e} {:e}\n",
-                    mesh.vertices[v].x, mesh.vertices[v].y, mesh.vertices[v].z
-                );
-            });
-            text += " endloop\nendfacet\n";
-        }
-        return (text + "endsolid thing\n").into_bytes();
-    }
-    // Starts like text on purpose.
-    let mut out = b"solid but binary".to_vec();
-    out.resize(80, 0);
-    out.extend(u32::try_from(mesh.triangles.len()).unwrap().to_le_bytes());
-    for t in &mesh.triangles {
-        out.extend([0; 12]);
-        t.iter().for_each(|&v| {
-            mesh.vertices[v]
-                .iter()
-                .for_each(|c| out.extend((*c as f32).to_le_bytes()));
-        });
-        out.extend([0; 2]);
-    }
-    out
+/// The solid that a file bounds, as `explore run --mesh` takes it.
+fn solid(bytes: &[u8], format: Format) -> Result<TriangleMesh, SimError> {
+    let mesh = Load::default().apply(parse(bytes, format)?)?;
+    TriangleMesh::from(mesh).into_solid()
 }
 
 #[test]
 fn every_format_gives_the_mesh_back() {
     let mesh = icosphere_like([0.05, 0.04, 0.03]);
-    let files = [
-        (as_obj(&mesh), Format::Obj),
-        (as_ply(&mesh, false), Format::Ply),
-        (as_ply(&mesh, true), Format::Ply),
-        (as_stl(&mesh, false), Format::Stl),
-        (as_stl(&mesh, true), Format::Stl),
-    ];
-    for (bytes, format) in files {
-        let read = parse(&bytes, format).unwrap().into_solid().unwrap();
-        assert_eq!(
-            (read.vertices.len(), read.triangles.len()),
-            (mesh.vertices.len(), mesh.triangles.len()),
-            "{format:?}"
-        );
-        // Binary STL is f32: 1e-7 of 0.1 m on each coordinate.
-        assert!(
-            (read.volume() / mesh.volume() - 1.0).abs() < 1e-5,
-            "{format:?}"
-        );
+    let triangles = mesh.triangles.iter().map(|t| t.map(|v| v as u32)).collect();
+    let file = Mesh::new(mesh.vertices.clone()).unwrap();
+    let file = file.with_triangles(triangles).unwrap();
+    for format in [Format::Ply, Format::Obj, Format::Stl, Format::Off] {
+        for encoding in [Encoding::Text, Encoding::Binary] {
+            let options = Options::default().encoding(encoding);
+            let read = solid(&file.to_bytes(format, options).unwrap(), format).unwrap();
+            assert_eq!(
+                (read.vertices.len(), read.triangles.len()),
+                (mesh.vertices.len(), mesh.triangles.len()),
+                "{format}"
+            );
+            // Binary STL is f32: 1e-7 of 0.1 m on each coordinate.
+            assert!((read.volume() / mesh.volume() - 1.0).abs() < 1e-5);
+        }
     }
 }
 
 #[test]
 fn a_box_of_quads_is_a_solid() {
     let obj = "v 0 0 0\nv .1 0 0\nv .1 .1 0\nv 0 .1 0\nv 0 0 .1\nv .1 0 .1\nv .1 .1 .1\nv 0 .1 .1\nf 4 3 2 1\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
-    let mesh = parse(obj.as_bytes(), Format::Obj)
-        .unwrap()
-        .into_solid()
-        .unwrap();
+    let mesh = solid(obj.as_bytes(), Format::Obj).unwrap();
     assert!((mesh.volume() - 1e-3).abs() < 1e-12);
     assert_eq!(mesh.triangles.len(), 12);
+    let far = obj.replace("v ", "v 1");
+    let two = obj.to_owned() + &far.replace('f', "#");
+    assert!(
+        solid(two.as_bytes(), Format::Obj).is_ok(),
+        "vertices alone are no piece"
+    );
 }
 
 #[test]
 fn broken_files_say_where() {
-    let place = |bytes: &[u8], format| match parse(bytes, format) {
-        Err(SimError::BadFile { place, reason, .. }) => format!("{place}: {reason}"),
-        other => panic!("{other:?}"),
+    let said = |name: &str| {
+        let error = Scene::from_file(std::path::Path::new(name), &Load::default());
+        error.unwrap_err().to_string()
     };
-    assert!(place(b"v 0 0 0\nv 1 two 0\n", Format::Obj).starts_with("line 2: \"two\""));
-    assert!(place(b"v 0 0 0\nf 1 1 0\n", Format::Obj).starts_with("line 2: \"0\""));
-    assert!(matches!(
-        parse(b"v 0 0 0\nf 1 1 9\n", Format::Obj),
-        Err(SimError::NoSuchVertex {
-            triangle: 0,
-            vertex: 8,
-            count: 1
-        })
-    ));
-    assert!(
-        place(
-            b"ply\nformat binary_big_endian 1.0\nend_header\n",
-            Format::Ply
-        )
-        .contains("binary_big_endian")
-    );
-    assert!(
-        place(
-            b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n",
-            Format::Ply
-        )
-        .contains("ends too early")
-    );
-    assert!(place(b"plop\n", Format::Ply).starts_with("line 1"));
-    assert!(place(&[0; 100], Format::Stl).contains("84 bytes, the file has 100"));
-    assert!(
-        Scene::from_file(std::path::Path::new("nowhere.obj"))
-            .unwrap_err()
-            .to_string()
-            .contains("nowhere.obj")
-    );
-    assert!(
-        Scene::from_file(std::path::Path::new("mesh.step"))
-            .unwrap_err()
-            .to_string()
-            .contains("step")
-    );
+    assert!(said("nowhere.obj").starts_with("nowhere.obj: "));
+    assert!(said("mesh.step").contains("the ending \"step\" is none of"));
+    let error = solid(b"v 0 0 0\nv 1 two 0\n", Format::Obj).unwrap_err();
+    assert_eq!(error.to_string(), "line 2: \"two\" is not a number");
 }
 
 proptest! {
     #[test]
-    fn no_bytes_break_a_reader(bytes in proptest::collection::vec(any::<u8>(), 0..300), cut in 0_usize..4000) {
-        for format in [Format::Obj, Format::Ply, Format::Stl] {
-            let _ = parse(&bytes, format);
-        }
-        let mesh = TriangleMesh {
-            vertices: vec![Point3::origin(), Point3::new(0.1, 0.0, 0.0), Point3::new(0.0, 0.1, 0.0), Point3::new(0.0, 0.0, 0.1)],
-            triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
-        };
-        // A whole file, cut and with a byte changed.
-        for (mut file, format) in [(as_obj(&mesh), Format::Obj), (as_ply(&mesh, true), Format::Ply), (as_stl(&mesh, true), Format::Stl)] {
-            file.truncate(cut);
-            if let (Some(&value), false) = (bytes.first(), file.is_empty()) {
-                let at = cut * 31 % file.len();
-                file[at] = value;
-            }
-            let _ = parse(&file, format).map(TriangleMesh::into_solid);
+    fn no_bytes_break_a_solid(bytes in proptest::collection::vec(any::<u8>(), 1..9), at in any::<prop::sample::Index>()) {
+        let tetrahedron = Mesh::new(vec![
+            Point3::origin(), Point3::new(0.1, 0.0, 0.0), Point3::new(0.0, 0.1, 0.0), Point3::new(0.0, 0.0, 0.1),
+        ]);
+        let tetrahedron = tetrahedron.unwrap().with_triangles(vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]).unwrap();
+        for format in [Format::Ply, Format::Obj, Format::Stl, Format::Off] {
+            let mut file = tetrahedron.to_bytes(format, Options::default()).unwrap();
+            let at = at.index(file.len());
+            file.splice(at..(at + bytes.len()).min(file.len()), bytes.iter().copied());
+            let _ = solid(&file, format);
         }
     }
 }

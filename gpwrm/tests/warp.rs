@@ -3,8 +3,6 @@
 
 #[path = "../examples/warp/program.rs"]
 mod program;
-#[path = "../examples/warp/table.rs"]
-mod table;
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -54,9 +52,8 @@ fn sheet(turn: &Rotation3<f64>) -> String {
 }
 
 fn rows(text: &str) -> Vec<[f64; 4]> {
-    table::read(text, ["x", "y", "z", "determined"])
-        .unwrap()
-        .rows
+    let columns = ["x", "y", "z", "determined"];
+    mesh_io::read_table(text.as_bytes(), columns).unwrap().rows
 }
 
 /// A half turn carries points on and off the sheet to 1e-9, in order, and says what is known.
@@ -133,21 +130,53 @@ fn files_may_be_dressed() {
     assert_eq!(desk.out(), "0.03,0.02,0.4,1\n");
 }
 
+/// Other separators, and clouds in files of their own, whose faces and colours go along.
+#[test]
+fn tables_and_clouds_of_any_kind() {
+    let half = Rotation3::new(Vector3::new(0.0, std::f64::consts::PI, 0.0));
+    let desk = Desk::new();
+    for separator in [";", "\t", " "] {
+        desk.put("nodes.csv", &sheet(&half).replace(',', separator));
+        desk.put("query.csv", &"0.031,0.024,0.4\n".replace(',', separator));
+        desk.run(&[]).unwrap();
+        assert!((rows(&desk.out())[0][0] + 0.031).abs() < 1e-9);
+    }
+    desk.put(
+        "q.obj",
+        "v 0.031 0.024 0.4 1 0 0\nv 0.03 0.02 0.4 0 1 0\nv 0.04 0.02 0.4 0 0 1\nf 1 2 3\n",
+    );
+    let path = |name: &str| desk.0.path().join(name).display().to_string();
+    let arguments = [
+        path("nodes.csv"),
+        path("q.obj"),
+        "--out".into(),
+        path("out.ply"),
+    ];
+    program::run(arguments).unwrap();
+    let out = mesh_io::read(Path::new(&path("out.ply"))).unwrap();
+    assert!((out.points()[0] - half * Point3::new(0.031, 0.024, 0.4)).norm() < 1e-9);
+    assert_eq!(
+        (out.triangles(), out.colours()[2]),
+        (&[[0, 1, 2]][..], [0, 0, 255])
+    );
+    assert!(out.property("determined").is_some());
+}
+
 #[test]
 fn wrong_files_are_named_with_line_and_value() {
     let good = sheet(&Rotation3::identity());
     let cases = [
         (
             "0,0,0,0,0,0\n0,0,zero,0,0,0\n",
-            "nodes.csv: line 2, column z: `zero` is not a finite number",
+            "nodes.csv: line 2: column z: \"zero\" is not a finite number",
         ),
         (
             "x,y,z,ux,uy,uz\n0,0,0,0,NaN,0\n",
-            "nodes.csv: line 2, column uy: `NaN` is not a finite number",
+            "nodes.csv: line 2: column uy: \"NaN\" is not a finite number",
         ),
         (
             "0,0,0,0,0,inf\n",
-            "nodes.csv: line 1, column uz: `inf` is not a finite number",
+            "nodes.csv: line 1: column uz: \"inf\" is not a finite number",
         ),
         (
             "0,0,0,0,0\n",
@@ -155,17 +184,17 @@ fn wrong_files_are_named_with_line_and_value() {
         ),
         (
             "ux,uy,uz,x,y,z\n0,0,0,0,0,0\n",
-            "nodes.csv: line 1: column `ux` stands where `x` belongs",
+            "nodes.csv: line 1: column \"ux\" stands where \"x\" belongs",
         ),
         ("1e99,0,0,0,0,0\n", "nodes.csv: node 0 has coordinate 1e99"),
         ("", "nodes.csv: no nodes were given"),
         (
             "0,0,0,0,0,x1\n",
-            "nodes.csv: line 1, column uz: `x1` is not a finite number",
+            "nodes.csv: line 1: column uz: \"x1\" is not a finite number",
         ),
         (
             "0,0,,0,0,0\n",
-            "nodes.csv: line 1, column z: `` is not a finite number",
+            "nodes.csv: line 1: column z: \"\" is not a finite number",
         ),
     ];
     for (nodes, complaint) in cases {

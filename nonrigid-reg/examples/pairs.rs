@@ -6,24 +6,27 @@
 //! `gpwrm::Field` through the nodes) if there is one, the distance before registration, and milliseconds with a fresh registrar (best of three).
 #![allow(clippy::print_stdout)] // a table is what the program is for
 
-#[path = "register/ply.rs"]
-mod ply;
+#[path = "register/cloud.rs"]
+mod cloud;
 
 use std::error::Error;
 use std::path::Path;
 use std::time::Instant;
 
-use nonrigid_reg::{Cloud, Feature, Landmark, Options, Registrar, Registration};
-use ply::{Ply, read_pairs};
+use cloud::{Oriented, read_pairs};
+use mesh_io::Load;
+use nalgebra::Point3;
+use nonrigid_reg::{Feature, Landmark, Options, Registrar, Registration};
 
 /// What the program needs to know of one pair.
 struct Pair {
-    source: Ply,
-    target: Ply,
-    truth: Ply,
+    source: Oriented,
+    target: Oriented,
+    truth: Vec<Point3<f64>>,
     landmarks: Vec<Landmark>,
     features: Vec<Feature>,
-    hidden: Option<(Ply, Ply)>,
+    /// What the source does not show, and where it went.
+    hidden: Option<[Vec<Point3<f64>>; 2]>,
 }
 
 /// How well one pair was registered, in mm.
@@ -114,24 +117,26 @@ impl Pair {
         };
         let landmarks = match mode {
             "none" => Vec::new(),
-            _ => read_pairs(&file("landmarks.csv"))?,
+            _ => read_pairs(&file("landmarks.csv"), 1.0)?,
         };
         let features = match mode {
-            "features" => read_pairs(&file("features.csv"))?,
+            "features" => read_pairs(&file("features.csv"), 1.0)?,
             _ => Vec::new(),
         };
+        let load = Load::default();
+        let points = |name: &str| mesh_io::read(Path::new(name)).map(|mesh| mesh.points().to_vec());
         Ok(Self {
-            source: Ply::read(&file("source.ply"))?,
-            target: Ply::read(&file("target.ply"))?,
-            truth: Ply::read(&file("truth.ply"))?,
+            source: Oriented::read(&file("source.ply"), &load)?,
+            target: Oriented::read(&file("target.ply"), &load)?,
+            truth: points(&file("truth.ply"))?,
             landmarks: landmarks.into_iter().map(landmark).collect(),
             features: features
                 .into_iter()
                 .map(|(source, target)| Feature { source, target })
                 .collect(),
             hidden: if path.join("hidden.ply").exists() {
-                let truth = Ply::read(&file("hidden_truth.ply"))?;
-                Some((Ply::read(&file("hidden.ply"))?, truth))
+                let truth = points(&file("hidden_truth.ply"))?;
+                Some([points(&file("hidden.ply"))?, truth])
             } else {
                 None
             },
@@ -140,14 +145,7 @@ impl Pair {
 
     /// Timed with a fresh registrar, that keeps nothing yet.
     fn register(&self, options: &Options) -> Result<(Registration, f64), nonrigid_reg::Error> {
-        let from = Cloud {
-            points: &self.source.points,
-            normals: &self.source.normals,
-        };
-        let to = Cloud {
-            points: &self.target.points,
-            normals: &self.target.normals,
-        };
+        let (from, to) = (self.source.cloud(), self.target.cloud());
         let timed = || {
             let mut registrar = Registrar::new(options.clone());
             let start = Instant::now();
@@ -167,19 +165,19 @@ impl Pair {
             ..Default::default()
         };
         let field = gpwrm::Field::new(&result.node_positions, &result.node_displacements, &options);
-        let (Some((hidden, truth)), Ok(field)) = (&self.hidden, field) else {
+        let (Some([hidden, truth]), Ok(field)) = (&self.hidden, field) else {
             return f64::NAN;
         };
-        let found = field.warp(&hidden.points);
-        let off = found.iter().zip(&truth.points).map(|(a, b)| (a - b).norm());
+        let found = field.warp(hidden);
+        let off = found.iter().zip(truth).map(|(a, b)| (a - b).norm());
         off.sum::<f64>() * 1e3 / found.len() as f64
     }
 
     fn score(&self, result: &Registration) -> Score {
-        let count = self.source.points.len();
-        let off = |i: usize, u: nalgebra::Vector3<f64>| {
-            (self.source.points[i] + u - self.truth.points[i]).norm() * 1e3
-        };
+        let source = self.source.mesh.points();
+        let count = source.len();
+        let off =
+            |i: usize, u: nalgebra::Vector3<f64>| (source[i] + u - self.truth[i]).norm() * 1e3;
         let errors: Vec<f64> = (0..count)
             .map(|i| off(i, result.displacements[i]))
             .collect();

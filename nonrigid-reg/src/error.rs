@@ -24,7 +24,7 @@ pub enum Error {
     },
     /// Two landmarks demand what no continuous motion does: more change of their difference than a turn with doubling explains.
     #[error(
-        "landmarks {first} and {second} contradict each other: their displacements differ by {gap} m"
+        "landmarks {first} and {second} contradict each other: their displacements differ by {:.3} mm", 1e3 * gap
     )]
     ContradictoryLandmarks {
         /// Index of the earlier one.

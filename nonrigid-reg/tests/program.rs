@@ -7,24 +7,28 @@ mod generator;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::OnceLock;
 
 use generator::{Case, Motion, Pair, Shape, error_mm};
 use nalgebra::Point3;
 
 /// The program as its source now stands: cargo builds examples for `cargo test`, but not for `cargo test --test program`.
-fn program() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let profile = test.parent().unwrap().parent().unwrap();
-    let release = profile.ends_with("release").then_some("--release");
-    let built = Command::new(env!("CARGO"))
-        .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["build", "--quiet", "--example", "register", "--target-dir"])
-        .arg(profile.parent().unwrap())
-        .args(release)
-        .status();
-    assert!(built.unwrap().success());
-    let name = format!("register{}", std::env::consts::EXE_SUFFIX);
-    profile.join("examples").join(name)
+fn program() -> &'static Path {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    PROGRAM.get_or_init(|| {
+        let test = std::env::current_exe().unwrap();
+        let profile = test.parent().unwrap().parent().unwrap();
+        let release = profile.ends_with("release").then_some("--release");
+        let built = Command::new(env!("CARGO"))
+            .current_dir(env!("CARGO_MANIFEST_DIR"))
+            .args(["build", "--quiet", "--example", "register", "--target-dir"])
+            .arg(profile.parent().unwrap())
+            .args(release)
+            .status();
+        assert!(built.unwrap().success());
+        let name = format!("register{}", std::env::consts::EXE_SUFFIX);
+        profile.join("examples").join(name)
+    })
 }
 
 fn run(arguments: &[&str]) -> Output {
@@ -202,7 +206,10 @@ fn failure_is_said_and_leaves_no_file() {
     fails(&[], "usage");
     fails(&[&source, &source], "usage");
     fails(&[&source, &missing, "--out", &out], "missing.ply");
-    fails(&[&file("nan.ply"), &source, "--out", &out], "not finite");
+    fails(
+        &[&file("nan.ply"), &source, "--out", &out],
+        "nan.ply: line 15: vertex 5: x is NaN",
+    );
     fails(&[&file("three.ply"), &source, "--out", &out], "at least 4");
     fails(
         &[&source, &source, "--spacing", "-1", "--out", &out],
@@ -220,4 +227,239 @@ fn failure_is_said_and_leaves_no_file() {
         "short.csv",
     );
     std::fs::remove_dir_all(at).unwrap();
+}
+
+/// A wavy sheet half a metre before the camera, and the same pulled towards it by half the square of the distance from its left edge.
+fn sheet(start: u32) -> Vec<Point3<f64>> {
+    // Points of low discrepancy (Halton), so that two starts give two samplings.
+    let radical = |mut k: u32, base: u32| {
+        let (mut value, mut digit) = (0.0, 1.0);
+        while k > 0 {
+            digit /= f64::from(base);
+            value += digit * f64::from(k % base);
+            k /= base;
+        }
+        value
+    };
+    let point = |k| {
+        let (x, y) = (0.1 * radical(k, 2) - 0.05, 0.1 * radical(k, 3) - 0.05);
+        Point3::new(x, y, 0.5 + 0.006 * (60.0 * x).sin() * (50.0 * y).cos())
+    };
+    (start..start + 2000).map(point).collect()
+}
+
+fn pulled(p: &Point3<f64>) -> Point3<f64> {
+    Point3::new(p.x, p.y, p.z - 0.5 * (p.x + 0.05).powi(2))
+}
+
+/// Text of a PLY: what stands behind the format, columns as (type, name), and the rows.
+fn ply(head: &str, kind: &str, rows: &[Point3<f64>]) -> String {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\n{head}element vertex {}\n",
+        rows.len()
+    );
+    for name in ["x", "y", "z"] {
+        writeln!(text, "property {kind} {name}").unwrap();
+    }
+    text.push_str("end_header\n");
+    for p in rows {
+        writeln!(text, "{} {} {}", p.x, p.y, p.z).unwrap();
+    }
+    text
+}
+
+/// The sheet before and after, in files of a folder.
+struct Desk {
+    at: PathBuf,
+    source: Vec<Point3<f64>>,
+    target: Vec<Point3<f64>>,
+}
+
+impl Desk {
+    fn new(name: &str) -> Self {
+        let target = sheet(5000).iter().map(pulled).collect();
+        let desk = Self {
+            at: folder(name),
+            source: sheet(20),
+            target,
+        };
+        desk.put("source.ply", ply("", "double", &desk.source).as_bytes());
+        desk.put("target.ply", ply("", "double", &desk.target).as_bytes());
+        desk
+    }
+
+    fn file(&self, name: &str) -> String {
+        self.at.join(name).to_str().unwrap().to_owned()
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.at.join(name), bytes).unwrap();
+    }
+
+    fn register(&self, source: &str, target: &str, more: &[&str]) -> Output {
+        let [source, target, out] = [source, target, "moved.ply"].map(|name| self.file(name));
+        run(&[&[&source[..], &target, "--out", &out], more].concat())
+    }
+
+    /// The answer of the plain clouds, in units of so many metres: 0.1 to 0.2 mm off.
+    #[track_caller]
+    fn good(&self, source: &str, target: &str, more: &[&str], metres: f64) {
+        let output = self.register(source, target, more);
+        assert!(output.status.success(), "{source} {more:?}: {output:?}");
+        let truth: Vec<_> = self.source.iter().map(pulled).collect();
+        let off = self.off(&truth, metres);
+        assert!(off < 0.25, "{source} {more:?}: {off} mm");
+    }
+
+    /// Mean distance of what was written from the truth, mm.
+    fn off(&self, truth: &[Point3<f64>], metres: f64) -> f64 {
+        let moved = mesh_io::read(&self.at.join("moved.ply")).unwrap();
+        error_mm(moved.scaled(metres).points(), truth).0
+    }
+
+    /// Code and complaint.
+    fn refused(&self, source: &str, target: &str) -> (Option<i32>, String) {
+        let output = self.register(source, target, &[]);
+        let said = String::from_utf8(output.stderr).unwrap();
+        (output.status.code(), said)
+    }
+}
+
+impl Drop for Desk {
+    fn drop(&mut self) {
+        // What cannot be removed is left to the system.
+        let _ = std::fs::remove_dir_all(&self.at);
+    }
+}
+
+#[test]
+fn clouds_of_every_format_give_the_same_answer() {
+    let desk = Desk::new("formats");
+    desk.good("source.ply", "target.ply", &[], 1.0);
+    let cloud = mesh_io::Mesh::new(desk.source.clone()).unwrap();
+    for name in ["s.obj", "s.pcd", "s.xyz", "s.npy", "s.off"] {
+        let saved = cloud.save(&desk.at.join(name), mesh_io::Options::default());
+        saved.unwrap();
+        desk.good(name, "target.ply", &[], 1.0);
+    }
+    let plain = ply("", "double", &desk.source);
+    let camera = "element camera 1\nproperty double px\nproperty double py\nproperty double pz\n";
+    let with_camera =
+        ply(camera, "double", &desk.source).replace("end_header\n", "end_header\n0 0 0\n");
+    let list = plain.replace(
+        "property double x",
+        "property list uint double descriptor\nproperty double x",
+    );
+    let (header, body) = list.split_once("end_header\n").unwrap();
+    let body = body
+        .lines()
+        .fold(String::new(), |t, l| t + "2 1 2 " + l + "\n");
+    let list = format!("{header}end_header\n{body}");
+    let latin = ply("comment M\u{fc}ller\n", "double", &desk.source);
+    for (name, bytes) in [
+        ("camera.ply", with_camera.into_bytes()),
+        ("list.ply", list.into_bytes()),
+        ("latin.ply", latin.chars().map(|c| c as u8).collect()),
+        (
+            "blank.ply",
+            plain.replace("end_header\n", "end_header\n\n").into_bytes(),
+        ),
+        (
+            "bom.ply",
+            plain
+                .replace("end_header\n", "end_header\n\u{feff}")
+                .into_bytes(),
+        ),
+        (
+            "comment.ply",
+            ply("comment data follow end_header\n", "double", &desk.source).into_bytes(),
+        ),
+    ] {
+        desk.put(name, &bytes);
+        desk.good(name, "target.ply", &[], 1.0);
+    }
+}
+
+#[test]
+fn other_units_are_named_and_read() {
+    let desk = Desk::new("units");
+    for (by, units) in [(1e3, "mm"), (1e4, "1e-4")] {
+        // Tenths of a millimetre as whole numbers.
+        let whole = |cloud: &[Point3<f64>]| -> Vec<Point3<f64>> {
+            let scaled = cloud.iter().map(|p| p * by);
+            scaled
+                .map(|p| if units == "mm" { p } else { p.map(f64::round) })
+                .collect()
+        };
+        let kind = if units == "mm" { "float" } else { "short" };
+        desk.put("s.ply", ply("", kind, &whole(&desk.source)).as_bytes());
+        desk.put("t.ply", ply("", kind, &whole(&desk.target)).as_bytes());
+        let (code, said) = desk.refused("s.ply", "t.ply");
+        assert!(
+            code == Some(1) && said.contains("s.ply") && said.contains("--units mm"),
+            "{said}"
+        );
+        desk.good("s.ply", "t.ply", &["--units", units], 1.0 / by);
+    }
+}
+
+#[test]
+fn landmarks_with_a_heading_or_without() {
+    let desk = Desk::new("landmarks");
+    let [s, t] = [desk.source[7], pulled(&desk.source[7])];
+    let row = format!("{},{},{},{},{},{}\n", s.x, s.y, s.z, t.x, t.y, t.z);
+    desk.put("bare.csv", row.as_bytes());
+    desk.put("headed.csv", format!("sx,sy,sz,tx,ty,tz\n{row}").as_bytes());
+    let moved = |more: &[&str]| {
+        desk.good("source.ply", "target.ply", more, 1.0);
+        std::fs::read(desk.at.join("moved.ply")).unwrap()
+    };
+    let bare = moved(&["--landmarks", &desk.file("bare.csv")]);
+    assert_eq!(bare, moved(&["--landmarks", &desk.file("headed.csv")]));
+    assert_ne!(bare, moved(&[]));
+}
+
+#[test]
+fn what_cannot_be_used_says_why() {
+    let desk = Desk::new("refused");
+    let zero = mesh_io::Mesh::new(desk.source.clone()).unwrap();
+    let zero = zero
+        .with_normals(vec![nalgebra::Vector3::zeros(); 2000])
+        .unwrap();
+    let saved = zero.save(&desk.at.join("zero.ply"), mesh_io::Options::default());
+    saved.unwrap();
+    let more = ply("", "double", &desk.source).replace("vertex 2000", "vertex 2500");
+    desk.put("more.ply", more.as_bytes());
+    for (name, words) in [
+        (
+            "zero.ply",
+            "zero.ply: vertex 0: the normal (0, 0, 0) has no direction",
+        ),
+        (
+            "more.ply",
+            "the file ends at vertex 2000, the header promises 2500",
+        ),
+    ] {
+        let (code, said) = desk.refused(name, "target.ply");
+        assert!(code == Some(1) && said.contains(words), "{said}");
+    }
+}
+
+/// Turned by 45° about the line of sight: a doubtful answer, which says what would help.
+#[test]
+fn a_turn_is_doubted_and_aligned() {
+    let desk = Desk::new("turned");
+    let turn = nalgebra::Rotation3::from_axis_angle(
+        &nalgebra::Vector3::z_axis(),
+        std::f64::consts::FRAC_PI_4,
+    );
+    let turned: Vec<_> = sheet(5000).iter().map(|p| turn * p).collect();
+    desk.put("turned.ply", ply("", "double", &turned).as_bytes());
+    let (code, said) = desk.refused("source.ply", "turned.ply");
+    assert!(code == Some(3) && said.contains("--align"), "{said}");
+    let output = desk.register("source.ply", "turned.ply", &["--align"]);
+    assert!(output.status.success(), "{output:?}");
+    let truth: Vec<_> = desk.source.iter().map(|p| turn * p).collect();
+    let off = desk.off(&truth, 1.0);
+    assert!(off < 0.5, "{off} mm");
 }

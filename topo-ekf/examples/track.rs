@@ -1,11 +1,12 @@
 //! Tracks a mesh through a table of observations.
 //!
 //! ```text
-//! track REST.ply OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] --out STATES.csv
+//! track REST OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] [--units m|cm|mm] [--observation-units m|cm|mm] --out STATES.csv
 //! ```
 //!
-//! `REST.ply` is a mesh with faces (ASCII or binary), metres. `OBSERVATIONS.csv` has the columns `frame,vertex,x,y,z`, sorted by frame;
-//! frames without a line are predicted. Every plane `A x + B y + C z + D ≥ 0` is kept, and the surface does not pass through itself.
+//! `REST` is a mesh with faces (PLY, OBJ, STL, OFF); `--units` is its unit. Its vertices keep the numbers that they have in the file (in STL, which
+//! has none, that of their first corner). `OBSERVATIONS.csv` has the columns `frame,vertex,x,y,z`, sorted by frame; frames without a line are
+//! predicted. Observations that are spread far wider, or far less, than the same vertices at rest are taken to be in another unit, and refused. Every plane `A x + B y + C z + D ≥ 0` is kept, and the surface does not pass through itself.
 //! `STATES.csv` has `frame,vertex,x,y,z,sd` for every vertex of every frame. The last line on standard output is a JSON object with
 //! the times of the steps.
 #![allow(clippy::print_stdout, reason = "an example talks to its reader")]
@@ -13,17 +14,18 @@
 use std::collections::BTreeSet;
 use std::error::Error;
 use std::io::Write;
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use mesh_io::{Error as MeshError, Load, Units, Vertices, read_table, three_digits};
 use nalgebra::{Point3, UnitVector3, Vector3};
 use topo_ekf::{Filter, Frame, Observation, Options, Plane, Status};
 
-#[path = "support/ply.rs"]
-mod ply;
+const USAGE: &str = "usage: track REST OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] [--units m|cm|mm] [--observation-units m|cm|mm] --out STATES.csv
 
-const USAGE: &str =
-    "usage: track REST.ply OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] --out STATES.csv";
+  example: track sheet.obj seen.csv --plane 0,0,1,0 --units mm --out states.csv
+  REST: a mesh (PLY, OBJ, STL, OFF); OBSERVATIONS.csv: frame,vertex,x,y,z; planes A x + B y + C z + D >= 0 in metres";
 
 type Failure = Box<dyn Error>;
 
@@ -32,10 +34,19 @@ struct Arguments {
     observations: String,
     planes: Vec<Plane>,
     sigma: f64,
+    load: Load,
+    observation_units: Units,
     out: String,
 }
 
 fn main() -> ExitCode {
+    if std::env::args()
+        .skip(1)
+        .any(|word| word == "--help" || word == "-h")
+    {
+        println!("{USAGE}");
+        return ExitCode::SUCCESS;
+    }
     match arguments(std::env::args().skip(1)).and_then(|a| track(&a)) {
         Ok(line) => {
             println!("{line}");
@@ -49,24 +60,20 @@ fn main() -> ExitCode {
 }
 
 fn track(arguments: &Arguments) -> Result<String, Failure> {
-    let mesh = ply::read(&arguments.rest)?;
-    if mesh.faces.is_empty() {
-        return Err(format!("{}: the mesh has no faces", arguments.rest).into());
+    let path = Path::new(&arguments.rest);
+    let mesh = arguments.load.read(path)?;
+    if mesh.triangles().is_empty() {
+        return Err(MeshError::NoFaces.in_file(path).into());
     }
-    let table = std::fs::read_to_string(&arguments.observations)
-        .map_err(|e| format!("{}: {e}", arguments.observations))?;
-    let frames =
-        frames(&table, arguments.sigma).map_err(|e| format!("{}: {e}", arguments.observations))?;
-    let mut filter = Filter::new(&mesh.points, &edges(&mesh.faces), &Options::default())?;
+    let (points, faces) = mesh.into_parts();
+    let in_table = |e: Failure| format!("{}: {e}", arguments.observations);
+    let table = std::fs::read(&arguments.observations).map_err(|e| in_table(e.into()))?;
+    let frames = frames(&table, arguments).map_err(in_table)?;
+    same_units(&points, &frames).map_err(in_table)?;
+    let mut filter = Filter::new(&points, &edges(&faces), &Options::default())?;
     // Written beside and moved into place at the end: a failure leaves no half table behind.
     let partial = format!("{}.partial", arguments.out);
-    let times = run(
-        &mut filter,
-        &frames,
-        &mesh.faces,
-        &arguments.planes,
-        &partial,
-    );
+    let times = run(&mut filter, &frames, &faces, &arguments.planes, &partial);
     let times = match times {
         Ok(times) => times,
         Err(failure) => {
@@ -76,7 +83,7 @@ fn track(arguments: &Arguments) -> Result<String, Failure> {
         }
     };
     std::fs::rename(&partial, &arguments.out).map_err(|e| format!("{}: {e}", arguments.out))?;
-    Ok(times.json(mesh.points.len()))
+    Ok(times.json(points.len()))
 }
 
 #[derive(Default)]
@@ -171,29 +178,30 @@ fn edges(faces: &[[u32; 3]]) -> Vec<[u32; 2]> {
 }
 
 /// The observations of each frame, in order.
-fn frames(table: &str, sigma: f64) -> Result<Vec<(u64, Vec<Observation>)>, Failure> {
+fn frames(table: &[u8], arguments: &Arguments) -> Result<Vec<(u64, Vec<Observation>)>, Failure> {
+    let table = read_table(table, ["frame", "vertex", "x", "y", "z"])?;
+    let metres = arguments.observation_units.metres();
     let mut frames: Vec<(u64, Vec<Observation>)> = vec![];
-    for (number, line) in table.lines().enumerate() {
-        let line = line.trim();
-        if line.is_empty() || (number == 0 && line.starts_with("frame")) {
-            continue;
-        }
-        let (frame, observation) = parse(line, sigma)
-            .ok_or_else(|| format!("line {}: `{line}` is not frame,vertex,x,y,z", number + 1))?;
+    for (&[frame, vertex, x, y, z], line) in table.rows.iter().zip(table.lines) {
+        let whole = |n: f64, name: &str| {
+            let is = n >= 0.0 && n.fract() == 0.0 && n <= f64::from(u32::MAX);
+            let wrong = || format!("line {line}: {n} is not the number of a {name}");
+            is.then_some(n as u64).ok_or_else(wrong)
+        };
+        let frame = whole(frame, "frame")?;
+        let observation = Observation {
+            vertex: whole(vertex, "vertex")? as u32,
+            position: Point3::new(x, y, z) * metres,
+            sigma: arguments.sigma,
+        };
         match frames.last_mut() {
             Some((last, list)) if *last == frame => list.push(observation),
             Some((last, _)) if *last > frame => {
-                return Err(
-                    format!("line {}: frame {frame} after frame {last}", number + 1).into(),
-                );
+                return Err(format!("line {line}: frame {frame} after frame {last}").into());
             }
             Some((last, _)) if frame - *last > 100_000 => {
-                return Err(format!(
-                    "line {}: {} frames are missing",
-                    number + 1,
-                    frame - *last - 1
-                )
-                .into());
+                let missing = frame - *last - 1;
+                return Err(format!("line {line}: {missing} frames are missing").into());
             }
             _ => frames.push((frame, vec![observation])),
         }
@@ -204,27 +212,52 @@ fn frames(table: &str, sigma: f64) -> Result<Vec<(u64, Vec<Observation>)>, Failu
     Ok(frames)
 }
 
-fn parse(line: &str, sigma: f64) -> Option<(u64, Observation)> {
-    let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-    let &[frame, vertex, x, y, z] = &fields[..] else {
-        return None;
+/// A soft body stretches and folds, but the seen part of it does not grow or shrink by more than this.
+const MOST_STRETCH: f64 = 20.0;
+
+/// Whether the first frame that shows three vertices has them about as far apart as they are at rest.
+fn same_units(rest: &[Point3<f64>], frames: &[(u64, Vec<Observation>)]) -> Result<(), Failure> {
+    let Some((frame, seen)) = frames.iter().find(|(_, seen)| seen.len() > 2) else {
+        return Ok(());
     };
-    let position = Point3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?);
-    let observation = Observation {
-        vertex: vertex.parse().ok()?,
-        position,
-        sigma,
-    };
-    Some((frame.parse().ok()?, observation))
+    let now = spread(seen.iter().map(|o| o.position));
+    let then = spread(
+        seen.iter()
+            .filter_map(|o| rest.get(o.vertex as usize).copied()),
+    );
+    if then > 0.0 && now > 0.0 && !(1.0 / MOST_STRETCH..=MOST_STRETCH).contains(&(now / then)) {
+        let (now, then) = (three_digits(now), three_digits(then));
+        return Err(format!(
+            "frame {frame}: what is seen is spread over {now} m, the same vertices at rest over {then} m: are both in metres? \
+             Else give --units (of the mesh) or --observation-units"
+        )
+        .into());
+    }
+    Ok(())
+}
+
+/// Diagonal of the bounding box.
+fn spread(mut points: impl Iterator<Item = Point3<f64>>) -> f64 {
+    points.next().map_or(0.0, |first| {
+        let (low, high) = points.fold((first, first), |(low, high), p| (low.inf(&p), high.sup(&p)));
+        (high - low).norm()
+    })
 }
 
 fn arguments(mut given: impl Iterator<Item = String>) -> Result<Arguments, Failure> {
     let (mut files, mut planes, mut out, mut sigma) = (vec![], vec![], None, 0.5e-3);
+    // Observations name vertices by their numbers in the file. No soft body on a table is larger or smaller.
+    let mut load = Load::default()
+        .vertices(Vertices::AsInFile)
+        .extent([1e-3, 10.0]);
+    let mut observation_units = Units::METRES;
     while let Some(word) = given.next() {
         let mut value = || given.next().ok_or(format!("{word} needs a value\n{USAGE}"));
         match word.as_str() {
             "--plane" => planes.push(plane(&value()?)?),
             "--out" => out = Some(value()?),
+            "--units" => load.units = value()?.parse()?,
+            "--observation-units" => observation_units = value()?.parse()?,
             "--sigma" => {
                 let text = value()?;
                 sigma = text
@@ -243,6 +276,8 @@ fn arguments(mut given: impl Iterator<Item = String>) -> Result<Arguments, Failu
         observations,
         planes,
         sigma,
+        load,
+        observation_units,
         out: out.ok_or(USAGE)?,
     })
 }

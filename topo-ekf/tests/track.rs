@@ -244,6 +244,9 @@ fn mistakes_are_named_and_leave_no_table_behind() {
     let far = files.put("far.csv", b"0,3,0,0,0.03\n1,146,0,0,0\n");
     let nan = files.put("nan.csv", b"0,3,0,0,0.03\n1,4,0,NaN,0\n");
     let back = files.put("back.csv", b"2,3,0,0,0.03\n1,3,0,0,0.03\n");
+    let mm = files.put("mm.csv", b"0,0,0,0,30\n0,1,0,9,30\n0,145,30,0,-12\n");
+    let half = files.put("half.csv", b"0.5,0,0,0,0.03\n");
+    let large = files.put("large.obj", b"v 0 0 0\nv 60 0 0\nv 30 0.1 0\nf 1 2 3\n");
     let empty = files.put("empty.csv", b"frame,vertex,x,y,z\n");
     let out = files.path("out.csv");
     for (arguments, message) in [
@@ -251,13 +254,28 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         (vec![&mesh, &far], "frame 1: observation 0 names vertex 146"),
         (
             vec![&mesh, &nan],
-            "frame 1: observation 0 is not a usable point",
+            "line 2: column y: \"NaN\" is not a finite number",
         ),
         (vec![&mesh, &back], "frame 1 after frame 2"),
         (vec![&mesh, &empty], "no observations"),
         (vec![&cloud, &good], "no faces"),
-        (vec![&cut, &good], "cut short"),
-        (vec![&good, &good], "not a PLY file"),
+        (
+            vec![&cut, &good],
+            "cut.ply: byte 894: the file ends in vertex 28, the header promises 146",
+        ),
+        (vec![&good, &good], "good.csv: no faces"),
+        (
+            vec![&mesh, &mm],
+            "frame 0: what is seen is spread over 52.4 m",
+        ),
+        (
+            vec![&large, &good],
+            "large.obj: 60 m across, outside 0.001 m to 10 m: are the coordinates in metres?",
+        ),
+        (
+            vec![&mesh, &half],
+            "line 1: 0.5 is not the number of a frame",
+        ),
         (vec![&mesh, "missing.csv"], "missing.csv"),
         (vec![&mesh, &good, "--plane", "0,0,1"], "four numbers"),
         (vec![&mesh, &good, "--plane", "0,0,0,1"], "must not vanish"),

@@ -1,8 +1,10 @@
 //! The command line.
 
-use cech_complex::{Cylinder, Options};
+use cech_complex::{Cylinder, Options, Orientation};
+use mesh_io::{Load, Vertices};
 
-const USAGE: &str = "usage: betti CLOUD.ply --radius R --height H [--from S --to S] [--max-scale S] [--spacing D] [--max-simplices N]";
+pub const USAGE: &str = "usage: betti CLOUD --radius R --height H [--from S --to S] [--max-scale S] [--spacing D] [--max-simplices N] [--orientation separate|free] \
+    [--units m|cm|mm] [--size METRES] [--up x|y|z] [--body N]";
 /// A cylinder fits its sampling when its radius is this many spacings.
 const RADIUS_PER_SPACING: f64 = 1.25;
 
@@ -15,6 +17,8 @@ pub struct Arguments {
     pub max_scale: f64,
     pub spacing: f64,
     pub max_simplices: usize,
+    pub orientation: Orientation,
+    pub load: Load,
 }
 
 pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, String> {
@@ -29,6 +33,9 @@ pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Strin
     ]
     .map(|name| (name, None));
     let mut max_simplices = Options::default().max_simplices;
+    let mut orientation = Options::default().orientation;
+    // Every point counts, whether a face uses it or not.
+    let mut load = Load::default().vertices(Vertices::AsInFile);
     while let Some(word) = words.next() {
         if let Some((name, value)) = lengths.iter_mut().find(|(name, _)| *name == word) {
             *value = Some(positive(name, words.next())?);
@@ -37,6 +44,19 @@ pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Strin
             max_simplices = given
                 .parse()
                 .map_err(|_| format!("--max-simplices needs a whole number, got {given:?}"))?;
+        } else if word == "--orientation" {
+            orientation = match words.next().as_deref() {
+                Some("separate") => Options::default().orientation,
+                Some("free") => Orientation::Free,
+                other => {
+                    let given = other.unwrap_or_default();
+                    return Err(format!("--orientation is separate or free, not {given:?}"));
+                }
+            };
+        } else if load
+            .option(&word, || words.next())
+            .map_err(|error| error.to_string())?
+        {
         } else if word.starts_with("--") {
             return Err(format!("unknown option {word}; {USAGE}"));
         } else if let Some(first) = file.replace(word) {
@@ -63,6 +83,8 @@ pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Strin
         max_scale,
         spacing: spacing.unwrap_or(radius / RADIUS_PER_SPACING),
         max_simplices,
+        orientation,
+        load,
     })
 }
 

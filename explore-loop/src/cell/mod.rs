@@ -29,8 +29,6 @@
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 pub mod faults;
-#[cfg(feature = "sim")]
-pub mod mesh_io;
 pub mod replay;
 #[cfg(feature = "sim")]
 pub mod sim;

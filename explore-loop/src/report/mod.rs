@@ -6,4 +6,3 @@ pub mod html;
 pub mod metrics;
 #[cfg(feature = "cli")]
 pub mod picture;
-pub mod ply;

@@ -2,7 +2,6 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // a program talks
 
 mod program;
-mod table;
 
 use std::process::ExitCode;
 

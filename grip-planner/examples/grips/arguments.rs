@@ -2,13 +2,18 @@
 
 use grip_planner::Plane;
 use grip_planner::nalgebra::{Point3, UnitVector3, Vector3};
+use mesh_io::Load;
 
-pub const USAGE: &str = "usage: grips MODEL.ply [--arms 2|3] [--camera X,Y,Z] [--plane A,B,C,D] [--out FILE.svg]
+pub const USAGE: &str = "usage: grips MODEL [--arms 2|3] [--camera X,Y,Z] [--plane A,B,C,D] [--units m|cm|mm] [--size METRES] [--up x|y|z] [--body N] [--out FILE.svg]
 
-  MODEL.ply   a mesh in metres (ASCII or binary PLY with faces): closed, then what the camera sees of it counts as known; or open, then all of it
+  example: grips liver.stl --units mm --arms 3
+
+  MODEL       a mesh (PLY, OBJ, STL, OFF): closed, then what the camera sees of it counts as known; or open, then all of it
   --arms      how many arms: one from either end of the table, a third from behind (default 3)
   --camera    where the camera is (default: above the middle, two and a half diagonals away)
   --plane     the table A x + B y + C z + D = 0, with A x + B y + C z + D >= 0 on the free side (default: z up, through the lowest vertex)
+  --units     the unit of the mesh (default m); --size its longest extent instead; --up its axis that points up (default z)
+  --body      which body of several: 1 is the largest
   --out       the picture (default grips.svg)";
 
 /// The command line.
@@ -17,6 +22,7 @@ pub struct Arguments {
     pub arms: usize,
     pub camera: Option<Point3<f64>>,
     pub plane: Option<Plane>,
+    pub load: Load,
     pub out: String,
 }
 
@@ -28,9 +34,15 @@ impl Arguments {
             arms: 3,
             camera: None,
             plane: None,
+            // No body between these can be held by jaws of centimetres.
+            load: Load::default().extent([1e-3, 10.0]),
             out: "grips.svg".into(),
         };
         while let Some(word) = words.next() {
+            let given = rest.load.option(&word, || words.next());
+            if given.map_err(|error| error.to_string())? {
+                continue;
+            }
             let mut value = || words.next().ok_or(format!("{word} takes a value"));
             match word.as_str() {
                 "--arms" => rest.arms = arms(&value()?)?,

@@ -1,7 +1,8 @@
 //! Where would two or three arms take hold of this object, and how would they turn it over?
 //!
 //! ```text
-//! cargo run --release -p grip-planner --example grips -- MODEL.ply [--arms 2|3] [--camera X,Y,Z] [--plane A,B,C,D] [--out FILE.svg]
+//! cargo run --release -p grip-planner --example grips -- MODEL [--arms 2|3] [--camera X,Y,Z] [--plane A,B,C,D]
+//!     [--units m|cm|mm] [--size METRES] [--up x|y|z] [--body N] [--out FILE.svg]
 //! ```
 //!
 //! Prints the ranked sets of grips with coverage, poses, and the reason where a set is refused, and why vertices are no candidates; writes a
@@ -14,9 +15,9 @@
 
 mod arguments;
 mod picture;
-mod ply;
 mod surface;
 
+use std::path::Path;
 use std::process::ExitCode;
 
 use arguments::{Arguments, USAGE};
@@ -25,9 +26,16 @@ use grip_planner::{
     Arm, GripSet, Model, Plan, PlanOptions, Plane, Ranked, Reason, Refusal, Role, Scene, Workspace,
     agent_box, missing_vector_area, plan_grips, plan_set,
 };
-use surface::Surface;
+use surface::{Mesh, Surface};
 
 fn main() -> ExitCode {
+    if std::env::args()
+        .skip(1)
+        .any(|word| word == "--help" || word == "-h")
+    {
+        println!("{USAGE}");
+        return ExitCode::SUCCESS;
+    }
     let arguments = match Arguments::parse(std::env::args().skip(1)) {
         Ok(arguments) => arguments,
         Err(complaint) => {
@@ -45,14 +53,13 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> Result<(), String> {
-    let mesh = ply::read(&arguments.model)?;
-    let (middle, diagonal) = surface::extent(&mesh.points);
-    if !(1e-3..=10.0).contains(&diagonal) {
-        return Err(format!(
-            "{}: {diagonal:.3} m across: lengths are in metres",
-            arguments.model
-        ));
+    let path = Path::new(&arguments.model);
+    let model = arguments.load.read(path).map_err(|e| e.to_string())?;
+    if model.triangles().is_empty() {
+        return Err(mesh_io::Error::NoFaces.in_file(path).to_string());
     }
+    let mesh = Mesh::from(model);
+    let (middle, diagonal) = surface::extent(&mesh.points);
     let table = arguments.plane.unwrap_or_else(|| surface::floor(&mesh));
     let above = middle + table.normal.as_ref() * (2.5 * diagonal);
     let camera = arguments.camera.unwrap_or(above);

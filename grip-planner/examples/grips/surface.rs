@@ -8,7 +8,18 @@ use parry3d_f64::math::Vector;
 use parry3d_f64::query::{Ray, RayCast};
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 
-use crate::ply::Mesh;
+/// Vertices and triangles as a file has them.
+pub struct Mesh {
+    pub points: Vec<Point3<f64>>,
+    pub triangles: Vec<[u32; 3]>,
+}
+
+impl From<mesh_io::Mesh> for Mesh {
+    fn from(mesh: mesh_io::Mesh) -> Self {
+        let (points, triangles) = mesh.into_parts();
+        Self { points, triangles }
+    }
+}
 
 /// Data behind a [`Model`], with its triangles.
 pub struct Surface {

@@ -3,6 +3,7 @@
 //! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
 //! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong. Errors are one line on standard error.
 
+mod object;
 mod output;
 mod recorder;
 mod replay;
@@ -11,7 +12,9 @@ mod saved;
 mod tables;
 mod view;
 
+use crate::object::ObjectArgs;
 use clap::{Parser, Subcommand, ValueEnum};
+use explore_loop::mesh::Format;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -46,12 +49,8 @@ enum Grips {
 
 #[derive(Debug, clap::Args)]
 struct RunArgs {
-    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
-    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
-    scene: String,
-    /// A closed mesh in metres instead (OBJ, PLY or STL)
-    #[arg(long, value_name = "FILE")]
-    mesh: Option<PathBuf>,
+    #[command(flatten)]
+    object: ObjectArgs,
     /// Number of arms
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     arms: u8,
@@ -82,6 +81,9 @@ struct RunArgs {
     /// Also write a picture of the model after every manipulation
     #[arg(long)]
     pictures: bool,
+    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
+    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
+    export: Vec<Format>,
     /// Print nothing but errors
     #[arg(long)]
     quiet: bool,
@@ -103,6 +105,9 @@ struct ReplayArgs {
     /// Also write a picture of the model every N frames
     #[arg(long, value_name = "N")]
     pictures: Option<u32>,
+    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
+    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
+    export: Vec<Format>,
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
@@ -122,8 +127,7 @@ impl Default for RunArgs {
     /// As if nothing had been given on the command line.
     fn default() -> Self {
         Self {
-            scene: "liver".into(),
-            mesh: None,
+            object: ObjectArgs::default(),
             arms: 3,
             grips: Grips::Planned,
             seed: 0,
@@ -134,6 +138,7 @@ impl Default for RunArgs {
             out: "explored".into(),
             resume: false,
             pictures: false,
+            export: Vec::new(),
             quiet: false,
         }
     }
@@ -151,12 +156,8 @@ struct TablesArgs {
     /// The study to make
     #[arg(long, value_enum, default_value_t = Study::Seeds)]
     only: Study,
-    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
-    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
-    scene: String,
-    /// A closed mesh in metres instead (OBJ, PLY or STL)
-    #[arg(long, value_name = "FILE")]
-    mesh: Option<PathBuf>,
+    #[command(flatten)]
+    object: ObjectArgs,
     /// Number of arms
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     arms: u8,

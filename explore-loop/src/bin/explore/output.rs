@@ -9,10 +9,11 @@ use explore_loop::measure::{
     Comparison, MeasureError, Measurer, MeshMeasures, MeshReport, Sampling, Spread, Surface,
     TrueSurface, compare,
 };
+use explore_loop::mesh::{self, Format, Mesh, Property};
 use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
 use explore_loop::report::metrics::Metrics;
-use explore_loop::report::{frames, picture, ply};
+use explore_loop::report::{frames, picture};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -66,22 +67,15 @@ impl OutputFolder {
         self.write("frames.csv", [frames::HEADER, lines].concat().as_bytes())
     }
 
-    /// Writes `canonical.ply`: the mesh of the model at rest, with normals and what is known of each vertex ([`FinalMesh`]).
-    pub fn mesh(&self, mesh: &FinalMesh) -> Result<(), Failure> {
-        let mut text = Vec::new();
-        let further: Vec<(&str, &[f64])> = mesh
-            .further
-            .iter()
-            .map(|(name, values)| (*name, &values[..]))
-            .collect();
-        ply::write_mesh_with(
-            &mut text,
-            &mesh.vertices,
-            &mesh.normals,
-            &mesh.triangles,
-            &further,
-        )?;
-        Ok(self.write("canonical.ply", &text)?)
+    /// Writes `canonical.ply`, and `canonical` in the other formats asked for: the mesh of the model at rest, with normals and what is known of each
+    /// vertex ([`FinalMesh`]).
+    pub fn mesh(&self, mesh: &FinalMesh, export: &[Format]) -> Result<(), Failure> {
+        let mesh = mesh.written()?;
+        for format in [&[Format::Ply], export].concat() {
+            let bytes = mesh.to_bytes(format, in_metres())?;
+            self.write(&format!("canonical.{}", format.ending()), &bytes)?;
+        }
+        Ok(())
     }
 
     /// Writes `report.html`: `rows` are those of the closing table.
@@ -98,14 +92,9 @@ impl OutputFolder {
 
     /// Writes `truth.ply`: the true surface at rest, to compare `canonical.ply` with in any mesh tool.
     pub fn truth(&self, truth: &TrueSurface) -> Result<(), Failure> {
-        let mut text = Vec::new();
-        ply::write_mesh(
-            &mut text,
-            &truth.vertices,
-            &truth.normals(),
-            &truth.triangles,
-        )?;
-        Ok(self.write("truth.ply", &text)?)
+        let mesh = oriented(&truth.vertices, &truth.normals(), &truth.triangles)?;
+        let bytes = mesh.to_bytes(Format::Ply, in_metres())?;
+        Ok(self.write("truth.ply", &bytes)?)
     }
 
     /// Writes a picture of the model's vertices at rest from six sides, coloured by when each part was first seen.
@@ -181,7 +170,32 @@ pub struct FinalMesh {
     triangles: Vec<[u32; 3]>,
 }
 
+/// Said in the header of every mesh.
+fn in_metres() -> mesh::Options<'static> {
+    mesh::Options::default().comment("metres, frame of the first observation")
+}
+
+/// A surface with its normals.
+fn oriented(
+    vertices: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    triangles: &[[u32; 3]],
+) -> Result<Mesh, mesh::Error> {
+    let normals = normals.iter().map(|n| n.into_inner()).collect();
+    Mesh::new(vertices.to_vec())?
+        .with_normals(normals)?
+        .with_triangles(triangles.to_vec())
+}
+
 impl FinalMesh {
+    /// As it is written.
+    fn written(&self) -> Result<Mesh, mesh::Error> {
+        let mesh = oriented(&self.vertices, &self.normals, &self.triangles)?;
+        self.further.iter().try_fold(mesh, |mesh, (name, values)| {
+            mesh.with_property(Property::new(name, values.clone()))
+        })
+    }
+
     /// Of a model at rest: the surface its topology was judged by; the local triangulation of its vertices where none could be drawn.
     pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         match &topology.surface {

@@ -52,7 +52,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let topology = topology::analyse(reconstructor.model(), spacing)?;
     let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
     out.frames(&log.lines)?;
-    out.mesh(&mesh)?;
+    out.mesh(&mesh, &args.export)?;
     if let Some(truth) = &truth {
         out.truth(truth.measurer.rest())?;
     }

@@ -5,7 +5,7 @@ use crate::recorder::Recorder;
 use crate::saved::Saved;
 use crate::{Failure, Grips, RunArgs};
 use explore_loop::Error;
-use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
+use explore_loop::cell::sim::{SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
@@ -68,13 +68,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
 
 /// The object and the cell that were asked for.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
-    let scene = match &args.mesh {
-        Some(path) => {
-            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
-        }
-        None => Scene::named(&args.scene)?,
-    };
-    let mut options = SimOptions::new(scene);
+    let mut options = SimOptions::new(args.object.read()?);
     options.arms = usize::from(args.arms);
     options.seed = args.seed;
     options.camera.noise = args.noise * 1e-3;
@@ -95,7 +89,7 @@ fn write(
         args.spacing * 1e-3,
     );
     out.frames(&recorder.so_far.lines)?;
-    out.mesh(&mesh)?;
+    out.mesh(&mesh, &args.export)?;
     if let Some(measurer) = &recorder.measurer {
         out.truth(measurer.rest())?;
     }

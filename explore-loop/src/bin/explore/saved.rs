@@ -27,15 +27,7 @@ pub(crate) const CHECKPOINT: &str = "checkpoint.bin";
 
 impl Saved {
     pub fn new(args: &RunArgs) -> Result<Self, Failure> {
-        let mesh = args.mesh.as_ref().map(std::fs::read).transpose()?;
-        let object = match &mesh {
-            Some(bytes) => format!(
-                "--mesh of {} bytes ({:08x})",
-                bytes.len(),
-                crc32fast::hash(bytes)
-            ),
-            None => format!("--scene {}", args.scene),
-        };
+        let object = args.object.identity()?;
         Ok(Self {
             run: format!(
                 "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",

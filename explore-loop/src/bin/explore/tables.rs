@@ -6,7 +6,6 @@
 use crate::output::OutputFolder;
 use crate::run;
 use crate::{Failure, RunArgs, Study, TablesArgs};
-use explore_loop::cell::sim::Scene;
 use explore_loop::report::metrics::Metrics;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -46,12 +45,7 @@ struct Failed<'a> {
 
 fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
     // The object is looked up before the first run, and for the name under which kept runs were stored.
-    let scene = match &args.mesh {
-        Some(path) => {
-            Scene::from_file(path).map_err(|error| format!("{}: {error}", path.display()))?
-        }
-        None => Scene::named(&args.scene)?,
-    };
+    let scene = args.object.read()?;
     let out = OutputFolder::create(&args.out)?;
     let mut rows = Vec::new();
     for &seed in &args.seeds.0 {
@@ -78,8 +72,7 @@ fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
 
 fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
     RunArgs {
-        scene: args.scene.clone(),
-        mesh: args.mesh.clone(),
+        object: args.object.clone(),
         arms: args.arms,
         seed,
         out,

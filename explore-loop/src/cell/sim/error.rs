@@ -1,8 +1,8 @@
 //! What can be wrong with a simulated cell before it starts.
 
-use std::path::PathBuf;
-
 use nalgebra::Point3;
+
+use crate::mesh::{self, three_digits};
 
 /// Why a simulated cell could not be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -60,14 +60,16 @@ pub enum SimError {
         triangle: usize,
     },
     /// The mesh falls into several surfaces.
-    #[error("the mesh consists of {pieces} pieces: one object at a time")]
+    #[error(
+        "the mesh consists of {pieces} pieces: one object at a time; choose one with --body (1 is the largest)"
+    )]
     SeveralPieces {
         /// Number of pieces.
         pieces: usize,
     },
     /// The size is not one an object on the table can have.
     #[error(
-        "the bounding box has a diagonal of {diagonal} m, outside 0.02 m to 1 m: are the coordinates in metres?"
+        "{} m across, outside 0.02 m to 1 m: are the coordinates in metres? Else give --units mm or --units cm, or the size with --size", three_digits(*diagonal)
     )]
     NotInMetres {
         /// Diagonal as read, in metres.
@@ -75,7 +77,7 @@ pub enum SimError {
     },
     /// The surface is thinner than the tetrahedra that fit the budget.
     #[error(
-        "{tetrahedra} tetrahedra of {cell} m are too coarse: the surface lies {gap} m away from them; allow more"
+        "{tetrahedra} tetrahedra of {} m are too coarse: the surface lies {} m away from them; allow more", three_digits(*cell), three_digits(*gap)
     )]
     TooCoarse {
         /// Number of tetrahedra.
@@ -85,24 +87,9 @@ pub enum SimError {
         /// Largest distance of a surface vertex from the tetrahedra, metres.
         gap: f64,
     },
-    /// A file cannot be read, or is of no known format.
-    #[error("cannot read {}: {reason}", path.display())]
-    Unreadable {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        reason: String,
-    },
-    /// A file is not what its format asks for.
-    #[error("{format} file, {place}: {reason}")]
-    BadFile {
-        /// Name of the format.
-        format: &'static str,
-        /// Line, value or byte.
-        place: String,
-        /// What is wrong there.
-        reason: String,
-    },
+    /// A file cannot be read.
+    #[error(transparent)]
+    Mesh(#[from] mesh::Error),
     /// There is no built-in scene of that name.
     #[error("there is no scene {name:?}: choose one of {known}")]
     NoSuchScene {

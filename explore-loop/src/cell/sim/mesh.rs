@@ -11,6 +11,7 @@ use parry3d_f64::query::PointQuery;
 use parry3d_f64::shape::{TriMesh, TriMeshFlags};
 
 use super::SimError;
+use crate::mesh::Mesh;
 
 /// Above this many triangles the embedding and the camera would dominate the time of a run.
 pub const MAX_TRIANGLES: usize = 200_000;
@@ -22,6 +23,17 @@ pub struct TriangleMesh {
     pub vertices: Vec<Point3<f64>>,
     /// Indices into `vertices`, counter-clockwise seen from outside.
     pub triangles: Vec<[usize; 3]>,
+}
+
+impl From<Mesh> for TriangleMesh {
+    fn from(mesh: Mesh) -> Self {
+        let (vertices, triangles) = mesh.into_parts();
+        let triangles = triangles.into_iter().map(|t| t.map(|v| v as usize));
+        Self {
+            vertices,
+            triangles: triangles.collect(),
+        }
+    }
 }
 
 impl TriangleMesh {

@@ -10,7 +10,7 @@ use super::mesh::TriangleMesh;
 use super::options::Material;
 use super::shapes::{Cap, Peanut, RoundBox, Sheet, Star, Tube};
 use super::surface_nets::triangulate;
-use crate::cell::mesh_io;
+use crate::mesh::Load;
 
 /// Names of the built-in scenes.
 pub const SCENES: [&str; 8] = [
@@ -146,16 +146,16 @@ impl Scene {
         })
     }
 
-    /// The solid bounded by the mesh in a file (OBJ, PLY, STL), named after it.
+    /// The solid bounded by the mesh in a file, named after it; `load` says in which unit it is, and what is up.
     ///
     /// # Errors
     /// The file cannot be read, or what [`Scene::from_mesh`] refuses.
-    pub fn from_file(path: &Path) -> Result<Self, SimError> {
+    pub fn from_file(path: &Path, load: &Load) -> Result<Self, SimError> {
         let name = path.file_stem().map_or_else(
             || "mesh".to_owned(),
             |stem| stem.to_string_lossy().into_owned(),
         );
-        Self::from_mesh(&name, mesh_io::read(path)?)
+        Self::from_mesh(&name, load.read(path)?.into())
     }
 
     /// The scene's name.

@@ -1,0 +1,96 @@
+//! The object that a run explores: a built-in scene, or a mesh from a file.
+
+use crate::Failure;
+use explore_loop::cell::sim::Scene;
+use explore_loop::mesh::{Load, Units, Up};
+use std::path::PathBuf;
+
+/// Where the object comes from.
+#[derive(Debug, Clone, clap::Args)]
+pub(crate) struct ObjectArgs {
+    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
+    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
+    pub scene: String,
+    /// A closed mesh instead (PLY, OBJ, STL or OFF)
+    #[arg(long, value_name = "FILE")]
+    pub mesh: Option<PathBuf>,
+    /// Unit of the mesh: m, cm or mm
+    #[arg(long, value_name = "UNIT", default_value = "m", requires = "mesh")]
+    pub units: Units,
+    /// Longest extent of the mesh instead of its unit, m
+    #[arg(long, value_name = "METRES", value_parser = crate::positive, requires = "mesh")]
+    pub size: Option<f64>,
+    /// Axis of the mesh that points up: x, y or z
+    #[arg(long, value_name = "AXIS", default_value = "z", requires = "mesh")]
+    pub up: Up,
+    /// Which body of the mesh, if there are several: 1 is the largest
+    #[arg(long, value_name = "N", requires = "mesh")]
+    pub body: Option<usize>,
+}
+
+impl Default for ObjectArgs {
+    fn default() -> Self {
+        Self {
+            scene: "liver".into(),
+            mesh: None,
+            units: Units::default(),
+            size: None,
+            up: Up::default(),
+            body: None,
+        }
+    }
+}
+
+impl ObjectArgs {
+    /// The object.
+    pub fn read(&self) -> Result<Scene, Failure> {
+        let Some(path) = &self.mesh else {
+            return Ok(Scene::named(&self.scene)?);
+        };
+        let load = Load::default()
+            .units(self.units)
+            .size(self.size)
+            .up(self.up)
+            .body(self.body);
+        Scene::from_file(path, &load).map_err(|error| {
+            let (path, text) = (path.display().to_string(), error.to_string());
+            // Errors of the file name it themselves.
+            if text.starts_with(&path) {
+                text
+            } else {
+                format!("{path}: {text}")
+            }
+            .into()
+        })
+    }
+
+    /// What tells it from others, to know it again when a run is resumed.
+    pub fn identity(&self) -> Result<String, Failure> {
+        let Some(path) = &self.mesh else {
+            return Ok(format!("--scene {}", self.scene));
+        };
+        let bytes = std::fs::read(path)?;
+        let mut text = format!(
+            "--mesh of {} bytes ({:08x})",
+            bytes.len(),
+            crc32fast::hash(&bytes)
+        );
+        for (option, given) in [
+            (
+                "units",
+                (self.units != Units::default()).then(|| format!("{:?}", self.units)),
+            ),
+            ("size", self.size.map(|s| s.to_string())),
+            (
+                "up",
+                (self.up != Up::default()).then(|| format!("{:?}", self.up)),
+            ),
+            ("body", self.body.map(|b| b.to_string())),
+        ] {
+            if let Some(given) = given {
+                text.extend([" --", option, " ", &given]);
+            }
+        }
+        Ok(text)
+    }
+}

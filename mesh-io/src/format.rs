@@ -1,0 +1,111 @@
+//! File formats, by the endings of their names.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use crate::Error;
+
+/// A format of files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// PLY, the Stanford polygon format: text, or binary of either byte order.
+    Ply,
+    /// Wavefront OBJ.
+    Obj,
+    /// STL, text or binary.
+    Stl,
+    /// OFF, the object file format of Geomview, as text.
+    Off,
+    /// PCD, the format of the Point Cloud Library: text, binary or compressed.
+    Pcd,
+    /// Text with a point a line: `.xyz`, `.xyzn`, `.xyzrgb`, `.pts`, `.asc`, `.txt`, `.csv`.
+    Xyz,
+    /// An array of NumPy with three or six columns.
+    Npy,
+    /// glTF 2.0 in one binary file (written only).
+    Glb,
+}
+
+/// Endings, in lower case. The first of a format is the usual one.
+const ENDINGS: [(&str, Format); 14] = [
+    ("ply", Format::Ply),
+    ("obj", Format::Obj),
+    ("stl", Format::Stl),
+    ("off", Format::Off),
+    ("pcd", Format::Pcd),
+    ("xyz", Format::Xyz),
+    ("xyzn", Format::Xyz),
+    ("xyzrgb", Format::Xyz),
+    ("pts", Format::Xyz),
+    ("asc", Format::Xyz),
+    ("txt", Format::Xyz),
+    ("csv", Format::Xyz),
+    ("npy", Format::Npy),
+    ("glb", Format::Glb),
+];
+
+impl Format {
+    /// The format that the ending of a name stands for, of those that can be read.
+    ///
+    /// # Errors
+    /// [`Error::UnknownEnding`] names the endings there are.
+    pub fn of(path: &Path) -> Result<Self, Error> {
+        Self::by_ending(path, false)
+    }
+
+    /// The usual ending of its files, without the dot.
+    pub fn ending(self) -> &'static str {
+        let usual = ENDINGS.iter().find(|(_, format)| *format == self);
+        usual.map_or("", |(ending, _)| ending)
+    }
+
+    pub(crate) fn by_ending(path: &Path, writing: bool) -> Result<Self, Error> {
+        let ending = path.extension().unwrap_or_default().to_string_lossy();
+        Self::named(&ending, writing)
+    }
+
+    fn named(ending: &str, writing: bool) -> Result<Self, Error> {
+        let ending = ending.to_ascii_lowercase();
+        ENDINGS
+            .iter()
+            .find(|(known, format)| *known == ending && (writing || *format != Self::Glb))
+            .map(|(_, format)| *format)
+            .ok_or(Error::UnknownEnding { ending, writing })
+    }
+
+    /// The endings, for a message.
+    pub(crate) fn endings(writing: bool) -> String {
+        let known: Vec<&str> = ENDINGS
+            .iter()
+            .filter(|(_, format)| writing || *format != Self::Glb)
+            .map(|(ending, _)| *ending)
+            .collect();
+        known.join(", ")
+    }
+}
+
+/// The format that can be written under an ending.
+impl FromStr for Format {
+    type Err = Error;
+
+    fn from_str(ending: &str) -> Result<Self, Error> {
+        Self::named(ending, true)
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ply => "PLY",
+            Self::Obj => "OBJ",
+            Self::Stl => "STL",
+            Self::Off => "OFF",
+            Self::Pcd => "PCD",
+            Self::Xyz => "XYZ",
+            Self::Npy => "NPY",
+            Self::Glb => "GLB",
+        })
+    }
+}

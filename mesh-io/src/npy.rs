@@ -1,0 +1,203 @@
+//! NPY, an array of NumPy in a file: a header that is a dictionary of Python, then the numbers.
+//!
+//! Arrays of `n × 3` are points, of `n × 6` points with normals; numbers of any type and either byte order, row by row or column by column.
+//!
+//! Own code: `npyz` 0.9 brings thirty other crates for the sixty lines that are wanted here.
+
+use std::io::{self, Write};
+
+use nalgebra::{Point3, Vector3};
+
+use crate::raw::{Raw, finite};
+use crate::scalar::{Order, Scalar};
+use crate::write::{Options, Precision};
+use crate::{Error, Format, Mesh, Place};
+
+const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Reads a file.
+pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
+    let header = Header::read(bytes)?;
+    let Header {
+        rows,
+        columns,
+        scalar,
+        ..
+    } = header;
+    let body = &bytes[header.bytes..];
+    let size = scalar.size();
+    match rows.checked_mul(columns * size) {
+        Some(needed) if needed <= body.len() => {}
+        _ => {
+            return Err(syntax(
+                header.bytes,
+                format!(
+                    "{rows} rows of {columns} numbers are promised, {} bytes follow",
+                    body.len()
+                ),
+            ));
+        }
+    }
+    let index = |row: usize, column: usize| {
+        if header.by_column {
+            column * rows + row
+        } else {
+            row * columns + column
+        }
+    };
+    let value = |row: usize, column: usize| {
+        let at = size * index(row, column);
+        body.get(at..)
+            .and_then(|b| scalar.read(b, header.order))
+            .unwrap_or(f64::NAN)
+    };
+    let mut raw = Raw::default();
+    for row in 0..rows {
+        let three = |from: usize| [0, 1, 2].map(|k| value(row, from + k));
+        let point = Point3::from(three(0));
+        finite(
+            &point,
+            row,
+            Place::Byte(header.bytes + size * index(row, 0)),
+        )?;
+        raw.points.push(point);
+        if columns == 6 {
+            raw.normals.push(Vector3::from(three(3)));
+        }
+    }
+    Ok(raw)
+}
+
+fn syntax(byte: usize, reason: String) -> Error {
+    Error::Syntax {
+        format: Format::Npy,
+        place: Place::Byte(byte),
+        reason,
+    }
+}
+
+struct Header {
+    scalar: Scalar,
+    order: Order,
+    by_column: bool,
+    rows: usize,
+    columns: usize,
+    bytes: usize,
+}
+
+impl Header {
+    fn read(bytes: &[u8]) -> Result<Self, Error> {
+        let Some(rest) = bytes.strip_prefix(MAGIC) else {
+            return Err(syntax(
+                0,
+                "not an array of NumPy, which begins with \\x93NUMPY".into(),
+            ));
+        };
+        // Two bytes of version; the length has two bytes in version 1, four after it.
+        let wide = rest.first().is_some_and(|major| *major >= 2);
+        let short = rest
+            .get(2..)
+            .and_then(|b| b.first_chunk())
+            .map(|b| u16::from_le_bytes(*b).into());
+        let long = rest
+            .get(2..)
+            .and_then(|b| b.first_chunk())
+            .map(|b| u32::from_le_bytes(*b) as usize);
+        let start = MAGIC.len() + if wide { 6 } else { 4 };
+        let end =
+            if wide { long } else { short }.and_then(|length: usize| start.checked_add(length));
+        let text = end.and_then(|end| bytes.get(start..end));
+        let (Some(text), Some(end)) = (text, end) else {
+            return Err(syntax(6, "the file ends in the header".into()));
+        };
+        let text = String::from_utf8_lossy(text);
+        let entry = |key: &str| {
+            let at = text.find(&format!("'{key}':"))?;
+            Some(text[at + key.len() + 3..].trim_start())
+        };
+        let described = entry("descr")
+            .and_then(|d| d.strip_prefix('\''))
+            .and_then(|d| d.split('\'').next());
+        let (scalar, order) = described.and_then(kind).ok_or_else(|| {
+            syntax(
+                start,
+                format!(
+                    "an array of {}: numbers are wanted",
+                    described.unwrap_or("something else")
+                ),
+            )
+        })?;
+        let shape = entry("shape").and_then(|s| s.strip_prefix('(')?.split(')').next());
+        let shape: Option<Vec<usize>> =
+            shape.map(|s| s.split(',').filter_map(|n| n.trim().parse().ok()).collect());
+        let Some(&[rows, columns @ (3 | 6)]) = shape.as_deref() else {
+            let shape = shape.unwrap_or_default();
+            return Err(syntax(
+                start,
+                format!("an array of the shape {shape:?}: (n, 3) or (n, 6) is wanted"),
+            ));
+        };
+        Ok(Self {
+            scalar,
+            order,
+            by_column: entry("fortran_order").is_some_and(|f| f.starts_with("True")),
+            rows,
+            columns,
+            bytes: end,
+        })
+    }
+}
+
+fn kind(text: &str) -> Option<(Scalar, Order)> {
+    let order = if text.starts_with('>') {
+        Order::Big
+    } else {
+        Order::Little
+    };
+    let scalar = match text.trim_start_matches(['<', '>', '|', '=']) {
+        "f4" => Scalar::F32,
+        "f8" => Scalar::F64,
+        "i1" => Scalar::I8,
+        "i2" => Scalar::I16,
+        "i4" => Scalar::I32,
+        "i8" => Scalar::I64,
+        "u1" => Scalar::U8,
+        "u2" => Scalar::U16,
+        "u4" => Scalar::U32,
+        "u8" => Scalar::U64,
+        _ => return None,
+    };
+    Some((scalar, order))
+}
+
+/// Writes points, with normals if there are any.
+pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<()> {
+    let single = options.precision == Precision::Single;
+    let columns = if mesh.normals.is_empty() { 3 } else { 6 };
+    let kind = if single { "<f4" } else { "<f8" };
+    let rows = mesh.points.len();
+    let mut header =
+        format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({rows}, {columns}), }}");
+    // The numbers begin at a multiple of 64 bytes.
+    let length = (MAGIC.len() + 4 + header.len() + 1).next_multiple_of(64) - MAGIC.len() - 4;
+    header = format!("{header:<width$}\n", width = length - 1);
+    out.write_all(MAGIC)?;
+    out.write_all(&[1, 0])?;
+    out.write_all(&(length as u16).to_le_bytes())?;
+    out.write_all(header.as_bytes())?;
+    for (i, p) in mesh.points.iter().enumerate() {
+        let normal = mesh
+            .normals
+            .get(i)
+            .map(Vector3::as_slice)
+            .unwrap_or_default();
+        for v in p.coords.as_slice().iter().chain(normal) {
+            if single {
+                out.write_all(&(*v as f32).to_le_bytes())?;
+            } else {
+                out.write_all(&v.to_le_bytes())?;
+            }
+        }
+    }
+    out.flush()
+}

@@ -1,0 +1,128 @@
+//! Units, size and up: what a file does not say about its numbers.
+
+use std::str::FromStr;
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::{Error, Mesh};
+
+/// Unit of the coordinates in a file.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Units {
+    metres: f64,
+}
+
+impl Units {
+    /// Metres.
+    pub const METRES: Self = Self { metres: 1.0 };
+    /// Centimetres.
+    pub const CENTIMETRES: Self = Self { metres: 1e-2 };
+    /// Millimetres.
+    pub const MILLIMETRES: Self = Self { metres: 1e-3 };
+
+    /// Length of one unit, m.
+    pub fn metres(self) -> f64 {
+        self.metres
+    }
+}
+
+impl Default for Units {
+    fn default() -> Self {
+        Self::METRES
+    }
+}
+
+/// `m`, `cm`, `mm`, or the length of a unit in metres for others: `0.0254`.
+impl FromStr for Units {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        let length = match text {
+            "m" => return Ok(Self::METRES),
+            "cm" => return Ok(Self::CENTIMETRES),
+            "mm" => return Ok(Self::MILLIMETRES),
+            other => other.parse().ok(),
+        };
+        let length = length.filter(|metres: &f64| metres.is_finite() && *metres > 0.0);
+        length
+            .map(|metres| Self { metres })
+            .ok_or_else(|| Error::BadOption {
+                option: "--units",
+                value: text.to_owned(),
+                expected: "m, cm, mm or the length of a unit in metres",
+            })
+    }
+}
+
+/// The axis of a file that points up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Up {
+    /// x.
+    X,
+    /// y, as in most programs that animate.
+    Y,
+    /// z, as here.
+    #[default]
+    Z,
+}
+
+impl Up {
+    /// Turns this axis to z, the other two cyclically with it.
+    fn to_z(self) -> Rotation3<f64> {
+        let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let rows = match self {
+            Self::X => [y, z, x],
+            Self::Y => [z, x, y],
+            Self::Z => [x, y, z],
+        };
+        Rotation3::from_matrix_unchecked(nalgebra::Matrix3::from_rows(&rows.map(|r| r.transpose())))
+    }
+}
+
+impl FromStr for Up {
+    type Err = Error;
+
+    fn from_str(text: &str) -> Result<Self, Error> {
+        match text {
+            "x" => Ok(Self::X),
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            _ => Err(Error::BadOption {
+                option: "--up",
+                value: text.to_owned(),
+                expected: "x, y or z",
+            }),
+        }
+    }
+}
+
+impl Mesh {
+    /// All lengths times `factor`.
+    #[must_use]
+    pub fn scaled(mut self, factor: f64) -> Self {
+        self.points.iter_mut().for_each(|p| *p *= factor);
+        self
+    }
+
+    /// Turned so that `up` becomes z.
+    #[must_use]
+    pub fn turned_up(mut self, up: Up) -> Self {
+        if up != Up::Z {
+            let turn = up.to_z();
+            self.points.iter_mut().for_each(|p| *p = turn * *p);
+            self.normals.iter_mut().for_each(|n| *n = turn * *n);
+        }
+        self
+    }
+
+    /// Scaled about the origin so that its longest extent along an axis is `size`, m.
+    #[must_use]
+    pub fn sized(self, size: f64) -> Self {
+        let longest = self.bounds().map_or(0.0, |(low, high)| (high - low).amax());
+        if longest > 0.0 {
+            self.scaled(size / longest)
+        } else {
+            self
+        }
+    }
+}

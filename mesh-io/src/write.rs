@@ -1,0 +1,127 @@
+//! How a mesh is written.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use crate::{Error, Format, Mesh, glb, npy, obj, off, pcd, ply, stl, xyz};
+
+/// Text, or bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Encoding {
+    /// Lines that people can read.
+    Text,
+    /// Bytes, the least first.
+    #[default]
+    Binary,
+}
+
+/// Digits of every number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Precision {
+    /// 32 bits: a micrometre in ten metres.
+    Single,
+    /// 64 bits: what was written is what is read.
+    #[default]
+    Double,
+}
+
+impl Precision {
+    /// The shortest text that reads back as the same number.
+    pub(crate) fn text(self, value: f64) -> String {
+        match self {
+            Self::Single => (value as f32).to_string(),
+            Self::Double => value.to_string(),
+        }
+    }
+}
+
+/// How a mesh is written. STL and GLB hold 32 bits in binary whatever is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[non_exhaustive]
+pub struct Options<'a> {
+    /// Binary unless told otherwise; OBJ, OFF and XYZ are text, GLB and NPY binary.
+    pub encoding: Encoding,
+    /// Double unless told otherwise.
+    pub precision: Precision,
+    /// A remark for the header, where the format has a place for one.
+    pub comment: Option<&'a str>,
+}
+
+impl<'a> Options<'a> {
+    /// Sets the encoding.
+    #[must_use]
+    pub fn encoding(mut self, encoding: Encoding) -> Self {
+        self.encoding = encoding;
+        self
+    }
+
+    /// Sets the precision.
+    #[must_use]
+    pub fn precision(mut self, precision: Precision) -> Self {
+        self.precision = precision;
+        self
+    }
+
+    /// Sets the remark.
+    #[must_use]
+    pub fn comment(mut self, comment: &'a str) -> Self {
+        self.comment = Some(comment);
+        self
+    }
+}
+
+impl Mesh {
+    /// Writes the mesh in a format. What the format has no place for is left out: STL has triangles only, OFF no further numbers, OBJ and NPY neither those
+    /// nor, for NPY, colours and triangles.
+    ///
+    /// # Errors
+    /// [`Error::Unwritable`] when nothing of the mesh would be left (a cloud as STL), [`Error::System`] from the writer.
+    pub fn write(&self, out: impl Write, format: Format, options: Options) -> Result<(), Error> {
+        let mut out = io::BufWriter::new(out);
+        if format == Format::Stl && self.triangles.is_empty() && !self.points.is_empty() {
+            return Err(Error::Unwritable {
+                format,
+                reason: "it has triangles only, and this is a cloud of points",
+            });
+        }
+        let out = &mut out as &mut dyn Write;
+        match format {
+            Format::Ply => ply::write(out, self, options),
+            Format::Obj => obj::write(out, self, options),
+            Format::Stl => stl::write(out, self, options),
+            Format::Off => off::write(out, self, options),
+            Format::Pcd => pcd::write(out, self, options),
+            Format::Xyz => xyz::write(out, self, options),
+            Format::Npy => npy::write(out, self, options),
+            Format::Glb => glb::write(out, self),
+        }
+        .and_then(|()| out.flush())
+        .map_err(|error| Error::System {
+            reason: error.to_string(),
+        })
+    }
+
+    /// The mesh as the bytes of a file.
+    ///
+    /// # Errors
+    /// [`Error::Unwritable`] when nothing of the mesh would be left.
+    pub fn to_bytes(&self, format: Format, options: Options) -> Result<Vec<u8>, Error> {
+        let mut bytes = Vec::new();
+        self.write(&mut bytes, format, options)?;
+        Ok(bytes)
+    }
+
+    /// Writes a file; the ending of its name tells the format.
+    ///
+    /// # Errors
+    /// [`Error::InFile`] with the reason.
+    pub fn save(&self, path: &Path, options: Options) -> Result<(), Error> {
+        let format = Format::by_ending(path, true).map_err(|e| e.in_file(path))?;
+        let written = self.to_bytes(format, options).and_then(|bytes| {
+            std::fs::write(path, bytes).map_err(|error| Error::System {
+                reason: error.to_string(),
+            })
+        });
+        written.map_err(|error| error.in_file(path))
+    }
+}

@@ -1,0 +1,221 @@
+//! Points as text, one a line, with blanks, commas or semicolons between the numbers.
+//!
+//! A first line of names (`x,y,z,nx,ny,nz`, `//X Y Z R G B`) says what the columns are. Without one it is told from how many there are:
+//!
+//! ```text
+//! 3  x y z             6  x y z and a normal, or red green blue where all are whole numbers up to 255 and not all 0 or 1
+//! 4  x y z value       7  x y z value red green blue
+//! 9  x y z red green blue and a normal, or the normal first
+//! ```
+//!
+//! A single number on the first line is the count of points (`.pts`). Lines that begin with `#` or `//` are remarks.
+
+use std::io::{self, Write};
+
+use nalgebra::Vector3;
+
+use crate::columns::{Column, Columns, Packed, Shade};
+use crate::raw::{Raw, finite};
+use crate::text::{Lines, is_single_byte, number, shown, whole};
+use crate::write::Options;
+use crate::{Error, Format, Mesh, Place};
+
+/// Reads a file.
+pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
+    is_single_byte(bytes, Format::Xyz)?;
+    let mut lines = Lines::new(bytes);
+    let mut names: Option<Vec<String>> = None;
+    let mut count: Option<usize> = None;
+    let mut rows: Vec<f64> = Vec::new();
+    let mut places = Vec::new();
+    let mut width = 0;
+    while let Some(line) = lines.next_filled() {
+        let place = lines.place();
+        let remark = line.trim_ascii_start();
+        let remark = remark
+            .strip_prefix(b"#")
+            .or_else(|| remark.strip_prefix(b"//"));
+        let cells: Vec<&[u8]> = cells(remark.unwrap_or(line)).collect();
+        if places.is_empty() && names.is_none() && is_heading(&cells) {
+            names = Some(cells.iter().map(|c| column_name(c)).collect());
+            continue;
+        }
+        if remark.is_some() || cells.is_empty() {
+            continue;
+        }
+        if places.is_empty() && count.is_none() && cells.len() == 1 {
+            count = Some(whole(cells[0]).ok_or_else(|| {
+                syntax(
+                    place,
+                    format!(
+                        "{:?} is neither a point nor the number of points",
+                        shown(line)
+                    ),
+                )
+            })?);
+            continue;
+        }
+        if places.is_empty() {
+            width = names.as_ref().map_or(cells.len(), Vec::len);
+        }
+        if cells.len() != width {
+            return Err(syntax(
+                place,
+                format!("{} values, but there are {width} columns", cells.len()),
+            ));
+        }
+        for (k, cell) in cells.iter().enumerate() {
+            let value = number(cell).ok_or_else(|| {
+                syntax(
+                    place,
+                    format!("value {}: {:?} is no number", k + 1, shown(cell)),
+                )
+            })?;
+            rows.push(value);
+        }
+        places.push(lines.number());
+    }
+    if let Some(promised) = count.filter(|count| *count != places.len()) {
+        let found = places.len();
+        return Err(syntax(
+            lines.place(),
+            format!("{promised} points are promised, there are {found}"),
+        ));
+    }
+    if places.is_empty() {
+        return Ok(Raw::default());
+    }
+    let guessed = names.is_none();
+    let names = match names {
+        Some(names) => names,
+        None => guess(&rows, width).ok_or_else(|| {
+            let wanted =
+                "3, 4, 6, 7 or 9 numbers are wanted, or a first line that names the columns";
+            syntax(
+                Place::Line(places[0]),
+                format!("{width} numbers a line: {wanted}"),
+            )
+        })?,
+    };
+    let shares = !guessed && colours_are_shares(&names, &rows);
+    let shade = if shares { Shade::Share } else { Shade::Byte };
+    let list: Vec<Column> = names.iter().map(|name| column(name, shade)).collect();
+    let mut columns = Columns::new(&list);
+    if let Some(name) = columns.missing() {
+        return Err(syntax(
+            Place::Line(1),
+            format!("no column is called {name}"),
+        ));
+    }
+    let mut raw = Raw::default();
+    for (row, line) in rows.chunks_exact(width).zip(places) {
+        finite(&columns.point(row), raw.points.len(), Place::Line(line))?;
+        columns.add(row, &mut raw);
+    }
+    columns.finish(&mut raw);
+    Ok(raw)
+}
+
+fn column(name: &str, shade: Shade) -> Column<'_> {
+    Column {
+        name,
+        shade,
+        packed: Packed::Whole,
+        single: true,
+    }
+}
+
+fn syntax(place: Place, reason: String) -> Error {
+    Error::Syntax {
+        format: Format::Xyz,
+        place,
+        reason,
+    }
+}
+
+fn cells(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    let between = |b: &u8| b.is_ascii_whitespace() || matches!(b, b',' | b';');
+    line.split(between).filter(|cell| !cell.is_empty())
+}
+
+fn is_heading(cells: &[&[u8]]) -> bool {
+    let letter = |cell: &&[u8]| {
+        let first = cell.iter().find(|b| **b != b'"');
+        first.is_some_and(u8::is_ascii_alphabetic) && number(cell).is_none()
+    };
+    let names: Vec<String> = cells.iter().map(|c| column_name(c)).collect();
+    let has = |name: &str| names.iter().any(|n| n.eq_ignore_ascii_case(name));
+    cells.iter().all(letter) && has("x") && has("y") && has("z")
+}
+
+fn column_name(cell: &[u8]) -> String {
+    String::from_utf8_lossy(cell).trim_matches('"').to_owned()
+}
+
+/// Names of the columns, by how many there are and what stands in them.
+fn guess(rows: &[f64], width: usize) -> Option<Vec<String>> {
+    const COLOUR: &str = "red green blue";
+    const NORMAL: &str = "nx ny nz";
+    let colour = |from: usize| {
+        let values = || {
+            rows.chunks_exact(width)
+                .flat_map(|row| &row[from..from + 3])
+        };
+        values().all(|v| v.fract() == 0.0 && (0.0..=255.0).contains(v))
+            && values().any(|v| *v > 1.0)
+    };
+    let names = match width {
+        3 => "x y z".to_owned(),
+        4 => "x y z value".to_owned(),
+        6 if colour(3) => format!("x y z {COLOUR}"),
+        6 => format!("x y z {NORMAL}"),
+        7 => format!("x y z value {COLOUR}"),
+        9 if colour(6) && !colour(3) => format!("x y z {NORMAL} {COLOUR}"),
+        9 => format!("x y z {COLOUR} {NORMAL}"),
+        _ => return None,
+    };
+    Some(names.split(' ').map(str::to_owned).collect())
+}
+
+/// Whether named colours go to 1 only, and are not whole.
+fn colours_are_shares(names: &[String], rows: &[f64]) -> bool {
+    let is = |name: &String| {
+        matches!(
+            name.to_ascii_lowercase().as_str(),
+            "r" | "g" | "b" | "red" | "green" | "blue"
+        )
+    };
+    let columns: Vec<usize> = (0..names.len()).filter(|&k| is(&names[k])).collect();
+    let values = || {
+        rows.chunks_exact(names.len())
+            .flat_map(|row| columns.iter().map(|&k| row[k]))
+    };
+    values().all(|v| (0.0..=1.0).contains(&v)) && values().any(|v| v.fract() != 0.0)
+}
+
+/// Writes a line of names and then the points, with blanks between the numbers.
+pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<()> {
+    let mut names = vec!["x", "y", "z"];
+    if !mesh.normals.is_empty() {
+        names.extend(["nx", "ny", "nz"]);
+    }
+    if !mesh.colours.is_empty() {
+        names.extend(["red", "green", "blue"]);
+    }
+    names.extend(mesh.properties.iter().map(crate::Property::name));
+    writeln!(out, "# {}", names.join(" "))?;
+    for (i, p) in mesh.points.iter().enumerate() {
+        let normal = mesh
+            .normals
+            .get(i)
+            .map(Vector3::as_slice)
+            .unwrap_or_default();
+        let word = |v: &f64| options.precision.text(*v);
+        let further = mesh.properties.iter().filter_map(|p| p.values().get(i));
+        let colour = mesh.colours.get(i).into_iter().flatten().map(u8::to_string);
+        let place = p.coords.as_slice().iter().chain(normal).map(word);
+        let words: Vec<String> = place.chain(colour).chain(further.map(word)).collect();
+        writeln!(out, "{}", words.join(" "))?;
+    }
+    out.flush()
+}

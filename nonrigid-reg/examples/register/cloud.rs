@@ -1,0 +1,54 @@
+//! Clouds and pairs of points from files.
+
+use std::error::Error;
+use std::path::Path;
+
+use mesh_io::{Load, Mesh, read_table};
+use nalgebra::{Point3, UnitVector3};
+use nonrigid_reg::{Cloud, estimate_normals};
+
+/// Neighbours that say how a surface lies.
+const NEIGHBOURS: usize = 16;
+
+/// What is registered: points and normals.
+pub struct Oriented {
+    pub mesh: Mesh,
+    pub normals: Vec<UnitVector3<f64>>,
+}
+
+impl Oriented {
+    /// Reads a file. Where it has no normals they are those of its triangles; a cloud's are estimated, turned to the origin (the camera).
+    pub fn read(path: &str, load: &Load) -> Result<Self, Box<dyn Error>> {
+        let path = Path::new(path);
+        let mesh = load.read(path)?;
+        let normals = if mesh.normals().is_empty() && mesh.triangles().is_empty() {
+            estimate_normals(mesh.points(), NEIGHBOURS, &Point3::origin())
+                .map_err(|error| format!("{}: {error}", path.display()))?
+        } else {
+            mesh.unit_normals_or_estimated()
+                .map_err(|error| error.in_file(path))?
+        };
+        Ok(Self { mesh, normals })
+    }
+
+    pub fn cloud(&self) -> Cloud<'_> {
+        Cloud {
+            points: self.mesh.points(),
+            normals: &self.normals,
+        }
+    }
+}
+
+/// Where a point was, and where it is.
+pub type PointPair = (Point3<f64>, Point3<f64>);
+
+/// Rows `sx,sy,sz,tx,ty,tz`, in units of so many metres, with a heading or without.
+pub fn read_pairs(path: &str, metres: f64) -> Result<Vec<PointPair>, Box<dyn Error>> {
+    let bytes = std::fs::read(path).map_err(|error| format!("{path}: {error}"))?;
+    let table = read_table(&bytes, ["sx", "sy", "sz", "tx", "ty", "tz"]);
+    let rows = table.map_err(|error| format!("{path}: {error}"))?.rows;
+    let pair = |[a, b, c, d, e, f]: [f64; 6]| {
+        (Point3::new(a, b, c) * metres, Point3::new(d, e, f) * metres)
+    };
+    Ok(rows.into_iter().map(pair).collect())
+}
