@@ -14,10 +14,10 @@
 //! changed vertex are kept with their values, those with one are found anew, and the outcome is that of a fresh build to the
 //! last bit. A fresh build is the case in which every vertex has changed.
 
-use crate::complex::{Options, Orientation};
 use crate::cylinder::{Cylinder, gauge};
 use crate::error::Error;
 use crate::filtration::{pair_lower_bound, solve};
+use crate::options::{Options, Orientation};
 use crate::problem::Oriented;
 use crate::skeleton::{Layer, Skeleton, run};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};

@@ -9,8 +9,9 @@
 //! those of `H²` (module `cohomology`). Homology and cohomology have the same bars (de Silva, Morozov and
 //! Vejdemo-Johansson 2011).
 
-use crate::cohomology::{Coboundary, NONE, UnionFind, reduce};
+use crate::cohomology::{Coboundary, NONE, reduce};
 use crate::skeleton::Skeleton;
+use crate::union_find::UnionFind;
 
 /// A homology class that is born and dies.
 #[derive(Debug, Clone, Copy, PartialEq)]

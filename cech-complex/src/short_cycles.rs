@@ -7,10 +7,11 @@
 //! The basis found is the shortest there is. A loop through the root of a tree lies within half its length, so trees stop at half
 //! the longest loop of the best basis so far.
 
-use crate::cohomology::{Coboundary, NONE, UnionFind, reduce};
+use crate::cohomology::{Coboundary, NONE, reduce};
 use crate::complex::Complex;
 use crate::geodesic::ShortestPaths;
 use crate::persistence::Order;
+use crate::union_find::UnionFind;
 use std::collections::BTreeMap;
 
 /// Class of a loop or annotation of an edge: one bit per basis cocycle.

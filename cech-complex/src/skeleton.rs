@@ -4,7 +4,6 @@
 //! are the triangles that start with an edge and the tetrahedra that start with a triangle. Three offset tables turn this
 //! into constant-time look-up downward; facets are stored by index.
 
-use crate::distortion::Marks;
 use nalgebra::Vector3;
 
 /// Offsets of runs: `runs[i]..runs[i + 1]` are the items whose (ascending) key is `i`.
@@ -26,6 +25,14 @@ pub(crate) fn run(offsets: &[u32], i: u32) -> std::ops::Range<usize> {
 
 /// No index.
 const NONE: u32 = u32::MAX;
+
+/// Simplices to be removed.
+pub(crate) struct Marks {
+    pub(crate) vertices: Vec<bool>,
+    pub(crate) edges: Vec<bool>,
+    pub(crate) triangles: Vec<bool>,
+    pub(crate) tetrahedra: Vec<bool>,
+}
 
 /// Simplices of dimension 1 to 3 with values, facets and offsets.
 #[derive(Debug, Clone, Default)]

@@ -3,7 +3,7 @@
 //! Three statements. The first is proved, the others are measured:
 //!
 //! 1. **Two scales.** What lives from scale 1 to `Cylinder::proven_scale` are the classes of `M` (proof in the documentation of `Cylinder`).
-//! 2. **Every scale.** Where the cylinders at scale `s` satisfy the conditions of METHOD (cover `M`, stay off other sheets), the classes that
+//! 2. **Every scale.** Where the cylinders at scale `s` satisfy the conditions of Lemma 1 (cover `M`, stay off other sheets), the classes that
 //!    live through 2 % of scale are those of `M`. Shorter ones occur: where curvatures of both signs meet, a normal segment can leave the union
 //!    and enter it again at the rim of a cylinder, so the union has pinholes that last up to 1 %.
 //! 3. On surfaces of positive curvature, with discs a tenth wider than the gaps, there is no pinhole at all: plain Betti numbers hold.

@@ -20,7 +20,8 @@ use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
 use crate::batch::map_indexed;
 use crate::error::{Error, check_coordinates, check_length};
-use crate::nodal::{self, NodalFit, weight_at};
+use crate::moments;
+use crate::nodal::{NodalFit, weight_at};
 use crate::options::{Determinacy, FieldOptions, Sample};
 use crate::partition::{Part, Partition};
 use crate::reach::node_radii;
@@ -200,14 +201,14 @@ impl Field {
     }
 
     /// The nodes within the radius of node `i`, as its fit takes them.
-    pub(crate) fn neighbourhood(&self, i: usize) -> (Vec<usize>, Vec<nodal::Sample<'_>>) {
+    pub(crate) fn neighbourhood(&self, i: usize) -> (Vec<usize>, Vec<moments::Sample<'_>>) {
         let (nodes, radius) = (&self.partition.nodes, self.partition.radii[i]);
         self.partition
             .tree
             .within(&nodes[i], radius)
             .iter()
             .map(|near| {
-                let sample = nodal::Sample {
+                let sample = moments::Sample {
                     weight: weight_at(self.options.weight, near.distance(), radius),
                     position: &nodes[near.index],
                     displacement: &self.displacements[near.index],
@@ -247,12 +248,12 @@ impl Field {
 
     /// The rotation of all nodes together.
     fn whole_rotation(&self) -> Rotation3<f64> {
-        let samples: Vec<nodal::Sample> = self
+        let samples: Vec<moments::Sample> = self
             .partition
             .nodes
             .iter()
             .zip(&self.displacements)
-            .map(|(position, displacement)| nodal::Sample {
+            .map(|(position, displacement)| moments::Sample {
                 weight: 1.0,
                 position,
                 displacement,

@@ -22,11 +22,12 @@
 //! so the part of the strain that the shrinkage takes is `ε/(λ + ε)`: nothing of a rotation, 0.6 % of an in-plane strain at the default
 //! `ε` (`λ ≈ ½`), and everything along a direction without spread.
 
-use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use crate::collinear;
+use crate::moments::{Moments, Sample};
 use crate::options::Determinacy;
 use crate::rotation::least_rotation;
-use crate::thin;
 use crate::weight::Weight;
 
 /// Shares of the spread across the longest direction below which a neighbourhood counts as thin: 1 : 30 in width.
@@ -42,13 +43,6 @@ pub(crate) struct NodalFit {
     pub determinacy: Determinacy,
 }
 
-/// A neighbour of a node: weight, rest position, displacement.
-pub(crate) struct Sample<'a> {
-    pub weight: f64,
-    pub position: &'a Point3<f64>,
-    pub displacement: &'a Vector3<f64>,
-}
-
 impl NodalFit {
     /// Fits `samples`, with the shrinkage `ε`; what they leave free of the rotation stays as in `base`.
     pub fn new(samples: &[Sample], shrinkage: f64, base: &Rotation3<f64>) -> Self {
@@ -60,7 +54,7 @@ impl NodalFit {
         let (rotation, known) = if sorted(&spread)[1] >= THIN {
             (least_rotation(&(scatter + cross)), true)
         } else {
-            thin::rotation(&moments, samples, base)
+            collinear::rotation(&moments, samples, base)
         };
         let Some(inverse) = moments.damped_inverse(shrinkage) else {
             return Self::unknown(base);
@@ -85,72 +79,6 @@ impl NodalFit {
             rotation: *base,
             determinacy: Determinacy::Undetermined,
         }
-    }
-}
-
-/// `M` and `C` over `τ`, and what they were taken about.
-pub(crate) struct Moments {
-    /// `M/τ`, of unit trace.
-    pub scatter: Matrix3<f64>,
-    /// `C/τ`.
-    pub cross: Matrix3<f64>,
-    /// `x̄`.
-    pub centre: Point3<f64>,
-    /// `ū`.
-    pub shift: Vector3<f64>,
-    /// `τ` with weights as given, not normalised.
-    pub trace: f64,
-    /// Rounding of a coordinate over the length `Σ w ‖d‖³ / Σ w ‖d‖²` of the neighbourhood: what equality means in `scatter` and `cross`,
-    /// and for directions within it.
-    pub rounding: f64,
-    /// Rounding of a coordinate, in m, with room for a dozen operations.
-    pub grain: f64,
-}
-
-impl Moments {
-    /// Nothing if all samples coincide.
-    pub fn new(samples: &[Sample]) -> Option<Self> {
-        let first = samples.first()?;
-        let (origin, base) = (first.position, first.displacement);
-        let total: f64 = samples.iter().map(|s| s.weight).sum();
-        let mut mean_position = Vector3::zeros();
-        let mut mean_displacement = Vector3::zeros();
-        let mut largest = 0.0_f64;
-        for s in samples {
-            mean_position += (s.position - origin) * (s.weight / total);
-            mean_displacement += (s.displacement - base) * (s.weight / total);
-            largest = largest
-                .max(s.position.coords.amax())
-                .max(s.displacement.amax());
-        }
-        let mut scatter = Matrix3::zeros();
-        let mut cross = Matrix3::zeros();
-        let mut cubes = 0.0;
-        for s in samples {
-            let d = s.position - origin - mean_position;
-            let e = s.displacement - base - mean_displacement;
-            scatter += s.weight * d * d.transpose();
-            cross += s.weight * e * d.transpose();
-            cubes += s.weight * d.norm() * d.norm_squared();
-        }
-        let trace = scatter.trace();
-        let grain = 16.0 * f64::EPSILON * largest;
-        // Below this the spread is rounding error of coincident nodes, not geometry.
-        (trace > f64::MIN_POSITIVE * 1e20).then(|| Self {
-            scatter: scatter / trace,
-            cross: cross / trace,
-            centre: origin + mean_position,
-            shift: base + mean_displacement,
-            trace,
-            rounding: 16.0 * f64::EPSILON + grain * trace / cubes,
-            grain,
-        })
-    }
-
-    /// `(M/τ + ε I)⁻¹`.
-    pub fn damped_inverse(&self, shrinkage: f64) -> Option<Matrix3<f64>> {
-        let damped = self.scatter + Matrix3::from_diagonal_element(shrinkage);
-        damped.cholesky().map(|factor| factor.inverse())
     }
 }
 

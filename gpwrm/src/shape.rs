@@ -1,115 +1,191 @@
-//! Linear shape functions: the displacement at a point as a weighted sum of node displacements.
+//! The field as a function of its nodes: exact shape functions, and the derivative by node.
 //!
-//! Moving least squares with the basis `(1, x, y, z)` over the nearest nodes, in centred form, `Σ w = 1`:
+//! With the rotations `R_i` held, every nodal gradient is linear in the displacements, and so is the field:
 //!
 //! ```text
-//! φ_i(p) = w_i [ 1 + (p − x̄)ᵀ (M + κ τ I)⁻¹ (x_i − x̄) ],   x̄ = Σ w x,  M = Σ w (x − x̄)(x − x̄)ᵀ,  τ = tr M
+//! v_i = (p − x_i)/2 + (p − x̄)/2,    x̄ = Σ ψ_i x_i,    K_i = (M_i + ε τ_i I)⁻¹
+//! u(p) = Σ_i ψ_i (u_i + G_i v_i)
+//! G_i v_i = Σ_j w_ij u_j (x_j − x̄_i)ᵀ K_i v_i + (R_i − I) s_i,    s_i = ε τ_i K_i v_i
+//! φ_j(p) = ψ_j + Σ_i ψ_i w_ij (x_j − x̄_i)ᵀ K_i v_i
+//! u(p) = Σ_j φ_j(p) u_j + turn(p),    turn(p) = Σ_i ψ_i (R_i − I) s_i,    Σ_j φ_j = 1
 //! ```
 //!
-//! `Σ φ = 1` always. `φ` is the same for every component and every displacement, which is what registration, filter and
-//! planner need: `u(p) = Φ(p) U` is linear in `U`. The price is that the direction across a flat neighbourhood is damped
-//! by `κ`, so use these on the surface and [`Field::shape`](crate::Field::shape) off it.
+//! `s_i` is the part of the way from node to point that the neighbours do not determine, so `turn` is what the local rotations add off the
+//! surface. It moves with the nodes too. From `A_i = M_i + C_i = R_i S_i`, `S_i` symmetric:
+//!
+//! ```text
+//! ∂R_i/∂u_j = −R_i [s_i]× (tr S_i · I − S_i)⁻¹ [w_ij (x_j − x̄_i)/τ_i]× R_iᵀ        applied to s_i
+//! ∂u/∂u_j   = φ_j I + Σ_i ψ_i (∂R_i/∂u_j) s_i
+//! ```
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use crate::error::{Error, check_coordinates};
-use crate::nodal::weight_at;
-use crate::tree::{Neighbour, Tree};
-use crate::weight::Weight;
+use crate::field::Field;
+use crate::moments::Moments;
+use crate::options::Determinacy;
+use crate::partition::Part;
 
-/// `κ`: keeps `M` invertible for nodes in a plane or on a line, and costs 2 % of the in-plane gradient.
-const DAMPING: f64 = 0.01;
-
-/// Linear shape functions over a set of nodes.
-///
-/// ```
-/// use gpwrm::ShapeFunctions;
-/// use nalgebra::Point3;
-///
-/// let nodes: Vec<_> = (0..25).map(|k| Point3::new(f64::from(k % 5), f64::from(k / 5), 0.0)).collect();
-/// let shapes = ShapeFunctions::new(&nodes, 8)?;
-/// let sum: f64 = shapes.at(&Point3::new(1.3, 2.2, 0.1)).iter().map(|(_, phi)| phi).sum();
-/// assert!((sum - 1.0).abs() < 1e-12);
-/// # Ok::<(), gpwrm::Error>(())
-/// ```
-#[derive(Debug, Clone)]
-pub struct ShapeFunctions {
-    nodes: Vec<Point3<f64>>,
-    tree: Tree,
-    count: usize,
+/// The displacement at a point in terms of the nodes: `u(p) = Σ φ_j u_j + turn`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shape {
+    /// Nodes and their `φ`, by index of the node; `Σ φ = 1`. Sparse: the nodes in reach of those in reach.
+    pub functions: Vec<(usize, f64)>,
+    /// What the local rotations add along directions that the nodes do not determine, in m.
+    pub turn: Vector3<f64>,
 }
 
-impl ShapeFunctions {
-    /// Shape functions over the `count` nearest of `nodes`.
+impl Shape {
+    /// `Σ φ_j u_j + turn`; nodes beyond the end of `displacements` count as still.
+    pub fn displacement(&self, displacements: &[Vector3<f64>]) -> Vector3<f64> {
+        let moved = |&(j, phi): &(usize, f64)| displacements.get(j).map(|u| phi * u);
+        self.turn
+            + self
+                .functions
+                .iter()
+                .filter_map(moved)
+                .sum::<Vector3<f64>>()
+    }
+}
+
+/// What the fit of one node adds at a point.
+struct NodeShare {
+    /// `ψ_i w_ij (x_j − x̄_i)ᵀ K_i v_i` by node `j`.
+    functions: Vec<(usize, f64)>,
+    /// `ψ_i s_i`.
+    undetermined: Vector3<f64>,
+}
+
+impl Field {
+    /// Shape functions of the field at `p`, rotations held: `u(p) = Σ φ_j u_j + turn`, exactly.
     ///
-    /// # Errors
-    /// No nodes, a coordinate that is not finite, or `count` zero.
-    pub fn new(nodes: &[Point3<f64>], count: usize) -> Result<Self, Error> {
-        check_coordinates("node", nodes.iter().map(|p| &p.coords))?;
-        if count == 0 {
-            return Err(Error::BadOption {
-                option: "count",
-                value: 0.0,
-                bound: "at least 1",
-            });
+    /// Empty and still if `p` is not finite.
+    ///
+    /// # Complexity
+    /// `O(k²)` with `k` nodes in reach. [`ShapeFunctions`](crate::ShapeFunctions) are cheaper and purely linear, but shear what turns.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Rotation3, Vector3}};
+    /// let nodes: Vec<_> = (0..36).map(|k| Point3::new(f64::from(k % 6), f64::from(k / 6), 0.0) * 0.01).collect();
+    /// let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), 0.8);
+    /// let moved: Vec<_> = nodes.iter().map(|x| turn * x - x).collect();
+    /// let field = Field::new(&nodes, &moved, &FieldOptions::default())?;
+    /// let p = Point3::new(0.021, 0.033, 0.01);
+    /// let shape = field.shape(&p);
+    /// assert!((shape.functions.iter().map(|f| f.1).sum::<f64>() - 1.0).abs() < 1e-12);
+    /// assert!((shape.displacement(&moved) - field.displacement(&p)).norm() < 1e-12);
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
+    pub fn shape(&self, p: &Point3<f64>) -> Shape {
+        let mut shape = Shape {
+            functions: Vec::new(),
+            turn: Vector3::zeros(),
+        };
+        for (part, way) in self.ways(p) {
+            let share = self.share(&part, &way);
+            let turned = self.fits[part.node].rotation.matrix() - Matrix3::identity();
+            shape.turn += turned * share.undetermined;
+            shape.functions.push((part.node, part.weight));
+            shape.functions.extend(share.functions);
         }
-        Ok(Self {
-            nodes: nodes.to_vec(),
-            tree: Tree::over(nodes).ok_or(Error::NoNodes)?,
-            count,
-        })
+        shape.functions = merged(shape.functions, |sum, more| *sum += more);
+        shape
     }
 
-    /// Node indices and `φ` at `p`, nearest node first; empty if `p` is not finite.
-    pub fn at(&self, p: &Point3<f64>) -> Vec<(usize, f64)> {
-        linear(&self.nodes, &self.tree, p, self.count)
+    /// Nodes and `φ` at `p`: [`Field::shape`] without its turn.
+    pub fn shape_functions(&self, p: &Point3<f64>) -> Vec<(usize, f64)> {
+        self.shape(p).functions
+    }
+
+    /// Nodes and `∂u(p)/∂u_j` at `p`, by index of the node: how the displacement answers to each node, rotations included.
+    ///
+    /// Rotations of nodes whose neighbours do not determine them ([`Determinacy::Undetermined`]) are held. Empty if `p` is not finite.
+    ///
+    /// # Complexity
+    /// `O(k²)` with `k` nodes in reach.
+    pub fn jacobian(&self, p: &Point3<f64>) -> Vec<(usize, Matrix3<f64>)> {
+        let mut blocks = Vec::new();
+        for (part, way) in self.ways(p) {
+            let share = self.share(&part, &way);
+            blocks.push((part.node, Matrix3::from_diagonal_element(part.weight)));
+            blocks.extend(
+                share
+                    .functions
+                    .iter()
+                    .map(|&(j, phi)| (j, Matrix3::from_diagonal_element(phi))),
+            );
+            blocks.extend(self.rotation_blocks(part.node, &share.undetermined));
+        }
+        merged(blocks, |sum, more| *sum += more)
+    }
+
+    /// The nodes in reach of `p` with their `v_i`.
+    fn ways(&self, p: &Point3<f64>) -> Vec<(Part, Vector3<f64>)> {
+        let mut parts = Vec::new();
+        if self.partition.at(p, &mut parts).is_none() {
+            return Vec::new();
+        }
+        let from = |part: &Part| p - self.nodes()[part.node];
+        let mean: Vector3<f64> = parts.iter().map(|part| part.weight * from(part)).sum();
+        let way = |part: Part| (part, (from(&part) + mean) / 2.0);
+        parts.into_iter().map(way).collect()
+    }
+
+    /// What the fit of the node of `part` adds over the way `v`.
+    fn share(&self, part: &Part, v: &Vector3<f64>) -> NodeShare {
+        let (indices, samples) = self.neighbourhood(part.node);
+        let shrinkage = self.options.shrinkage;
+        let solved = Moments::new(&samples)
+            .and_then(|moments| Some((moments.damped_inverse(shrinkage)? * v, moments)));
+        let Some((solved, moments)) = solved else {
+            return NodeShare {
+                functions: Vec::new(),
+                undetermined: part.weight * v,
+            };
+        };
+        let weigh = |(&j, s): (&usize, &crate::moments::Sample)| {
+            let offset = (s.position - moments.centre).dot(&solved);
+            (j, part.weight * s.weight / moments.trace * offset)
+        };
+        NodeShare {
+            functions: indices.iter().zip(&samples).map(weigh).collect(),
+            undetermined: part.weight * shrinkage * solved,
+        }
+    }
+
+    /// `(∂R_i/∂u_j) s` by node `j`.
+    fn rotation_blocks(&self, i: usize, s: &Vector3<f64>) -> Vec<(usize, Matrix3<f64>)> {
+        let fit = &self.fits[i];
+        let (indices, samples) = self.neighbourhood(i);
+        let known = fit.determinacy > Determinacy::Undetermined;
+        let Some(moments) = Moments::new(&samples).filter(|_| known) else {
+            return Vec::new();
+        };
+        let r = fit.rotation.matrix();
+        let stretch = r.transpose() * (moments.scatter + moments.cross);
+        let symmetric = (stretch + stretch.transpose()) / 2.0;
+        let stiffness = Matrix3::from_diagonal_element(symmetric.trace()) - symmetric;
+        let Some(inverse) = stiffness.try_inverse() else {
+            return Vec::new();
+        };
+        let left = -r * s.cross_matrix() * inverse;
+        let block = |(&j, sample): (&usize, &crate::moments::Sample)| {
+            let lever = (sample.position - moments.centre) * (sample.weight / moments.trace);
+            (j, left * lever.cross_matrix() * r.transpose())
+        };
+        indices.iter().zip(&samples).map(block).collect()
     }
 }
 
-/// `φ` over the `count` nearest nodes. The support ends at the next node, so that `φ` is continuous in `p`.
-fn linear(nodes: &[Point3<f64>], tree: &Tree, p: &Point3<f64>, count: usize) -> Vec<(usize, f64)> {
-    let mut near = tree.nearest_n(p, count.saturating_add(1).min(nodes.len()));
-    let Some(last) = near.last().copied() else {
-        return Vec::new();
-    };
-    let radius = if near.len() > count {
-        near.pop();
-        last.distance()
-    } else {
-        // Every node takes part; reach beyond the last so that it counts too.
-        1.5 * last.distance()
-    };
-    let weights = normalised_weights(&near, radius);
-    let offset = |k: usize| nodes[near[k].index] - p;
-    let mean: Vector3<f64> = (0..near.len()).map(|k| weights[k] * offset(k)).sum();
-    let mut scatter = Matrix3::zeros();
-    for k in 0..near.len() {
-        let d = offset(k) - mean;
-        scatter += weights[k] * d * d.transpose();
+/// Entries of the same node added up, by index of the node.
+fn merged<T>(mut entries: Vec<(usize, T)>, add: impl Fn(&mut T, T)) -> Vec<(usize, T)> {
+    // Stable, so that the order of summation is the order of the nodes in reach.
+    entries.sort_by_key(|entry| entry.0);
+    let mut sums: Vec<(usize, T)> = Vec::new();
+    for (node, value) in entries {
+        match sums.last_mut() {
+            Some(last) if last.0 == node => add(&mut last.1, value),
+            _ => sums.push((node, value)),
+        }
     }
-    let damped = scatter + Matrix3::from_diagonal_element(DAMPING * scatter.trace());
-    // With all nodes coincident there is nothing to fit: the weights alone remain.
-    let slope = damped
-        .cholesky()
-        .map_or_else(Vector3::zeros, |factor| factor.solve(&-mean));
-    (0..near.len())
-        .map(|k| {
-            let linear = 1.0 + slope.dot(&(offset(k) - mean));
-            (near[k].index, weights[k] * linear)
-        })
-        .collect()
-}
-
-/// Weights with sum one; equal if rounding left none (all nodes exactly at the support radius).
-fn normalised_weights(near: &[Neighbour], radius: f64) -> Vec<f64> {
-    let raw: Vec<f64> = near
-        .iter()
-        .map(|n| weight_at(Weight::WendlandC2, n.distance(), radius))
-        .collect();
-    let total: f64 = raw.iter().sum();
-    if total > 1e-200 {
-        raw.iter().map(|w| w / total).collect()
-    } else {
-        vec![1.0 / raw.len() as f64; raw.len()]
-    }
+    sums
 }

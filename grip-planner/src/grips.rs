@@ -13,7 +13,7 @@
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use crate::assign::{assign, cross};
-use crate::mouth::Mouth;
+use crate::hole::Hole;
 use crate::options::Support;
 use crate::orientation::{backed_off, retreat};
 use crate::turn::{Turn, turns};
@@ -188,12 +188,12 @@ pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ran
     rank(model, scene, options, None)
 }
 
-/// The same, for opening a hole meanwhile: only sets whose grips are on both sides of `mouth`.
+/// The same, for opening a hole meanwhile: only sets whose grips are on both sides of `hole`.
 pub(crate) fn rank(
     model: &Model,
     scene: &Scene,
     options: &Options,
-    mouth: Option<&Mouth>,
+    hole: Option<&Hole>,
 ) -> Result<Ranked, Error> {
     if scene.arms.len() < 2 {
         return Err(Error::TooFewArms {
@@ -217,7 +217,7 @@ pub(crate) fn rank(
         found: &candidates.accepted,
         coverage: &coverage,
         turns: &turns,
-        mouth,
+        hole,
     };
     let sets = ranking.choose(&ranking.pairs());
     if sets.is_empty() {
@@ -243,7 +243,7 @@ struct Ranking<'a> {
     found: &'a [Candidate],
     coverage: &'a Coverage,
     turns: &'a [Turn],
-    mouth: Option<&'a Mouth>,
+    hole: Option<&'a Hole>,
 }
 
 impl Ranking<'_> {
@@ -260,7 +260,7 @@ impl Ranking<'_> {
                 for turn in self.wanted_turns() {
                     let suitability = self.turns[turn].suitability([a, b], self.options.spread)
                         * self
-                            .mouth
+                            .hole
                             .map_or(1.0, |m| m.opened_by([a, b], &self.turns[turn].axis));
                     if suitability > 0.0 {
                         covered.push(self.coverage.score_pair(i, j));

@@ -14,7 +14,7 @@
 //! | the four turns about the sides of the box | [`turns`], [`Turn`] | `turn` |
 //! | sets of grips, ranked (Algorithm 2) | [`plan_grips`], [`GripSet`] | `grips`, `assign` |
 //! | lift, retract, lower | [`turn_over`], [`TurnOptions`] | `turn_over`, `turn_options`, `motion` |
-//! | opening a hole | [`Action::Stretch`], [`StretchOptions`] | `stretch`, `mouth` |
+//! | opening a hole | [`Action::Stretch`], [`StretchOptions`] | `stretch`, `hole` |
 //! | to the grips and back home | [`Plan::reach`], [`Plan::withdraw`] | `reach` |
 //! | from where the tips are: put down, give up, go home | [`carry`], [`put_down`], [`lower`], [`go_home`] | `way` |
 //! | workspaces, table, other tools, the moving body | [`Refusal`] | `check`, `body`, `refusal` |
@@ -41,9 +41,9 @@ mod error;
 mod factor;
 mod field;
 mod grips;
+mod hole;
 mod model;
 mod motion;
-mod mouth;
 mod null_space;
 mod options;
 mod orientation;

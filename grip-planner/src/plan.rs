@@ -11,7 +11,7 @@ use nalgebra::{Isometry3, UnitVector3, Vector3};
 use crate::body::Body;
 use crate::check::{Surroundings, laid_down};
 use crate::grips::rank;
-use crate::mouth::Mouth;
+use crate::hole::Hole;
 use crate::reach::{reach, withdraw};
 use crate::scene::positive;
 use crate::stretch::{beside, grips, pull};
@@ -26,7 +26,7 @@ use crate::{
 pub enum Action<'a> {
     /// Turn its hidden side up.
     TurnOver,
-    /// Open a hole: a loop of vertices round the mouth of a fold or pocket.
+    /// Open a hole: a loop of vertices round the opening of a fold or pocket.
     Stretch {
         /// The loop.
         hole: &'a [u32],
@@ -38,7 +38,7 @@ pub enum Action<'a> {
     },
 }
 
-/// How fast the eyes are.
+/// How fast the body may move and still be tracked.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tracking {
     /// Farthest that a node may move between two frames, `ξ`, metres. Default 0.005.
@@ -143,7 +143,7 @@ pub fn plan(
         Action::TurnOver => planner.turn(None),
         Action::Stretch { hole } => planner.stretch(hole),
         Action::TurnAndStretch { hole } => {
-            planner.turn(Some(&Mouth::new(model, scene, hole).map_err(bad_hole)?))
+            planner.turn(Some(&Hole::new(model, scene, hole).map_err(bad_hole)?))
         }
     }
 }
@@ -200,14 +200,14 @@ struct Trial<'a> {
 }
 
 impl Planner<'_> {
-    fn turn(&self, mouth: Option<&Mouth>) -> Result<Plan, Error> {
-        let ranked = rank(self.model, self.scene, &self.options.grips, mouth)?;
+    fn turn(&self, hole: Option<&Hole>) -> Result<Plan, Error> {
+        let ranked = rank(self.model, self.scene, &self.options.grips, hole)?;
         let mut refused = Vec::new();
         for set in &ranked.sets {
             let supported = set.grips.iter().any(|g| g.role == Role::Support);
             let alone = supported.then(|| set.without_support());
             for set in std::iter::once(set).chain(&alone) {
-                match self.turn_with(set, &ranked.coverage, mouth) {
+                match self.turn_with(set, &ranked.coverage, hole) {
                     Ok(plan) => return Ok(Plan { refused, ..plan }),
                     Err(reason) => refused.push(refusal(&set.grips, set.score, reason)?),
                 }
@@ -220,10 +220,10 @@ impl Planner<'_> {
         &self,
         set: &GripSet,
         coverage: &Coverage,
-        mouth: Option<&Mouth>,
+        hole: Option<&Hole>,
     ) -> Result<Plan, Refusal> {
         let mut options = self.options.turn;
-        if mouth.is_some() {
+        if hole.is_some() {
             options.stretch = self.options.stretch.distance;
         }
         let trial = Trial {
@@ -231,7 +231,7 @@ impl Planner<'_> {
             score: set.score,
             coverage,
             turn: Some(set.turn),
-            across: mouth.map(|m| m.across),
+            across: hole.map(|m| m.across),
         };
         let angle = options.end(&set.turn);
         let lies = |motion: &Motion| laid_down(motion, &set.turn.axis, angle);
@@ -239,14 +239,14 @@ impl Planner<'_> {
         self.complete(&trial, options.speed, &go, &lies)
     }
 
-    fn stretch(&self, hole: &[u32]) -> Result<Plan, Error> {
+    fn stretch(&self, boundary: &[u32]) -> Result<Plan, Error> {
         let (scene, options) = (self.scene, self.options);
-        let mouth = Mouth::new(self.model, scene, hole).map_err(bad_hole)?;
+        let hole = Hole::new(self.model, scene, boundary).map_err(bad_hole)?;
         let beside = beside(
             self.model,
             scene,
-            hole,
-            &mouth,
+            boundary,
+            &hole,
             &options.grips,
             &options.stretch,
         )
@@ -256,7 +256,7 @@ impl Planner<'_> {
         let coverage = Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
         let mut refused = Vec::new();
         for pair in &beside.pairs {
-            let all = grips(pair, found, &mouth, scene, &options.grips);
+            let all = grips(pair, found, &hole, scene, &options.grips);
             let score = pair.score(options.stretch.reach);
             let pinned = all.len() > 2;
             for count in std::iter::once(all.len()).chain(pinned.then_some(2)) {
@@ -265,9 +265,9 @@ impl Planner<'_> {
                     score,
                     coverage: &coverage,
                     turn: None,
-                    across: Some(mouth.across),
+                    across: Some(hole.across),
                 };
-                match self.stretch_with(&trial, &mouth) {
+                match self.stretch_with(&trial, &hole) {
                     Ok(plan) => return Ok(Plan { refused, ..plan }),
                     Err(reason) => refused.push(refusal(trial.grips, score, reason)?),
                 }
@@ -276,12 +276,12 @@ impl Planner<'_> {
         Err(Error::AllRefused { refused })
     }
 
-    fn stretch_with(&self, trial: &Trial, mouth: &Mouth) -> Result<Plan, Refusal> {
+    fn stretch_with(&self, trial: &Trial, hole: &Hole) -> Result<Plan, Refusal> {
         let options = self.options.stretch;
         let lies = |motion: &Motion| laid_down(motion, &self.scene.table.normal, 0.0);
         let go = |speed: f64| {
             let options = StretchOptions { speed, ..options };
-            pull(&self.around, trial.grips, &mouth.across, &options)
+            pull(&self.around, trial.grips, &hole.across, &options)
         };
         self.complete(trial, options.speed, &go, &lies)
     }

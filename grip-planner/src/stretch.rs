@@ -1,6 +1,6 @@
 //! Stretching: pull the two sides of a hole apart, across its long axis and slightly up.
 //!
-//! A loop that the camera sees inside the outline is the mouth of a fold or a pocket (module `mouth`). On either side of it the
+//! A loop that the camera sees inside the outline surrounds the opening of a fold or a pocket (module `hole`). On either side of it the
 //! grip is the candidate with the least distance to the loop along the surface, plus half its distance from the middle of the
 //! slit along it:
 //!
@@ -14,9 +14,9 @@ use nalgebra::{Isometry3, Translation3, UnitVector3};
 
 use crate::assign::{assign, cross};
 use crate::check::{Carried, Surroundings};
+use crate::hole::Hole;
 use crate::model::Adjacency;
 use crate::motion::{Pace, assemble, times};
-use crate::mouth::Mouth;
 use crate::options::Support;
 use crate::orientation::retreat;
 use crate::scene::{not_negative, positive, within};
@@ -99,13 +99,13 @@ impl PullPair {
 pub(crate) fn beside(
     model: &Model,
     scene: &Scene,
-    hole: &[u32],
-    mouth: &Mouth,
+    boundary: &[u32],
+    hole: &Hole,
     options: &Options,
     stretch: &StretchOptions,
 ) -> Result<Beside, Refusal> {
     let graph = Adjacency::new(model.points.len(), model.edges);
-    let distance = graph.distances(model.points, hole, 3.0 * stretch.reach);
+    let distance = graph.distances(model.points, boundary, 3.0 * stretch.reach);
     // Those beyond the reach are for the third arm.
     let near: Vec<u32> = (0..model.points.len() as u32)
         .filter(|&v| distance[v as usize].is_finite())
@@ -115,9 +115,9 @@ pub(crate) fn beside(
         .partition(|&v| distance[v as usize] <= stretch.reach);
     let mut found = candidates_among(model, scene, options, &inner)?;
     let cost = |c: &Candidate| {
-        distance[c.vertex as usize] + 0.5 * mouth.long.dot(&(c.point - mouth.center)).abs()
+        distance[c.vertex as usize] + 0.5 * hole.long.dot(&(c.point - hole.center)).abs()
     };
-    let mut pairs = pairs(&found.accepted, mouth, scene, &cost)?;
+    let mut pairs = pairs(&found.accepted, hole, scene, &cost)?;
     thin(&mut pairs, &found.accepted, scene, options.max_sets);
     if scene.arms.len() > 2 && options.support == Support::Hold && !outer.is_empty() {
         let pins = candidates_among(model, scene, options, &outer)?;
@@ -130,12 +130,12 @@ pub(crate) fn beside(
 /// All pairs on opposite sides, a jaw apart, that two arms can take; cheapest first.
 fn pairs(
     found: &[Candidate],
-    mouth: &Mouth,
+    hole: &Hole,
     scene: &Scene,
     cost: &dyn Fn(&Candidate) -> f64,
 ) -> Result<Vec<PullPair>, Refusal> {
     let side = |sign: f64| -> Vec<usize> {
-        let on = |k: &usize| sign * mouth.side(&found[*k].point) > 0.0;
+        let on = |k: &usize| sign * hole.side(&found[*k].point) > 0.0;
         (0..found.len()).filter(on).collect()
     };
     let sides = [side(-1.0), side(1.0)];
@@ -188,7 +188,7 @@ fn thin(pairs: &mut Vec<PullPair>, found: &[Candidate], scene: &Scene, most: usi
 pub(crate) fn grips(
     pair: &PullPair,
     found: &[Candidate],
-    mouth: &Mouth,
+    hole: &Hole,
     scene: &Scene,
     options: &Options,
 ) -> Vec<Grip> {
@@ -197,7 +197,7 @@ pub(crate) fn grips(
         .map(|k| Grip::new(pair.arms[k], at(k), Role::Lift, scene, options))
         .collect();
     if options.support == Support::Hold
-        && let Some((arm, candidate)) = pin(&grips, found, mouth, scene)
+        && let Some((arm, candidate)) = pin(&grips, found, hole, scene)
     {
         grips.push(Grip::new(arm, candidate, Role::Support, scene, options));
     }
@@ -208,7 +208,7 @@ pub(crate) fn grips(
 fn pin<'c>(
     grips: &[Grip],
     found: &'c [Candidate],
-    mouth: &Mouth,
+    hole: &Hole,
     scene: &Scene,
 ) -> Option<(usize, &'c Candidate)> {
     let apart = |c: &Candidate| {
@@ -230,7 +230,7 @@ fn pin<'c>(
         .filter(|c| apart(c))
         .filter_map(|c| Some((free(c)?, c)))
         .min_by(|(_, a), (_, b)| {
-            let off = |c: &Candidate| mouth.side(&c.point).abs();
+            let off = |c: &Candidate| hole.side(&c.point).abs();
             off(a).total_cmp(&off(b)).then(a.vertex.cmp(&b.vertex))
         })
 }

@@ -1,4 +1,4 @@
-//! What stands in the four seams if nobody says otherwise.
+//! What stands in the four traits if nobody says otherwise.
 //!
 //! ```text
 //! meets    the nearest point, if the normals agree:  n_y · n_q > cos
@@ -14,10 +14,10 @@ use nalgebra::Matrix3;
 
 use crate::options::Options;
 use crate::registration::Status;
-use crate::seams::{
+use crate::target::Target;
+use crate::traits::{
     Correspondence, Linearised, Pair, Probe, Progress, Rejection, Residual, Termination,
 };
-use crate::target::Target;
 
 /// The nearest point, if the normals agree.
 #[derive(Debug, Clone, Copy, PartialEq)]

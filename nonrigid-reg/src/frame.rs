@@ -9,9 +9,9 @@ use crate::error::Error;
 use crate::model::{Model, Shape, blend};
 use crate::options::Options;
 use crate::registration::{Feature, Landmark};
-use crate::seams::{Correspondence, Pair, Probe, Rejection, Residual};
 use crate::system::{Solver, System};
 use crate::target::Target;
+use crate::traits::{Correspondence, Pair, Probe, Rejection, Residual};
 
 /// Ties what nothing else determines (a part without matches or neighbours that have any) to where it started.
 const ANCHOR: f64 = 1e-7;

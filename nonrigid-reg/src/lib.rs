@@ -14,9 +14,9 @@ mod prior;
 mod register;
 mod registration;
 mod report;
-mod seams;
 mod system;
 mod target;
+mod traits;
 
 pub use align::{Alignment, align_rigid};
 pub use cloud::{Cloud, Downsampled, boundary_points, estimate_normals, voxel_downsample};
@@ -26,7 +26,7 @@ pub use nalgebra;
 pub use options::Options;
 pub use register::{Registrar, register};
 pub use registration::{Feature, Landmark, LandmarkField, Registration, Residuals, Status};
-pub use seams::{
+pub use target::Target;
+pub use traits::{
     Correspondence, Linearised, Pair, Probe, Progress, Rejection, Residual, Termination,
 };
-pub use target::Target;

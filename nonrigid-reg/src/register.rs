@@ -1,7 +1,7 @@
 //! The loop: match, weigh, solve, until nothing moves (Algorithm 1).
 //!
 //! ```text
-//! E(u) = (1/n) Σ_p w_p |r_p + J_p Φ(u − u₀)|²                          matches: see `seams` and `defaults`
+//! E(u) = (1/n) Σ_p w_p |r_p + J_p Φ(u − u₀)|²                          matches: see `traits` and `defaults`
 //!      + (1/n) Σ_l w_l |u_l − (y_l − x_l)|²                             landmarks, which are nodes
 //!      + (1/n) Σ_f w_f |Φ_f u − (y_f − x_f)|²                           features, Tukey weights
 //!      + (κ/n) Σ_p |Φu − ũ_p|²                                          prediction, if κ > 0
@@ -24,9 +24,9 @@ use crate::input::Input;
 use crate::model::Model;
 use crate::options::Options;
 use crate::registration::{Feature, Landmark, LandmarkField, Registration, Status};
-use crate::seams::{Correspondence, Progress, Rejection, Residual, Termination};
 use crate::system::{Solver, System};
 use crate::target::Target;
+use crate::traits::{Correspondence, Progress, Rejection, Residual, Termination};
 
 /// Registers `source` onto `target`: [`Registrar::register`] for a single pair.
 ///

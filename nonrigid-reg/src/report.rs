@@ -13,7 +13,7 @@ use nalgebra::{Matrix6, Point3, Vector3, Vector6};
 
 use crate::frame::{Frame, Match, State};
 use crate::registration::{Registration, Residuals, Status};
-use crate::seams::Residual;
+use crate::traits::Residual;
 
 /// Share of the largest resistance below which a motion is free: normals within 0.6° of one that would be exactly free.
 const FREE: f64 = 1e-4;

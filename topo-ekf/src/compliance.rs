@@ -7,15 +7,15 @@
 //! G_kl = Σ_vw (a_kv,t · a_lw,t) (S⁻¹)_vw + a_kv,n a_lw,n (S_free⁻¹)_vw         t: along the plane, n: along its normal
 //! ```
 //!
-//! Those of one factor come at once ([`crate::among`]), a few more by a solve each: sheets that lie on each other share vertices among many rows, resting ones have no column
+//! Those of one factor come at once ([`crate::selected_inverse`]), a few more by a solve each: sheets that lie on each other share vertices among many rows, resting ones have no column
 //! along the normal, and another linearisation costs no solve at all.
 
 use nalgebra::DMatrix;
 
 use crate::Error;
+use crate::plane_contact::PlaneContact;
 use crate::rows::Stack;
 use crate::system::{Factor, System};
-use crate::table::Table;
 
 /// A row whose direction is nearer to the normal than this (sine of the angle) is taken for normal by the model.
 const TILT: f64 = 0.3;
@@ -23,7 +23,7 @@ const TILT: f64 = 0.3;
 /// The operator at the table's present set.
 pub(crate) struct Compliance<'a> {
     pub stack: &'a Stack,
-    pub table: &'a Table,
+    pub table: &'a PlaneContact,
     pub factor: &'a Factor,
     pub system: &'a mut System,
 }
@@ -82,7 +82,7 @@ impl Compliance<'_> {
         let factor = self.table.factor_along(self.factor, normal);
         let mut entries = DMatrix::zeros(of.len(), new.len());
         if of.len() == new.len() {
-            let found = self.system.inverse_among(factor, &chosen)?;
+            let found = self.system.selected_inverse(factor, &chosen)?;
             for (column, &l) in found.column_iter().zip(&moving) {
                 for (value, &k) in column.iter().zip(&moving) {
                     entries[(k, l)] = *value;

@@ -31,11 +31,11 @@ pub struct Consistency {
 #[non_exhaustive]
 pub enum Verdict {
     /// Below the band: errors are smaller than claimed.
-    Cautious,
+    Conservative,
     /// Inside the 95 % band.
-    Honest,
+    Consistent,
     /// Above the band: errors are larger than claimed.
-    Optimistic,
+    Overconfident,
 }
 
 /// 97.5 % quantile of the normal distribution.
@@ -67,9 +67,9 @@ impl Consistency {
     pub fn verdict(&self) -> Verdict {
         let [low, high] = self.band();
         match self.mean() {
-            mean if mean < low => Verdict::Cautious,
-            mean if mean > high => Verdict::Optimistic,
-            _ => Verdict::Honest,
+            mean if mean < low => Verdict::Conservative,
+            mean if mean > high => Verdict::Overconfident,
+            _ => Verdict::Consistent,
         }
     }
 }
@@ -173,9 +173,9 @@ mod tests {
     #[test]
     fn the_verdict_follows_the_band() {
         let of = |squared| Consistency::new(squared, 100).verdict();
-        assert_eq!(of(70.0), Verdict::Cautious);
-        assert_eq!(of(100.0), Verdict::Honest);
-        assert_eq!(of(135.0), Verdict::Optimistic);
-        assert_eq!(Consistency::new(0.0, 0).verdict(), Verdict::Honest);
+        assert_eq!(of(70.0), Verdict::Conservative);
+        assert_eq!(of(100.0), Verdict::Consistent);
+        assert_eq!(of(135.0), Verdict::Overconfident);
+        assert_eq!(Consistency::new(0.0, 0).verdict(), Verdict::Consistent);
     }
 }

@@ -8,7 +8,7 @@
 //! keep       x̃, R;  d ← d + r,  y ← (d y + r z)/(d + r) + x̃ − x̂
 //! ```
 //!
-//! Data and shape are kept apart: `(d, y)` is what was measured, the shape memory is a standing prior that enters each
+//! Data and shape are kept apart: `(d, y)` is what was measured, the shape prior is a standing prior that enters each
 //! frame once. Pulling to the last estimate instead of `y` would count the shape again in every frame.
 
 use nalgebra::{Point3, Rotation3};
@@ -16,14 +16,14 @@ use nalgebra::{Point3, Rotation3};
 use crate::constrain::Constrained;
 use crate::contact::Surface;
 use crate::graph::Graph;
-use crate::memory::{Memory, Relaxed, fit_rotations};
 use crate::motion::{Moved, predict};
 use crate::observability::Observability;
 use crate::observation::{Frame, Seen};
 use crate::options::{Motion, Options};
-use crate::project::Warm;
+use crate::problem::Warm;
 use crate::report::StepReport;
 use crate::rotation::clean;
+use crate::shape_prior::{Relaxed, ShapePrior, fit_rotations};
 use crate::system::{Factor, System};
 use crate::{Error, columns};
 
@@ -36,7 +36,7 @@ use crate::{Error, columns};
 /// After an error the filter is what it was before the call.
 ///
 /// # Limits
-/// Shape memory of a surface graph resists stretch and, by the overlap of neighbouring rotations, bending over about two edges. A
+/// The shape prior of a surface graph resists stretch and, by the overlap of neighbouring rotations, bending over about two edges. A
 /// hollow shell that is unseen on one half keeps that half's bulge only as well as that; edges through the body stiffen it.
 ///
 /// Covariances are those of the linearised model: they take the predicted motion and the fitted rotations for given. See
@@ -183,7 +183,7 @@ impl Filter {
         Ok(())
     }
 
-    /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape memory and the
+    /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape prior and the
     /// anchor together. A constraint does not lower it (a resting vertex is known better along the normal than this says).
     ///
     /// # Errors
@@ -317,14 +317,14 @@ impl Filter {
                 + (prediction.evidence[i] - origin) * prediction.information[i];
             columns::add(&mut data, i, &pull);
         }
-        let memory = Memory {
+        let prior = ShapePrior {
             graph: &self.graph,
             weights: &weights,
             predicted: &prediction.rotations,
             origin: &prediction.positions,
             data: &data,
         };
-        let relaxed = memory.relax(&mut self.system, &factor, &self.options)?;
+        let relaxed = prior.relax(&mut self.system, &factor, &self.options)?;
         Ok(Update {
             values,
             factor,

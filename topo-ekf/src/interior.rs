@@ -14,10 +14,10 @@ use clarabel::solver::{
 
 use crate::Error;
 use crate::pattern::Pattern;
-use crate::project::Problem;
+use crate::plane_contact::PlaneContact;
+use crate::problem::Problem;
 use crate::rows::Stack;
 use crate::system::System;
-use crate::table::Table;
 
 /// Tolerance of the cost, relative to that of the deepest violation squared.
 const GAP: f64 = 1e-11;
@@ -32,7 +32,7 @@ pub(crate) fn interior_point(
     gaps: &[f64],
     soft: &[f64],
     system: &System,
-    table: &mut Table,
+    table: &mut PlaneContact,
 ) -> Result<(Vec<f64>, Vec<f64>), Error> {
     let (size, rows) = (problem.estimate.len(), stack.len());
     // In units of the deepest violation and of the largest information: clarabel's tolerances are absolute.
@@ -224,7 +224,7 @@ mod tests {
             let stack = Stack::new(&rows, &Matrix3::identity());
             let gaps: Vec<f64> = rows.iter().map(|r| r.gap(&estimate)).collect();
             let heights: Vec<f64> = estimate.iter().map(|p| p.z).collect();
-            let mut table = Table::new(heights, vec![false; size]);
+            let mut table = PlaneContact::new(heights, vec![false; size]);
             let softness = vec![soft; count];
             let (shift, forces) =
                 interior_point(&problem, &stack, &gaps, &softness, &system, &mut table).unwrap();

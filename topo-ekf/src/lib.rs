@@ -1,6 +1,6 @@
 #![doc = include_str!("../README.md")]
 
-mod among;
+mod active_sets;
 pub mod body;
 mod columns;
 mod compliance;
@@ -13,7 +13,6 @@ mod filter;
 mod graph;
 mod interior;
 mod marginal;
-mod memory;
 mod motion;
 mod observability;
 mod observation;
@@ -21,14 +20,16 @@ mod options;
 mod order;
 mod pattern;
 mod pivots;
+mod plane_contact;
+mod problem;
 mod project;
 mod regraph;
 mod report;
 mod rotation;
 mod rows;
-mod search;
+mod selected_inverse;
+mod shape_prior;
 mod system;
-mod table;
 
 pub use consistency::{Consistency, Verdict};
 pub use error::Error;

@@ -9,7 +9,7 @@
 //! how good the answer is. (The rank of the observability matrix with the neighbour-coupled dynamics is neither: on symmetric graphs it
 //! misses antisymmetric modes and its singular values fall off exponentially with the distance.)
 
-/// Which vertices the last frame and the shape memory determine together.
+/// Which vertices the last frame and the shape prior determine together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Observability {

@@ -12,7 +12,7 @@ use crate::Error;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Standard deviation of an edge vector around its rotated rest vector. The shape memory is as strong as
+    /// Standard deviation of an edge vector around its rotated rest vector. The shape prior is as strong as
     /// `1/edge_sigma²`. Default 0.5 mm: a tenth of the usual edge of 5 mm, the strain of soft tissue under its own weight.
     pub edge_sigma: f64,
     /// Standard deviation of what one frame's motion of a vertex leaves unexplained; what was known of a vertex decays by it.

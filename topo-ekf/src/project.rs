@@ -6,8 +6,8 @@
 //!
 //! `W = S` is estimate projection, `W = I` gain projection ([`crate::Projection`]). The metric is the same in every direction, so
 //! the main plane touches the heights `n·x` alone: a bound-constrained problem with the scalar matrix `W`, solved by a primal-dual
-//! active set ([`crate::table`]). Rows (self-contact, further planes, the caller's) push with forces found in the
-//! dual ([`crate::dual`]), and the two alternate until neither changes ([`crate::search`]). The optimum of a strictly convex
+//! active set ([`crate::plane_contact`]). Rows (self-contact, further planes, the caller's) push with forces found in the
+//! dual ([`crate::dual`]), and the two alternate until neither changes ([`crate::active_sets`]). The optimum of a strictly convex
 //! problem is unique, so the starting set changes the time and not the answer.
 //!
 //! The projected mean is kept by the filter; the set of active constraints is a property of this estimate and never becomes
@@ -18,18 +18,17 @@ use std::collections::HashMap;
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
+use crate::active_sets::ActiveSets;
 use crate::compliance::Influence;
 use crate::observation::Plane;
-use crate::rows::{Key, Row, Stack, plane_rows};
-use crate::search::Search;
-use crate::system::{Factor, System};
-use crate::table::Table;
+use crate::plane_contact::PlaneContact;
+use crate::problem::{Problem, ROW_DEPTH, Warm};
+use crate::rows::{Row, Stack, plane_rows};
+use crate::system::System;
 use crate::{Error, columns};
 
 /// Height up to which a vertex that rested last time is taken to rest again, m.
 const NEAR: f64 = 1e-3;
-/// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
-pub(crate) const ROW_DEPTH: f64 = 1e-8;
 
 /// How the projection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -58,27 +57,6 @@ pub(crate) struct Projected {
     pub factorisations: usize,
 }
 
-/// The main plane is handled by striking vertices; everything else is a row.
-pub(crate) struct Problem<'a> {
-    /// Lower triangle of the metric.
-    pub values: &'a [f64],
-    pub factor: &'a Factor,
-    pub estimate: &'a [Point3<f64>],
-    pub plane: Option<Plane>,
-    pub rows: &'a [Row],
-}
-
-/// What to start from: the last frame's or the last linearisation's.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Warm {
-    /// Vertices that rested on the plane.
-    pub resting: Vec<u32>,
-    /// How far every vertex was moved along the normal of the plane, m; empty if there is nothing to go by.
-    pub risen: Vec<f64>,
-    /// Forces of the rows that pushed.
-    pub forces: HashMap<Key, f64>,
-}
-
 impl Problem<'_> {
     /// Solves from the active sets of `warm`; `influence` belongs to the metric and serves all linearisations.
     pub fn solve(
@@ -103,7 +81,8 @@ impl Problem<'_> {
         }
         let basis = self.basis();
         let stack = Stack::new(self.rows, &basis);
-        let mut search = Search::new(self, stack, gaps, Table::new(heights, struck), warm);
+        let mut search =
+            ActiveSets::new(self, stack, gaps, PlaneContact::new(heights, struck), warm);
         search.run(system, influence)?;
         Ok(self.finish(&basis, &search))
     }
@@ -121,7 +100,7 @@ impl Problem<'_> {
         )
     }
 
-    fn finish(&self, basis: &Matrix3<f64>, search: &Search) -> Projected {
+    fn finish(&self, basis: &Matrix3<f64>, search: &ActiveSets) -> Projected {
         let back = basis.transpose();
         let mut positions: Vec<_> = self
             .estimate

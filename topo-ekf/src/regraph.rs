@@ -6,9 +6,9 @@ use crate::Error;
 use crate::contact::Surface;
 use crate::filter::Filter;
 use crate::graph::{Graph, check_points, check_vertex};
-use crate::memory::fit_rotations;
-use crate::project::Warm;
+use crate::problem::Warm;
 use crate::rotation::clean;
+use crate::shape_prior::fit_rotations;
 use crate::system::System;
 
 impl Filter {

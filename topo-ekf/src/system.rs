@@ -26,10 +26,10 @@ use faer::{Conj, MatMut, Par, Side};
 use nalgebra::{DMatrix, Point3};
 
 use crate::Error;
-use crate::among::inverse_among;
 use crate::marginal::selected_diagonal;
 use crate::order::dissect;
 use crate::pattern::Pattern;
+use crate::selected_inverse::selected_inverse;
 
 /// Columns that one solve may have; more are solved in slices of this width.
 const WIDTH: usize = 64;
@@ -129,7 +129,11 @@ impl System {
     }
 
     /// Entries of `S⁻¹` among some vertices, each named once.
-    pub fn inverse_among(&self, factor: &Factor, vertices: &[u32]) -> Result<DMatrix<f64>, Error> {
+    pub fn selected_inverse(
+        &self,
+        factor: &Factor,
+        vertices: &[u32],
+    ) -> Result<DMatrix<f64>, Error> {
         let (blocks, order) = parts(&self.symbolic)?;
         let place = order.arrays().1;
         let mut sorted: Vec<usize> = (0..vertices.len()).collect();
@@ -138,7 +142,7 @@ impl System {
             .iter()
             .map(|&k| place[vertices[k] as usize])
             .collect();
-        let lower = inverse_among(blocks, &factor.0, &places);
+        let lower = selected_inverse(blocks, &factor.0, &places);
         let mut entries = DMatrix::zeros(vertices.len(), vertices.len());
         for (l, &column) in sorted.iter().enumerate() {
             for (k, &row) in sorted.iter().enumerate().skip(l) {

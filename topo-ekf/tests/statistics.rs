@@ -227,8 +227,8 @@ fn normalised_errors_lie_in_their_band_on_simulated_noise() {
         error.mean(),
         error.band()
     );
-    assert_eq!(innovation.verdict(), Verdict::Honest);
-    assert_eq!(error.verdict(), Verdict::Honest);
+    assert_eq!(innovation.verdict(), Verdict::Consistent);
+    assert_eq!(error.verdict(), Verdict::Consistent);
 }
 
 #[test]
@@ -236,8 +236,8 @@ fn a_wrong_sigma_shows() {
     // Noise twice as large, half as large as the filter is told.
     let (large, _) = simulated(2.0);
     let (small, _) = simulated(0.5);
-    assert_eq!(large.verdict(), Verdict::Optimistic);
-    assert_eq!(small.verdict(), Verdict::Cautious);
+    assert_eq!(large.verdict(), Verdict::Overconfident);
+    assert_eq!(small.verdict(), Verdict::Conservative);
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! The body filter: predict, relinearise from rest, update, project.
 //!
 //! ```text
-//! predict     y = x + momentum · v                        where the nodes are expected, σ = motion_sigma
+//! predict     y = x + momentum · d                        where the nodes are expected, σ = motion_sigma
 //! prestep     grips, table, weight and elasticity alone   → innovation: how far the data are from it
 //! update      repeat: rows = observe(pose);  one Gauss–Newton step of elasticity + rows + grips + table + friction + weight
 //! project     x ← nearest to x in the metric of the information with no point under the table, inequalities kept
-//! keep        x, v = x − x_before
+//! keep        x, d = x − x_before
 //! ```
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that it never forgets the
 //! rest shape: what drags surface along itself must strain the body between.
@@ -69,7 +69,8 @@ pub struct BodyFilter {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     pose: Pose,
-    velocity: Vec<Vector3<f64>>,
+    /// How far every node moved in the last frame, m.
+    displacement: Vec<Vector3<f64>>,
     /// How far the last projection moved every node.
     raised: Vec<Vector3<f64>>,
     /// Frames since the last release, down to 0.
@@ -97,7 +98,7 @@ impl BodyFilter {
         Ok(Self {
             state: State {
                 pose: Pose::at_rest(&lattice),
-                velocity: vec![Vector3::zeros(); lattice.rest().len()],
+                displacement: vec![Vector3::zeros(); lattice.rest().len()],
                 raised: vec![table.normal.into_inner() * TOUCHING; lattice.rest().len()],
                 falling: 0,
                 held: false,
@@ -126,7 +127,7 @@ impl BodyFilter {
         for (what, found, expected) in [
             ("nodes of the pose", state.pose.live.len(), nodes),
             ("rotations of the pose", state.pose.turns.len(), cells),
-            ("velocities", state.velocity.len(), nodes),
+            ("displacements", state.displacement.len(), nodes),
             ("raised nodes", state.raised.len(), nodes),
         ] {
             if found != expected {
@@ -165,7 +166,7 @@ impl BodyFilter {
         for own in &mut self.state.pose.turns {
             *own = turn * *own;
         }
-        self.state.velocity.fill(Vector3::zeros());
+        self.state.displacement.fill(Vector3::zeros());
         self.state.raised.fill(Vector3::zeros());
         self.state.falling = 0;
         self.last = None;
@@ -250,7 +251,7 @@ impl BodyFilter {
         let kept = self.state.clone();
         self.state = State {
             pose: earlier,
-            velocity: vec![Vector3::zeros(); nodes],
+            displacement: vec![Vector3::zeros(); nodes],
             raised: vec![Vector3::zeros(); nodes],
             falling: 0,
             held: false,
@@ -320,8 +321,8 @@ impl BodyFilter {
     /// Where the nodes are expected.
     fn expected(&self, released: bool) -> Vec<Point3<f64>> {
         let momentum = if released { 0.0 } else { self.options.momentum };
-        let moving = self.state.pose.live.iter().zip(&self.state.velocity);
-        moving.map(|(p, v)| p + v * momentum).collect()
+        let moving = self.state.pose.live.iter().zip(&self.state.displacement);
+        moving.map(|(p, d)| p + d * momentum).collect()
     }
 
     /// The steps with all data; the normal equations of the last.
@@ -397,9 +398,9 @@ impl BodyFilter {
 
     fn finish(&mut self, before: &[Point3<f64>], released: bool, report: &mut BodyReport) {
         let moved = self.state.pose.live.iter().zip(before);
-        self.state.velocity = moved.map(|(now, then)| now - then).collect();
-        let sum: f64 = self.state.velocity.iter().map(Vector3::norm).sum();
-        report.moved = sum / self.state.velocity.len() as f64;
+        self.state.displacement = moved.map(|(now, then)| now - then).collect();
+        let sum: f64 = self.state.displacement.iter().map(Vector3::norm).sum();
+        report.moved = sum / self.state.displacement.len() as f64;
         self.state.idle = report.moved < IDLE && !released;
     }
 

@@ -9,7 +9,7 @@
 //! contact rows in the steps already, with a deviation of half a millimetre at the most; what is left of it is taken away here, so that no
 //! point of the estimate is more than a micrometre below. Of the violated rows of a cell the worst comes into play, then the worst of what
 //! is left: most rows of a cell say nearly the same. `D H⁻¹ Dᵀ` among the rows in play is small and dense, from entries of `H⁻¹` by the factor at hand
-//! ([`crate::among`]), and the active set is found in it by descent; clarabel takes over where that does not settle.
+//! ([`crate::selected_inverse`]), and the active set is found in it by descent; clarabel takes over where that does not settle.
 //! The softness `ς` keeps rows apart that repeat each other, and what it leaves of the gaps is asked for again (method of
 //! multipliers), so that rows that contradict each other end at the least sum of squares.
 //!
@@ -211,7 +211,7 @@ impl Model {
         }
         if self.unknowns.len() > known {
             let system = elastic.system();
-            self.inverse = system.inverse_among(&solved.factor, &self.unknowns)?;
+            self.inverse = system.selected_inverse(&solved.factor, &self.unknowns)?;
         }
         self.drop_idle();
         let old = self.rows.len();

@@ -5,7 +5,7 @@
 //! σ(e) = √(tr cov x(e) / 3)
 //! e is determined within τ   ⇔   σ(e) ≤ τ
 //! ```
-//! Entries of `H⁻¹` come by half solves with the factor at hand, several cells at a time ([`crate::among`]).
+//! Entries of `H⁻¹` come by half solves with the factor at hand, several cells at a time ([`crate::selected_inverse`]).
 
 use std::collections::BTreeSet;
 
@@ -63,7 +63,9 @@ pub(crate) fn covariances(
             .iter()
             .flat_map(|n| [3 * n, 3 * n + 1, 3 * n + 2])
             .collect();
-        let inverse = elastic.system().inverse_among(&solved.factor, &unknowns)?;
+        let inverse = elastic
+            .system()
+            .selected_inverse(&solved.factor, &unknowns)?;
         for (k, at) in members() {
             let own: Vec<(usize, f64)> = corners(lattice, at)
                 .map(|(node, w)| (3 * nodes.partition_point(|n| *n < node), w))

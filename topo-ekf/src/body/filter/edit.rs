@@ -64,13 +64,13 @@ impl BodyFilter {
             .take()
             .filter(|(e, _)| e.is_wired_as(&self.lattice));
         self.state.pose.extend(&self.lattice);
-        for node in self.state.velocity.len()..self.lattice.rest().len() {
+        for node in self.state.displacement.len()..self.lattice.rest().len() {
             let parent = self.lattice.parent(node as u32);
             let of = |motion: &[Vector3<f64>]| {
                 parent.map_or_else(Vector3::zeros, |p| motion[p as usize])
             };
-            let (velocity, raised) = (of(&self.state.velocity), of(&self.state.raised));
-            self.state.velocity.push(velocity);
+            let (displacement, raised) = (of(&self.state.displacement), of(&self.state.raised));
+            self.state.displacement.push(displacement);
             self.state.raised.push(raised);
         }
     }

@@ -9,6 +9,7 @@
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
+use crate::skeleton::Marks;
 use nalgebra::Vector3;
 use std::sync::OnceLock;
 
@@ -171,12 +172,4 @@ impl Complex {
         }
         Ok(marks)
     }
-}
-
-/// Simplices to be removed.
-pub(crate) struct Marks {
-    vertices: Vec<bool>,
-    pub(crate) edges: Vec<bool>,
-    pub(crate) triangles: Vec<bool>,
-    pub(crate) tetrahedra: Vec<bool>,
 }

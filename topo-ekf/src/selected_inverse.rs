@@ -17,7 +17,7 @@ use faer::{Accum, Mat, MatMut, Par};
 use crate::marginal::block_of;
 
 /// `(S⁻¹)_CC`, lower triangle, for places in the order of the factor that ascend.
-pub(crate) fn inverse_among(
+pub(crate) fn selected_inverse(
     symbolic: &SymbolicSupernodalCholesky<usize>,
     factor: &[f64],
     places: &[usize],
@@ -198,7 +198,7 @@ mod tests {
         let few = vec![last, 3, 200, 17];
         let many: Vec<u32> = (0..last).map(|k| k * 101 % last).take(150).collect();
         for vertices in [vec![], vec![5], few, many] {
-            let found = system.inverse_among(&factor, &vertices).unwrap();
+            let found = system.selected_inverse(&factor, &vertices).unwrap();
             for (l, &v) in vertices.iter().enumerate() {
                 let mut column = vec![0.0; size];
                 column[v as usize] = 1.0;

@@ -1,4 +1,4 @@
-//! Shape memory: every edge keeps its rest vector up to the rotation of its ends (as rigid as possible).
+//! Shape prior: every edge keeps its rest vector up to the rotation of its ends (as rigid as possible).
 //!
 //! ```text
 //! min over x, R   Σ_i d_i ‖x_i − y_i‖² + Σ_i r_i ‖x_i − z_i‖² + Σ_e w_e ‖x_i − x_j − ½(R_i + R_j) E_e‖²
@@ -30,7 +30,7 @@ pub(crate) struct Relaxed {
 }
 
 /// Everything the alternations hold fixed.
-pub(crate) struct Memory<'a> {
+pub(crate) struct ShapePrior<'a> {
     pub graph: &'a Graph,
     /// Weight of every edge, `s_e/σ_e²`.
     pub weights: &'a [f64],
@@ -42,7 +42,7 @@ pub(crate) struct Memory<'a> {
     pub data: &'a [f64],
 }
 
-impl Memory<'_> {
+impl ShapePrior<'_> {
     /// Alternates until nothing moves or the allowed number is used up.
     pub fn relax(
         &self,

@@ -1,25 +1,25 @@
-//! The two active sets of a projection, turn and turn about: who rests on the main plane, and which rows push.
+//! The two active sets of a projection, found in alternation: which vertices rest on the main plane, and which rows push.
 //!
 //! ```text
 //! pass p     min ½ λᵀ (G + ς I) λ − gᵖᵀ λ,  λ ≥ 0     with the table's set, until neither set changes
-//! left       g − G λᵖ = ς (λᵖ − λᵖ⁻¹)                  of rows that push
-//! ask        gᵖ⁺¹ = g + ς λᵖ                            where that is more than may be left
+//! residual   g − G λᵖ = ς (λᵖ − λᵖ⁻¹)                  of rows that push
+//! shift      gᵖ⁺¹ = g + ς λᵖ                            where the residual exceeds the tolerance
 //! ```
 //!
-//! The softness `ς` keeps rows apart that repeat each other, and costs a share of every gap. One pass leaves of a gap of millimetres
-//! less than may be left; of metres, or where rows brace each other, it does not. Asking for what was left is Hestenes's and Powell's
-//! method of multipliers: rows that can be kept together are kept as exactly as asked for, and rows that contradict each other end
-//! where their sum of squares is least. What has not settled after the rounds allowed is handed to an interior point
-//! method ([`crate::interior`]).
+//! The regularisation `ς` makes `G` definite where rows are linearly dependent, and leaves a share of every gap open. For gaps of millimetres
+//! one pass leaves less than the tolerance; for gaps of metres, or where rows oppose each other, it leaves more, and the gap is shifted by what
+//! was left: the method of multipliers of Hestenes and Powell. Rows that can be satisfied together then are, to the tolerance; rows that
+//! contradict each other end at the least sum of squares. If the sets have not settled after the rounds allowed, an interior point method takes
+//! over ([`crate::interior`]).
 
 use crate::Error;
 use crate::compliance::{Compliance, Influence};
 use crate::dual::{Dual, Forces, Model};
 use crate::interior::interior_point;
-use crate::project::{Problem, ROW_DEPTH, Warm};
+use crate::plane_contact::PlaneContact;
+use crate::problem::{Problem, ROW_DEPTH, Warm};
 use crate::rows::{FEASIBLE, Stack};
 use crate::system::System;
-use crate::table::Table;
 
 /// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
 /// of vertices.
@@ -34,13 +34,13 @@ const PASSES: usize = 20;
 const STILL: f64 = 1e-2 * FEASIBLE;
 
 /// A projection under way, and in the end its result.
-pub(crate) struct Search<'a> {
+pub(crate) struct ActiveSets<'a> {
     problem: &'a Problem<'a>,
     stack: Stack,
     /// Gaps without forces, m.
     gaps: Vec<f64>,
     /// Who rests.
-    pub table: Table,
+    pub table: PlaneContact,
     /// Forces of the rows.
     pub forces: Vec<f64>,
     /// Displacement, as a block in the frame of the plane.
@@ -50,13 +50,13 @@ pub(crate) struct Search<'a> {
     model: Model,
 }
 
-impl<'a> Search<'a> {
+impl<'a> ActiveSets<'a> {
     /// From the forces of `warm`.
     pub fn new(
         problem: &'a Problem,
         stack: Stack,
         gaps: Vec<f64>,
-        table: Table,
+        table: PlaneContact,
         warm: &Warm,
     ) -> Self {
         let force = |key| warm.forces.get(key).copied().unwrap_or(0.0);

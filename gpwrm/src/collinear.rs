@@ -15,7 +15,7 @@
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
-use crate::nodal::{Moments, Sample};
+use crate::moments::{Moments, Sample};
 use crate::rotation::shortest_turn;
 
 /// The rotation, and whether the nodes determine its roll; whatever they leave free stays as in `base`.

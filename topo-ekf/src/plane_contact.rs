@@ -22,7 +22,7 @@ const SWEEPS: usize = 24;
 const OVER: f64 = 1.7;
 
 /// Resting vertices and the factor of the others.
-pub(crate) struct Table {
+pub(crate) struct PlaneContact {
     /// Heights of the unconstrained estimate over the plane; infinite without a plane.
     heights: Vec<f64>,
     struck: Vec<bool>,
@@ -32,7 +32,7 @@ pub(crate) struct Table {
     pub factorisations: usize,
 }
 
-impl Table {
+impl PlaneContact {
     pub fn new(heights: Vec<f64>, struck: Vec<bool>) -> Self {
         let factored = vec![false; struck.len()];
         Self {

@@ -1,4 +1,4 @@
-//! The mouth of a hole: where it is, which way it is long, which way it opens.
+//! The opening of a hole: where it is, which way it is long, which way it opens.
 //!
 //! ```text
 //! c = mean of the loop,   u = first principal direction,   n = mean normal,   v = n × u  (made level)
@@ -10,8 +10,8 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
 use crate::{Error, Model, Refusal, Scene};
 
-/// A loop of vertices as the mouth of a fold or pocket.
-pub(crate) struct Mouth {
+/// A loop of vertices around the opening of a fold or pocket.
+pub(crate) struct Hole {
     pub(crate) center: Point3<f64>,
     pub(crate) long: Vector3<f64>,
     pub(crate) across: UnitVector3<f64>,
@@ -20,7 +20,7 @@ pub(crate) struct Mouth {
 /// Least sine of the angle between a slit and a grip that opens it: 20°.
 const BESIDE: f64 = 0.34;
 
-impl Mouth {
+impl Hole {
     pub(crate) fn new(model: &Model, scene: &Scene, hole: &[u32]) -> Result<Self, Refusal> {
         let points = model.points.len();
         if let Some(&vertex) = hole.iter().find(|&&v| v as usize >= points) {
@@ -68,7 +68,7 @@ impl Mouth {
         self.across.dot(&(point - self.center))
     }
 
-    /// How well grips that go apart along `axis` open the mouth, 0 to 1; 0 when they are not on both sides of it: a grip in line with
+    /// How well grips that go apart along `axis` open the hole, 0 to 1; 0 when they are not on both sides of it: a grip in line with
     /// the slit pulls it along and not apart.
     pub(crate) fn opened_by(&self, grips: [&Point3<f64>; 2], axis: &UnitVector3<f64>) -> f64 {
         let [a, b] = grips.map(|p| self.beside(p));

@@ -1,0 +1,76 @@
+//! How a complex is built: up to which scale, with which regard for normals, and how large at most.
+
+use crate::error::{Error, positive};
+
+/// Whether the orientation of normals matters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Orientation {
+    /// Normals are axes without a sign: the plain nerve.
+    Free,
+    /// Cylinders whose normals have a dot product below `min_cosine` are never joined, so the two faces of a thin sheet stay
+    /// two surfaces even where the cylinders overlap. Triangles and tetrahedra follow their edges.
+    Separate {
+        /// Least dot product of two normals that may be joined.
+        min_cosine: f64,
+    },
+}
+
+/// How to build a complex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Largest filtration value kept (closed). Default 1: the complex at the cylinder's own size.
+    pub max_scale: f64,
+    /// Default `Separate { min_cosine: −0.5 }`: faces that look away from each other within 60° stay apart, and a crease up
+    /// to 120° sharp (a box has 90°) stays closed in spite of noisy normals.
+    pub orientation: Orientation,
+    /// Most simplices of all dimensions, default ten million (about 0.7 GB); a larger complex is an error, not a full memory.
+    pub max_simplices: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            max_scale: 1.0,
+            orientation: Orientation::Separate { min_cosine: -0.5 },
+            max_simplices: 10_000_000,
+        }
+    }
+}
+
+impl Options {
+    /// Sets the largest filtration value kept.
+    #[must_use]
+    pub fn max_scale(mut self, max_scale: f64) -> Self {
+        self.max_scale = max_scale;
+        self
+    }
+
+    /// Sets the treatment of orientation.
+    #[must_use]
+    pub fn orientation(mut self, orientation: Orientation) -> Self {
+        self.orientation = orientation;
+        self
+    }
+
+    /// Sets the largest number of simplices.
+    #[must_use]
+    pub fn max_simplices(mut self, max_simplices: usize) -> Self {
+        self.max_simplices = max_simplices;
+        self
+    }
+
+    /// Refuses settings that have no meaning.
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        positive("max_scale", self.max_scale)?;
+        match self.orientation {
+            Orientation::Separate { min_cosine } if !(-1.0..=1.0).contains(&min_cosine) => {
+                Err(Error::OutOfRange {
+                    what: "min_cosine",
+                    value: min_cosine,
+                })
+            }
+            _ => Ok(()),
+        }
+    }
+}
