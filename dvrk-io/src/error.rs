@@ -247,4 +247,30 @@ pub enum Error {
         /// Number of depths.
         length: usize,
     },
+    /// The name or value of a network setting means nothing.
+    #[error("{what} is `{value}`: {expected}")]
+    BadNetwork {
+        /// The setting.
+        what: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// The network refuses something.
+    #[error("network, {what}: {reason}")]
+    Network {
+        /// What was asked of it.
+        what: &'static str,
+        /// What it said.
+        reason: String,
+    },
+    /// A message of a topic cannot be sent or read.
+    #[error("{topic}: {source}")]
+    OnTopic {
+        /// The topic.
+        topic: String,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
 }

@@ -7,6 +7,7 @@ mod error;
 pub mod kinematics;
 mod psm;
 pub mod session;
+pub mod transport;
 
 pub use error::Error;
 pub use nalgebra;
