@@ -1,11 +1,13 @@
 #![doc = include_str!("../README.md")]
 
+pub mod arm;
 pub mod calibration;
 pub mod cdr;
 pub mod depth;
 mod error;
 pub mod kinematics;
 mod psm;
+pub mod serve;
 pub mod session;
 pub mod transport;
 
