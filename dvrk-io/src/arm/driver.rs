@@ -62,6 +62,8 @@ pub struct Arm {
     /// Homing and powering make an arm busy: not somebody's hand then.
     pub(crate) expect_busy: bool,
     pub(crate) last_tick: Duration,
+    /// When the last set-point was sent.
+    pub(crate) last_sent: Duration,
     pub(crate) writers_checked: Duration,
     events: std::collections::VecDeque<Event>,
 }
@@ -107,6 +109,7 @@ impl Arm {
             last_warning: String::new(),
             expect_busy: false,
             last_tick: now,
+            last_sent: Duration::ZERO,
             writers_checked: Duration::ZERO,
             events: std::collections::VecDeque::new(),
             transport,

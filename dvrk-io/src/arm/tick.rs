@@ -5,7 +5,8 @@
 //!         any of these    ⇒  the motion ends, the arm is told to hold (see Stop)
 //! else    next pose of the line, next angle of the jaw, both sent now
 //! ```
-//! A tick that comes late sends one set-point, not those that were missed.
+//! A tick that comes late sends one set-point, not those that were missed; one that comes early sends none. So set-points never
+//! follow each other faster than the limits assume.
 
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use super::drive::unreachable;
 use super::driver::Arm;
 use super::line::{Line, apart};
 use super::monitor::WINDOW;
-use super::motion::{LineMotion, Motion, MoveMotion};
+use super::motion::{JawMotion, LineMotion, Motion, MoveMotion};
 use super::profile::Profile;
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
@@ -36,37 +37,41 @@ impl Arm {
         let Some(mut motion) = self.motion.take() else {
             return;
         };
-        let stop = self
-            .trouble(now, &motion, error)
-            .or_else(|| match &mut motion {
-                Motion::Line { line, jaw, done } => {
-                    let sent = self.advance(now, line);
-                    let jaw_done = jaw.as_mut().is_none_or(|jaw| {
-                        let angle = jaw.advance();
-                        let sent = self.commands.jaw(now, angle);
-                        self.note(now, sent);
-                        jaw.is_done()
-                    });
-                    sent.or_else(|| {
-                        let all = line.profile.is_done() && line.next.is_none() && jaw_done;
-                        let since = if all {
-                            *done.get_or_insert(now)
-                        } else {
-                            return None;
-                        };
-                        self.arrived(
-                            now,
-                            since,
-                            jaw.as_ref().map(super::motion::JawMotion::angle),
-                        )
-                    })
-                }
-                Motion::Move(state) => self.follow_move(now, state),
-            });
+        let trouble = self.trouble(now, &motion, error);
+        let stop = trouble.or_else(|| match &mut motion {
+            Motion::Line { line, jaw, done } => self.send_setpoints(now, line, jaw, done),
+            Motion::Move(state) => self.follow_move(now, state),
+        });
         self.motion = Some(motion);
         if let Some(stop) = stop {
             self.finish(stop);
         }
+    }
+
+    /// The next set-points of tips and jaw; where both are at their ends, whether the arm is too.
+    fn send_setpoints(
+        &mut self,
+        now: Duration,
+        line: &mut LineMotion,
+        jaw: &mut Option<JawMotion>,
+        done: &mut Option<Duration>,
+    ) -> Option<Stop> {
+        if now < self.last_sent + self.options.period {
+            return None;
+        }
+        if let Some(stop) = self.advance(now, line) {
+            return Some(stop);
+        }
+        if let Some(jaw) = jaw {
+            let sent = self.commands.jaw(now, jaw.advance());
+            self.note(now, sent);
+        }
+        let jaw_done = jaw.as_ref().is_none_or(JawMotion::is_done);
+        if !(line.profile.is_done() && line.next.is_none() && jaw_done) {
+            return None;
+        }
+        let since = *done.get_or_insert(now);
+        self.arrived(now, since, jaw.as_ref().map(JawMotion::angle))
     }
 
     /// Reads every topic; the last error that was said, if any.
@@ -144,7 +149,9 @@ impl Arm {
 
     /// Sends the next set-point of the line.
     fn advance(&mut self, now: Duration, motion: &mut LineMotion) -> Option<Stop> {
+        // The last tick of a line has some speed left: one tick of rest before the next.
         if motion.profile.is_done()
+            && motion.profile.speed() == 0.0
             && let Some(next) = motion.next.take()
         {
             let rest = motion
@@ -176,6 +183,7 @@ impl Arm {
         let frames = self.frames.clone()?;
         let pose = frames.command(kinematics, &tip);
         self.monitor.sent(now, pose);
+        self.last_sent = now;
         let sent = self.commands.servo(now, &frames.reference, &pose);
         self.note(now, sent);
         None
