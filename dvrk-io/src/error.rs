@@ -274,7 +274,7 @@ pub enum Error {
         /// What is wrong with it.
         source: Box<Error>,
     },
-    /// An arm cannot be driven: streams or listeners are missing.
+    /// An arm cannot be driven, or a camera not read: streams or listeners are missing.
     #[error("{arm}: after {waited:.1} s still missing: {}", listed(streams))]
     StreamsMissing {
         /// The arm.

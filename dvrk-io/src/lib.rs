@@ -2,6 +2,7 @@
 
 pub mod arm;
 pub mod calibration;
+pub mod camera;
 pub mod cdr;
 pub mod depth;
 mod error;

@@ -93,5 +93,6 @@ pub use options::{ArmOptions, LocalPose, OtherWriters, Tolerance};
 pub use profile::{Profile, ProfileLimits};
 pub use state::{ArmStatus, ControlPoint, Dialect, Event, EventKind, Mode};
 pub use stop::Stop;
+pub(crate) use stream::unheard;
 pub use stream::{Absence, Sample, Velocity};
 pub use thread::ArmThread;

@@ -383,12 +383,5 @@ impl<A: ServedArm> ArmServer<A> {
 
 /// The last message that came; a robot keeps no more. What cannot be read is passed over.
 fn newest<M: Message>(reader: &mut Reader<M>) -> Option<M> {
-    let mut last = None;
-    loop {
-        match reader.take() {
-            Ok(None) => return last,
-            Ok(Some(message)) => last = Some(message),
-            Err(_) => {}
-        }
-    }
+    reader.newest().ok().flatten()
 }

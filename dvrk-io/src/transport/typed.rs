@@ -48,6 +48,23 @@ impl<M: Message> Reader<M> {
         });
         message.map_err(|source| on(&self.topic, source))
     }
+
+    /// The last message that came since the last call; those before it are passed over unread.
+    ///
+    /// # Errors
+    /// [`Error::OnTopic`]: it cannot be read.
+    pub fn newest(&mut self) -> Result<Option<M>, Error> {
+        let mut last = None;
+        let taken = loop {
+            match self.inner.take() {
+                Ok(Some(bytes)) => last = Some(bytes),
+                Ok(None) => break Ok(()),
+                Err(error) => break Err(error),
+            }
+        };
+        let message = last.map(|bytes| decode(&bytes)).transpose();
+        taken.and(message).map_err(|source| on(&self.topic, source))
+    }
 }
 
 /// Writes messages `M` of one topic.
