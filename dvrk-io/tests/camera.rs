@@ -12,7 +12,7 @@ use dvrk_io::camera::{Camera, CameraOptions, CameraTopics};
 use dvrk_io::cdr::{CameraInfo, Header, Image, Text, Time};
 use dvrk_io::depth::{LengthUnit, ObjectOptions, UnitSource, find_object};
 use dvrk_io::nalgebra::{Point3, Vector3};
-use dvrk_io::serve::CameraServer;
+use dvrk_io::serve::CloudServer;
 use dvrk_io::transport::{Bus, Qos, Transport, Writer};
 
 const TOPIC: &str = "/camera/depth/color/points";
@@ -27,7 +27,7 @@ fn the_newest_cloud_of_reliable_and_best_effort_cameras() {
     for reliable in [true, false] {
         let bus = Bus::new();
         let mut camera = camera(&bus);
-        let mut server = CameraServer::new(&bus.node(), TOPIC, "optical", reliable).unwrap();
+        let mut server = CloudServer::new(&bus.node(), TOPIC, "optical", reliable).unwrap();
         let node = bus.node();
         for k in 0..5 {
             bus.advance(seconds(0.6));
@@ -53,7 +53,7 @@ fn the_newest_cloud_of_reliable_and_best_effort_cameras() {
         assert!(camera.try_frame().unwrap().is_none());
         // The camera is replaced by one of the other kind.
         drop(server);
-        let mut other = CameraServer::new(&node, TOPIC, "optical", !reliable).unwrap();
+        let mut other = CloudServer::new(&node, TOPIC, "optical", !reliable).unwrap();
         let clock = bus.node();
         bus.every(seconds(0.1), move |_| {
             other
@@ -82,7 +82,7 @@ fn why_there_is_no_frame() {
         matches!(why(&mut camera), Absence::OtherType { found } if found == "std_msgs/msg/String")
     );
     drop(text);
-    let mut server = CameraServer::new(&bus.node(), TOPIC, "optical", true).unwrap();
+    let mut server = CloudServer::new(&bus.node(), TOPIC, "optical", true).unwrap();
     assert_eq!(why(&mut camera), Absence::Silent);
     server
         .publish(seconds(3.0), &[Point3::new(0.0, 0.0, 1.0)])

@@ -26,9 +26,10 @@ use dvrk_io::cdr::{
     OperatingState, PointCloud2, Pose, PoseStamped, StringStamped, Text, Time, TwistStamped,
     WrenchStamped,
 };
+use dvrk_io::depth::{DepthImage, Intrinsics, LengthUnit};
 use dvrk_io::kinematics::RcmFromTip;
 use dvrk_io::nalgebra::{Isometry3, Point3, Translation3, Vector3};
-use dvrk_io::serve::{ArmServer, CameraServer, KinematicArm, ServeOptions};
+use dvrk_io::serve::{ArmServer, CloudServer, DepthServer, KinematicArm, ServeOptions};
 use dvrk_io::transport::{Interfaces, Network, Participant, Qos, Reader, Transport, Writer};
 
 const CLOUD: &str = "/camera/depth/color/points";
@@ -206,18 +207,24 @@ fn there_and_back<M: Message + PartialEq + std::fmt::Debug>(transport: &Particip
     let name = M::TYPE.rsplit('/').next().unwrap();
     let mut there: Writer<M> = Writer::new(transport, format!("/in/{name}"), Qos::COMMAND).unwrap();
     let mut back: Reader<M> = Reader::new(transport, format!("/out/{name}"), Qos::EVENT).unwrap();
-    let (start, mut sent) = (transport.now(), Duration::ZERO);
+    let (start, mut sent, mut last) = (transport.now(), Duration::ZERO, None);
     loop {
         let now = transport.now();
-        assert!(now < start + seconds(15.0), "{name}: nothing came back");
+        assert!(
+            now < start + seconds(15.0),
+            "{name}: {message:?} came back as {last:?}"
+        );
         // Who has not found us yet does not hear us.
         if now > sent + seconds(0.5) && !transport.readers(&there.topic().name).is_empty() {
             there.publish(message).unwrap();
             sent = now;
         }
-        if let Some(answer) = back.take().unwrap() {
-            assert_eq!(&answer, message, "{name}");
-            return;
+        while let Some(answer) = back.take().unwrap() {
+            // The answer to an earlier message of this type is latched.
+            if &answer == message {
+                return;
+            }
+            last = Some(answer);
         }
         transport.wait(now + seconds(0.05));
     }
@@ -558,7 +565,8 @@ fn clouds_of_300_000_points_are_read() {
         };
         let transport = join(test);
         let topics = CameraTopics::Cloud(CLOUD.into());
-        let options = CameraOptions::default();
+        // Up to 290 m wide, which is no range of a camera: the unit cannot be told by it.
+        let options = CameraOptions::default().with_unit(Some(LengthUnit::Metres));
         let mut camera = Camera::open(Arc::new(transport.clone()), &topics, options).unwrap();
         let (mut latencies, mut last) = (Vec::new(), 0.0);
         for _ in 0..6 {
@@ -584,31 +592,129 @@ fn clouds_of_300_000_points_are_read() {
     }
 }
 
-#[test]
-fn clouds_of_300_000_points_are_written() {
-    let transport = join(11);
-    let mut camera =
-        CameraServer::new(&transport, CLOUD, "camera_depth_optical_frame", true).unwrap();
-    let Some(peer) = Peer::start("camera.py", &["read", "3"], 11) else {
+/// Publishes until a Python program has read two messages, each as expected. Its receive buffers are those that Linux gives by
+/// default, 0.2 MB: what is lost of a message is sent again, or it is the next one that arrives.
+fn is_read(
+    kind: &str,
+    test: u16,
+    topic: &str,
+    expected: &str,
+    mut publish: impl FnMut(&Participant),
+) {
+    let transport = join(test);
+    let Some(peer) = Peer::start("camera.py", &["read", "2", kind], test) else {
         return;
     };
-    let points: Vec<_> = (0..300_000)
-        .map(|i| Point3::new(f64::from(i) / 1024.0, 1.0, 0.5))
-        .collect();
-    let sum: f64 = points.iter().map(|point| point.x).sum();
-    let expected = format!("300000 [{sum:?}, 300000.0, 150000.0]");
-    let end = Instant::now() + seconds(20.0);
+    let end = Instant::now() + seconds(45.0);
     let mut read = 0;
-    while read < 3 {
-        assert!(Instant::now() < end, "{read} of 3 clouds were read");
-        if !transport.readers(CLOUD).is_empty() {
-            // A writer that has no room says so: the next one will.
-            let _ = camera.publish(transport.now(), &points);
+    publish(&transport);
+    while read < 2 {
+        assert!(Instant::now() < end, "{read} of 2 were read");
+        if !transport.readers(topic).is_empty() {
+            publish(&transport);
         }
-        std::thread::sleep(seconds(0.2));
+        std::thread::sleep(seconds(0.5));
         while let Ok(line) = peer.lines.try_recv() {
             assert_eq!(line, expected);
             read += 1;
+        }
+    }
+}
+
+#[test]
+fn clouds_are_read_by_rclpy() {
+    let points: Vec<_> = (0..100_000)
+        .map(|i| Point3::new(f64::from(i) / 1024.0, 1.0, 0.5))
+        .collect();
+    let sum: f64 = points.iter().map(|point| point.x).sum();
+    let expected = format!("100000 [{sum:?}, 100000.0, 50000.0]");
+    let mut server = None;
+    is_read("cloud", 11, CLOUD, &expected, |transport| {
+        let new =
+            || CloudServer::new(transport, CLOUD, "camera_depth_optical_frame", true).unwrap();
+        server
+            .get_or_insert_with(new)
+            .publish(transport.now(), &points)
+            .unwrap();
+    });
+}
+
+const IMAGE: [&str; 2] = ["/camera/depth/image_rect_raw", "/camera/depth/camera_info"];
+
+fn depth_image() -> (Intrinsics, DepthImage) {
+    let camera = Intrinsics::new(640, 480, [600.0, 600.0], [319.5, 239.5]).unwrap();
+    let depths: Vec<u16> = (0..640 * 480).map(|i| 400 + (i % 7) as u16).collect();
+    (
+        camera,
+        DepthImage::from_units(640, 480, &depths, 0.001).unwrap(),
+    )
+}
+
+#[test]
+fn depth_images_of_300_000_pixels_are_read_by_rclpy() {
+    let (camera, image) = depth_image();
+    let sum: u64 = (0..640 * 480).map(|i| 400 + i % 7).sum();
+    let mut server = None;
+    is_read(
+        "depth",
+        14,
+        IMAGE[0],
+        &format!("640 480 16UC1 {sum}"),
+        |transport| {
+            let new = || DepthServer::new(transport, IMAGE, "optical", &camera, true).unwrap();
+            server
+                .get_or_insert_with(new)
+                .publish(transport.now(), &image)
+                .unwrap();
+        },
+    );
+}
+
+#[test]
+fn our_camera_reads_our_server() {
+    let (camera, image) = depth_image();
+    let points: Vec<_> = (0..300_000)
+        .map(|i| Point3::new(f64::from(i), 1.0, 0.5))
+        .collect();
+    let server = join(15);
+    let mut clouds = CloudServer::new(&server, CLOUD, "optical", true).unwrap();
+    let mut depths = DepthServer::new(&server, IMAGE, "optical", &camera, false).unwrap();
+    let client: Arc<dyn Transport> = Arc::new(join(15));
+    let topics = [
+        CameraTopics::Cloud(CLOUD.into()),
+        CameraTopics::Depth {
+            image: IMAGE[0].into(),
+            info: IMAGE[1].into(),
+        },
+    ];
+    for topics in topics {
+        let options = CameraOptions::default().with_unit(Some(LengthUnit::Metres));
+        let options = if matches!(topics, CameraTopics::Cloud(_)) {
+            options
+        } else {
+            CameraOptions::default()
+        };
+        let mut reader = Camera::open(Arc::clone(&client), &topics, options).unwrap();
+        let end = Instant::now() + seconds(20.0);
+        let mut frames = 0;
+        while frames < 3 {
+            assert!(Instant::now() < end, "{topics:?}: {frames} frames");
+            clouds.publish(server.now(), &points).unwrap();
+            depths.publish(server.now(), &image).unwrap();
+            let Ok(frame) = reader.next_frame(seconds(0.3)) else {
+                continue;
+            };
+            frames += 1;
+            match topics {
+                CameraTopics::Cloud(_) => assert_eq!(frame.scan.points(), points),
+                _ => {
+                    assert_eq!(
+                        (frame.scan.points().len(), frame.scan.columns()),
+                        (307_200, Some(640))
+                    );
+                    assert!((frame.scan.points()[3].z - 0.403).abs() < 1e-9);
+                }
+            }
         }
     }
 }
@@ -687,11 +793,11 @@ fn a_cloud_is_decoded_faster_than_by_rosbags_and_numpy() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cloud.cdr");
     std::fs::write(&path, &bytes).unwrap();
-    let Some(printed) = run("decode.py", &[path.to_str().unwrap(), "21"], 13) else {
+    let Some(printed) = run("decode.py", &[path.to_str().unwrap(), "41"], 13) else {
         return;
     };
     let theirs: f64 = printed.split(' ').next().unwrap().parse().unwrap();
-    let times = (0..21).map(|_| {
+    let times = (0..41).map(|_| {
         let start = Instant::now();
         let decoded = cdr::decode::<PointCloud2>(&bytes)
             .unwrap()
@@ -706,5 +812,6 @@ fn a_cloud_is_decoded_faster_than_by_rosbags_and_numpy() {
         "300,000 points decoded in {ours:.2} ms, rosbags and numpy {theirs:.2} ms, ratio {:.2}",
         ours / theirs
     );
+    // 0.5 on a machine that does nothing else.
     assert!(ours <= theirs, "{ours} ms, rosbags and numpy {theirs} ms");
 }

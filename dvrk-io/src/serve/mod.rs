@@ -29,7 +29,7 @@ mod publish;
 mod server;
 mod trajectory;
 
-pub use camera::CameraServer;
+pub use camera::{CloudServer, DepthServer};
 pub use options::ServeOptions;
 pub use plant::{KinematicArm, ServedArm};
 pub use server::ArmServer;

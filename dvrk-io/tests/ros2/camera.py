@@ -1,11 +1,11 @@
-"""Clouds of 300,000 points by rclpy: `camera.py write reliable|best_effort`, or `camera.py read COUNT`, which prints a sum of each."""
+"""Clouds of 300,000 points by rclpy: `camera.py write reliable|best_effort`, or `camera.py read COUNT cloud|depth`, which prints a sum of each."""
 import sys
 import time
 
 import numpy as np
 import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import PointCloud2, PointField
+from sensor_msgs.msg import Image, PointCloud2, PointField
 
 POINTS = 300_000
 rclpy.init()
@@ -48,9 +48,16 @@ else:
         xyz = np.frombuffer(message.data, dtype=np.float32).reshape(-1, message.point_step // 4)[:, :3]
         read.append(f"{message.width} {xyz.sum(axis=0, dtype=np.float64).tolist()}")
 
-    node.create_subscription(PointCloud2, "/camera/depth/color/points", take, qos("reliable"))
+    def take_image(message):
+        depths = np.frombuffer(message.data, dtype=np.uint16)
+        read.append(f"{message.width} {message.height} {message.encoding} {depths.sum(dtype=np.int64)}")
+
+    if sys.argv[3] == "cloud":
+        node.create_subscription(PointCloud2, "/camera/depth/color/points", take, qos("reliable"))
+    else:
+        node.create_subscription(Image, "/camera/depth/image_rect_raw", take_image, qos("reliable"))
     print("ready", flush=True)
-    end = time.monotonic() + 20
+    end = time.monotonic() + 40
     while len(read) < wanted and time.monotonic() < end:
         rclpy.spin_once(node, timeout_sec=0.1)
     print("\n".join(read), flush=True)
