@@ -135,7 +135,7 @@ enum Source {
     Depth {
         image: Follower<Image>,
         info: Follower<CameraInfo>,
-        last: Option<CameraInfo>,
+        last: Box<Option<CameraInfo>>,
     },
 }
 
@@ -163,7 +163,7 @@ impl Camera {
             CameraTopics::Depth { image, info } => Source::Depth {
                 image: Follower::new(transport.as_ref(), image)?,
                 info: Follower::new(transport.as_ref(), info)?,
-                last: None,
+                last: Box::default(),
             },
         };
         Ok(Self {
@@ -190,9 +190,9 @@ impl Camera {
             }
             Source::Depth { image, info, last } => {
                 if let Some(info) = info.newest(transport)? {
-                    *last = Some(info);
+                    **last = Some(info);
                 }
-                let Some(info) = last else {
+                let Some(info) = last.as_ref() else {
                     return Ok(None);
                 };
                 let Some(image) = image.newest(transport)? else {

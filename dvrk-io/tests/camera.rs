@@ -1,5 +1,10 @@
 //! A camera on the in-process bus.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "tests; the ends of motions are met to the last bit"
+)]
 
 mod bus;
 
@@ -58,7 +63,7 @@ fn the_newest_cloud_of_reliable_and_best_effort_cameras() {
         bus.every(seconds(0.1), move |_| {
             other
                 .publish(clock.now(), &[Point3::new(0.0, 0.0, 7.0)])
-                .unwrap()
+                .unwrap();
         });
         let frame = camera.next_frame(seconds(3.0)).unwrap();
         assert_eq!(frame.scan.points()[0].z, 7.0);

@@ -1,5 +1,10 @@
 //! Laws of the profile generator: no limit is broken, the end is met, and not much later than it could be.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "tests; the ends of motions are met to the last bit"
+)]
 
 use dvrk_io::Error;
 use dvrk_io::arm::{Profile, ProfileLimits};

@@ -97,6 +97,11 @@ impl World {
         self.server(|server| act(server.arm()))
     }
 
+    /// Seconds since some time.
+    pub fn since(&self, start: Duration) -> f64 {
+        self.bus.now().saturating_sub(start).as_secs_f64()
+    }
+
     pub fn node(&self) -> Arc<BusNode> {
         Arc::new(self.bus.node())
     }
