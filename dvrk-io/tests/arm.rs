@@ -169,6 +169,10 @@ fn a_new_goal_replaces_the_one_under_way_within_limits() {
     // The last set-point is on its way when the arm is within tolerance.
     world.bus.advance(seconds(0.02));
     let all = setpoints(&world);
+    // 0.3 s at up to 50 mm/s, and the way that braking takes: not the 30 mm of the first goal.
+    let farthest = all.iter().map(|(_, tip, _)| tip.translation.x);
+    let start = all[0].1.translation.x;
+    assert!(farthest.fold(f64::MIN, f64::max) - start < 0.018);
     // Ticks of rest leave no set-point of their own in this list, but a longer gap.
     let mut velocities = Vec::new();
     for pair in all.windows(2) {

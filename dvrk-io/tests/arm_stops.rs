@@ -627,6 +627,42 @@ fn commands_that_a_state_does_not_take_are_refused() {
 }
 
 #[test]
+fn a_simulator_in_a_fault_does_not_take_enable() {
+    let world = World::new(ServeOptions::default().with_dialect(Dialect::Simulator));
+    let node = world.bus.node();
+    let mut commands: Writer<StringStamped> =
+        Writer::new(&node, "/PSM1/state_command", Qos::COMMAND).unwrap();
+    let mut warnings: Reader<StringStamped> = Reader::new(
+        &node,
+        "/PSM1/warning",
+        Qos {
+            depth: 10,
+            ..Qos::EVENT
+        },
+    )
+    .unwrap();
+    for (command, mode, warns) in [
+        ("fault", Mode::Fault, false),
+        ("enable", Mode::Fault, true),
+        ("clear_fault", Mode::Disabled, false),
+        ("enable", Mode::Enabled, false),
+    ] {
+        let message = StringStamped {
+            string: command.into(),
+            ..StringStamped::default()
+        };
+        commands.publish(&message).unwrap();
+        world.bus.advance(seconds(1.0));
+        assert_eq!(
+            world.server(|server| server.status().mode),
+            mode,
+            "{command}"
+        );
+        assert_eq!(warnings.take().unwrap().is_some(), warns, "{command}");
+    }
+}
+
+#[test]
 fn a_paused_arm_is_resumed_by_enabling() {
     let world = World::default();
     let mut arm = world.ready(ArmOptions::default());

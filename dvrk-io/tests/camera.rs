@@ -31,8 +31,8 @@ fn camera(bus: &Bus) -> Camera {
 fn the_newest_cloud_of_reliable_and_best_effort_cameras() {
     for reliable in [true, false] {
         let bus = Bus::new();
-        let mut camera = camera(&bus);
         let mut server = CloudServer::new(&bus.node(), TOPIC, "optical", reliable).unwrap();
+        let mut camera = camera(&bus);
         let node = bus.node();
         for k in 0..5 {
             bus.advance(seconds(0.6));
