@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use crate::arm::{ArmStatus, MissingStream, Stop};
 use crate::kinematics::Unreachable;
 
 /// The one error of this crate. Every variant says where and which value.
@@ -247,4 +248,110 @@ pub enum Error {
         /// Number of depths.
         length: usize,
     },
+    /// The name or value of a network setting means nothing.
+    #[error("{what} is `{value}`: {expected}")]
+    BadNetwork {
+        /// The setting.
+        what: &'static str,
+        /// Its value.
+        value: String,
+        /// What it must be.
+        expected: &'static str,
+    },
+    /// The network refuses something.
+    #[error("network, {what}: {reason}")]
+    Network {
+        /// What was asked of it.
+        what: &'static str,
+        /// What it said.
+        reason: String,
+    },
+    /// A message of a topic cannot be sent or read.
+    #[error("{topic}: {source}")]
+    OnTopic {
+        /// The topic.
+        topic: String,
+        /// What is wrong with it.
+        source: Box<Error>,
+    },
+    /// An arm cannot be driven, or a camera not read: streams or listeners are missing.
+    #[error("{arm}: after {waited:.1} s still missing: {}", listed(streams))]
+    StreamsMissing {
+        /// The arm.
+        arm: String,
+        /// Seconds that were waited.
+        waited: f64,
+        /// Each of them, and why.
+        streams: Vec<MissingStream>,
+    },
+    /// An arm does not move, or stopped before its goal.
+    #[error("{arm}: {reason}")]
+    ArmStopped {
+        /// The arm.
+        arm: String,
+        /// Why.
+        reason: Box<Stop>,
+    },
+    /// An arm did not do something in time.
+    #[error(
+        "{arm}: {what} took longer than {waited:.1} s; the arm is {status}{}",
+        last_words(said)
+    )]
+    ArmTimeout {
+        /// The arm.
+        arm: String,
+        /// What it was to do.
+        what: &'static str,
+        /// Seconds that were waited.
+        waited: f64,
+        /// Its state.
+        status: ArmStatus,
+        /// The last error or warning that it reported, if any.
+        said: String,
+    },
+    /// An arm refuses a command in its state.
+    #[error("{arm} refuses `{command}`: {said}")]
+    CommandRefused {
+        /// The arm.
+        arm: String,
+        /// The command.
+        command: &'static str,
+        /// What it said.
+        said: String,
+    },
+    /// The pose that an arm reports is not that of its joint values.
+    #[error(
+        "the pose that the arm reports is {:.1} mm and {angle:.3} rad from that of its joint values: another instrument, another generation of arm, or other frames",
+        1e3 * distance
+    )]
+    FramesDisagree {
+        /// Metres.
+        distance: f64,
+        /// Radians.
+        angle: f64,
+    },
+    /// The frame in which an arm reports its poses is not where it should be.
+    #[error(
+        "the base frame of the arm is {:.1} mm and {angle:.3} rad from where the calibration has it",
+        1e3 * distance
+    )]
+    BaseFrame {
+        /// Metres.
+        distance: f64,
+        /// Radians.
+        angle: f64,
+    },
+}
+
+fn listed(streams: &[MissingStream]) -> String {
+    let each = |stream: &MissingStream| format!("{} ({})", stream.topic, stream.reason);
+    streams.iter().map(each).collect::<Vec<_>>().join(", ")
+}
+
+fn last_words(said: &str) -> String {
+    if said.is_empty() {
+        String::new()
+    } else {
+        format!("; it said: {said}")
+    }
 }

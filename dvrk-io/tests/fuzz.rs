@@ -4,7 +4,10 @@
 //! the number of a failing input is printed and makes it again. `$DVRK_IO_FUZZ` sets another number of inputs.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
-use dvrk_io::cdr::{self, CameraInfo, Endian, Image, JointState, Plane, PointCloud2, PoseStamped};
+use dvrk_io::cdr::{
+    self, Bool, CameraInfo, Empty, Endian, Float64, Image, JointState, Joy, OperatingState, Plane,
+    PointCloud2, PoseStamped, StringStamped, Text, TwistStamped, WrenchStamped,
+};
 use dvrk_io::depth::{ObjectOptions, Scan, find_object};
 use dvrk_io::session::{
     Compression, SessionReader, SessionWriter, WriterOptions, read_truth_from_bytes,
@@ -197,6 +200,139 @@ fn poses_planes_and_joints() {
         ..JointState::default()
     };
     fuzz_message(&joints, |_: JointState| ());
+}
+
+#[test]
+fn states_texts_and_buttons() {
+    let header = cdr::Header {
+        frame_id: "PSM1_base".into(),
+        ..cdr::Header::default()
+    };
+    let state = OperatingState {
+        header: header.clone(),
+        state: "ENABLED".into(),
+        is_homed: true,
+        is_busy: false,
+    };
+    fuzz_message(&state, |_: OperatingState| ());
+    let stamped = StringStamped {
+        header: header.clone(),
+        string: "home".into(),
+    };
+    fuzz_message(&stamped, |_: StringStamped| ());
+    let text = Text {
+        data: "PSM1: arm not ready".into(),
+    };
+    fuzz_message(&text, |_: Text| ());
+    let joy = Joy {
+        header: header.clone(),
+        axes: vec![0.5; 2],
+        buttons: vec![1; 3],
+    };
+    fuzz_message(&joy, |joy: Joy| {
+        joy.is_pressed();
+    });
+    let (linear, angular) = ([1.0, 2.0, 3.0], [4.0, 5.0, 6.0]);
+    fuzz_message(
+        &TwistStamped {
+            header: header.clone(),
+            linear,
+            angular,
+        },
+        |_: TwistStamped| (),
+    );
+    fuzz_message(
+        &WrenchStamped {
+            header,
+            force: linear,
+            torque: angular,
+        },
+        |_: WrenchStamped| (),
+    );
+    fuzz_message(&Bool { data: true }, |_: Bool| ());
+    fuzz_message(&Float64 { data: 0.5 }, |_: Float64| ());
+    fuzz_message(&Empty, |_: Empty| ());
+}
+
+/// Whatever comes on its topics, an arm neither panics nor leaves its limits.
+#[test]
+fn an_arm_among_damaged_messages() {
+    use dvrk_io::arm::{Arm, ArmOptions, OtherWriters};
+    use dvrk_io::serve::{ArmServer, KinematicArm, ServeOptions};
+    use dvrk_io::transport::{Bus, Qos, Topic, Transport};
+    use std::time::Duration;
+
+    let bus = Bus::new();
+    let options = ServeOptions::default();
+    let mut server = ArmServer::new(&bus.node(), "PSM1", KinematicArm::default(), options).unwrap();
+    bus.every(Duration::from_millis(1), move |now| server.tick(now));
+    let patience = Duration::from_secs(6);
+    let options = ArmOptions::default().with_other_writers(OtherWriters::Allow);
+    let mut arm = Arm::connect(std::sync::Arc::new(bus.node()), "PSM1", options, patience).unwrap();
+    arm.enable(patience).unwrap();
+    arm.home(patience).unwrap();
+    let node = bus.node();
+    let pose = PoseStamped {
+        header: cdr::Header::default(),
+        pose: (&Isometry3::translation(0.0, 0.0, -0.12)).into(),
+    };
+    let joints = JointState {
+        position: vec![0.1; 6],
+        ..JointState::default()
+    };
+    let state = OperatingState {
+        state: "ENABLED".into(),
+        ..OperatingState::default()
+    };
+    let command = StringStamped {
+        string: "home".into(),
+        ..StringStamped::default()
+    };
+    let little = Endian::Little;
+    let pose = cdr::encode(&pose, little).unwrap();
+    let joints = cdr::encode(&joints, little).unwrap();
+    let state = cdr::encode(&state, little).unwrap();
+    let command = cdr::encode(&command, little).unwrap();
+    let topic = |name: &str, qos| Topic::new::<PoseStamped>(format!("/PSM1/{name}"), qos);
+    let joint_topic = |name: &str, qos| Topic::new::<JointState>(format!("/PSM1/{name}"), qos);
+    let mut senders = Vec::new();
+    for name in ["measured_cp", "setpoint_cp", "local/measured_cp"] {
+        senders.push((node.advertise(&topic(name, Qos::PERIODIC)).unwrap(), &pose));
+    }
+    for name in ["servo_cp", "move_cp"] {
+        senders.push((node.advertise(&topic(name, Qos::COMMAND)).unwrap(), &pose));
+    }
+    for name in ["measured_js", "jaw/measured_js", "jaw/setpoint_js"] {
+        senders.push((
+            node.advertise(&joint_topic(name, Qos::PERIODIC)).unwrap(),
+            &joints,
+        ));
+    }
+    for name in ["jaw/servo_jp", "jaw/move_jp"] {
+        senders.push((
+            node.advertise(&joint_topic(name, Qos::COMMAND)).unwrap(),
+            &joints,
+        ));
+    }
+    let states = Topic::new::<OperatingState>("/PSM1/operating_state", Qos::EVENT);
+    senders.push((node.advertise(&states).unwrap(), &state));
+    let commands = Topic::new::<StringStamped>("/PSM1/state_command", Qos::COMMAND);
+    senders.push((node.advertise(&commands).unwrap(), &command));
+    let goal = arm.rcm_from_tip().unwrap().value;
+    let count = std::env::var("DVRK_IO_FUZZ").map_or(100_000, |text| text.parse().unwrap());
+    for seed in 0..count / 20 {
+        let mut random = Random(seed);
+        let pick = random.below(senders.len());
+        let (sender, message) = &mut senders[pick];
+        sender.publish(damaged(message, seed)).unwrap();
+        let _ = arm.start_line(&goal, 0.01);
+        bus.advance(Duration::from_millis(5));
+        arm.tick();
+        assert!(
+            arm.joints()
+                .is_none_or(|joints| joints.value.iter().all(|x| x.is_finite()))
+        );
+    }
 }
 
 fn camera() -> (Image, CameraInfo) {

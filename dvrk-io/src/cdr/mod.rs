@@ -1,4 +1,4 @@
-//! CDR, the wire format of ROS 2, for the messages a session is made of.
+//! CDR, the wire format of ROS 2, for the messages of sessions, arms and cameras.
 //!
 //! ```text
 //! message = header(4 bytes: 0x00, endianness, 0x00, 0x00) · body
@@ -18,14 +18,22 @@ mod encoder;
 mod geometry;
 mod image;
 mod joint_state;
+mod joy;
 mod point_cloud;
+mod standard;
+mod state;
+mod twist;
 
 pub use decoder::Decoder;
 pub use encoder::Encoder;
 pub use geometry::{Header, Plane, Pose, PoseStamped, Time};
 pub use image::{CameraInfo, Image};
 pub use joint_state::JointState;
+pub use joy::Joy;
 pub use point_cloud::{PointCloud2, PointField};
+pub use standard::{Bool, Empty, Float64, Text};
+pub use state::{OperatingState, StringStamped};
+pub use twist::{TwistStamped, WrenchStamped};
 
 use crate::Error;
 

@@ -87,6 +87,16 @@ impl Intrinsics {
         self.height
     }
 
+    /// Focal lengths (fx, fy), pixels.
+    pub fn focal(&self) -> [f64; 2] {
+        [self.fx, self.fy]
+    }
+
+    /// Principal point (cx, cy), pixels.
+    pub fn center(&self) -> [f64; 2] {
+        [self.cx, self.cy]
+    }
+
     /// The point at depth `depth` (metres along the optical axis) on the ray through pixel (u, v).
     pub fn back_project(&self, u: f64, v: f64, depth: f64) -> Point3<f64> {
         Point3::new(

@@ -253,7 +253,7 @@ impl Kinematics {
 
     /// Distance of the wrist pitch axis from the remote centre is the insertion less this, metres: 15.6 mm for
     /// both generations with their own instruments.
-    pub(super) fn wrist_before_insertion(&self) -> f64 {
+    pub(crate) fn wrist_before_insertion(&self) -> f64 {
         self.carriage - self.instrument.shaft
     }
 }

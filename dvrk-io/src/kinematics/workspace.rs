@@ -60,7 +60,7 @@ impl SafetyMargins {
         Self { wrist, ..self }
     }
 
-    fn check(&self) -> Result<(), Error> {
+    pub(crate) fn check(&self) -> Result<(), Error> {
         let values = [self.angle, self.length, self.wrist];
         match values.into_iter().find(|x| !(*x >= 0.0 && x.is_finite())) {
             Some(value) => Err(Error::OutOfRange {
@@ -73,7 +73,7 @@ impl SafetyMargins {
     }
 
     /// The first margin that is too small.
-    fn short(&self, reach: &Reach) -> Option<Unreachable> {
+    pub(crate) fn short(&self, reach: &Reach) -> Option<Unreachable> {
         let margins = &reach.margins;
         let joints = Joint::ALL
             .into_iter()

@@ -38,4 +38,5 @@ pub use frames::Frames;
 pub use reader::{SessionReader, read_truth, read_truth_from_bytes};
 pub use skipped::{Skip, Skipped};
 pub use topic::Role;
+pub(crate) use topic::check_arm_name;
 pub use writer::{SessionWriter, WriterOptions};

@@ -142,7 +142,7 @@ fn is_arm_name(name: &str) -> bool {
 
 /// # Errors
 /// The name cannot be one segment of a topic, or names an arm without an instrument.
-pub(super) fn check_arm_name(name: &str) -> Result<(), Error> {
+pub(crate) fn check_arm_name(name: &str) -> Result<(), Error> {
     match Role::of_topic(&Role::Pose(name.to_owned()).topic()) {
         Some(Role::Pose(_)) => Ok(()),
         _ => Err(Error::BadArmName {

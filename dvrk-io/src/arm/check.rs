@@ -1,0 +1,91 @@
+//! Whether the frames of an arm are what they are taken for.
+//!
+//! ```text
+//! rcm_from_wrist(measured_js)  ≟  local/measured_cp             a dVRK:      the control point is on the wrist
+//! rcm_from_tip(measured_js)    ≟  local/measured_cp             a simulator: it is at the tips of the jaws, 10.2 mm further
+//! reference_from_rcm           =  measured_cp · (local/measured_cp)⁻¹
+//! ```
+//! An arm of another generation, with another instrument, or whose joints have another order, agrees with neither.
+
+use super::frames::ReferenceFromRcm;
+use super::line::apart;
+use super::options::Tolerance;
+use super::state::ControlPoint;
+use crate::Error;
+use crate::kinematics::Kinematics;
+use nalgebra::Isometry3;
+
+/// The frames of an arm, as it was found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrameCheck {
+    /// The point that the arm reports and follows.
+    pub control_point: ControlPoint,
+    /// Where the remote centre is in the frame of `measured_cp`.
+    pub reference_from_rcm: ReferenceFromRcm,
+    /// What the robot calls that frame.
+    pub reference: String,
+    /// Distance between the reported pose and that of the joint values, metres.
+    pub distance: f64,
+    /// Angle between them.
+    pub angle: f64,
+}
+
+/// What is compared.
+pub(crate) struct Frames<'a> {
+    pub(crate) measured: &'a Isometry3<f64>,
+    pub(crate) reference: &'a str,
+    /// Nothing: the reference frame is taken to be the remote centre.
+    pub(crate) local: Option<&'a Isometry3<f64>>,
+    pub(crate) joints: &'a [f64; 6],
+}
+
+pub(crate) fn check_frames(
+    kinematics: &Kinematics,
+    tolerance: Tolerance,
+    frames: &Frames<'_>,
+) -> Result<FrameCheck, Error> {
+    let reported = frames.local.unwrap_or(frames.measured);
+    let wrist = kinematics.rcm_from_wrist(frames.joints)?;
+    let tip = kinematics.tip_of(&wrist);
+    let from_wrist = apart(reported, &wrist.0);
+    let from_tip = apart(reported, &tip.0);
+    let (control_point, (distance, angle)) = if from_wrist.0 <= from_tip.0 {
+        (ControlPoint::Wrist, from_wrist)
+    } else {
+        (ControlPoint::Tip, from_tip)
+    };
+    if !tolerance.holds((distance, angle)) {
+        return Err(Error::FramesDisagree { distance, angle });
+    }
+    let reference_from_rcm = frames.local.map_or_else(Isometry3::identity, |local| {
+        frames.measured * local.inverse()
+    });
+    Ok(FrameCheck {
+        control_point,
+        reference_from_rcm: ReferenceFromRcm(reference_from_rcm),
+        reference: frames.reference.to_owned(),
+        distance,
+        angle,
+    })
+}
+
+impl FrameCheck {
+    /// Compares with what the reference frame should be, such as
+    /// [`Calibration::dvrk_camera_from_rcm`](crate::calibration::Calibration::dvrk_camera_from_rcm) where that was given to
+    /// the robot. Returns distance and angle.
+    ///
+    /// # Errors
+    /// [`Error::BaseFrame`]: it is somewhere else by more than `tolerance`.
+    pub fn compare_base(
+        &self,
+        expected: &ReferenceFromRcm,
+        tolerance: Tolerance,
+    ) -> Result<(f64, f64), Error> {
+        let (distance, angle) = apart(&self.reference_from_rcm.0, &expected.0);
+        if tolerance.holds((distance, angle)) {
+            Ok((distance, angle))
+        } else {
+            Err(Error::BaseFrame { distance, angle })
+        }
+    }
+}

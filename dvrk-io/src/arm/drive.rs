@@ -1,0 +1,314 @@
+//! Motions: where to, and waiting until they end.
+
+use std::time::Duration;
+
+use super::driver::Arm;
+use super::line::Line;
+use super::motion::{JawMotion, LineMotion, Motion, MoveMotion, Next};
+use super::options::OtherWriters;
+use super::profile::{Profile, ProfileLimits};
+use super::state::{EventKind, Mode};
+use super::stop::Stop;
+use crate::Error;
+use crate::kinematics::{RcmFromTip, Unreachable};
+
+/// Way between two poses of a line that are looked at before it starts, metres.
+const LOOK_AHEAD: f64 = 0.002;
+/// Speed is carried from one line to the next when that changes the velocity by no more than this share of what a tick allows.
+const SAME_LINE: f64 = 1e-3;
+
+impl Arm {
+    /// Starts a straight motion of the tips (translation and slerp together) with the speed of the fastest point of the jaws,
+    /// m/s, and returns; [`Arm::tick`] or [`Arm::wait`] drive it. A new goal replaces the one under way: on the same
+    /// straight line without a stop, else the arm comes to rest first.
+    ///
+    /// The whole line is looked at before it starts: the goal with [margins](super::ArmOptions::margins), the way within joint
+    /// limits.
+    ///
+    /// # Errors
+    /// [`Error::ArmStopped`] with the reason why the arm does not move: its state, a hand, another writer, teleoperation, a
+    /// stale stream. [`Error::Unreachable`]; [`Error::OutOfRange`] for a speed that is not positive and finite;
+    /// [`Error::FramesDisagree`].
+    pub fn start_line(&mut self, goal: &RcmFromTip, speed: f64) -> Result<(), Error> {
+        if !(speed > 0.0 && speed.is_finite()) {
+            return Err(Error::OutOfRange {
+                what: "speed",
+                value: speed,
+                expected: "must be positive and finite",
+            });
+        }
+        self.ready()?;
+        let (mut line, jaw) = self.current_line()?;
+        let limits = self.limits_at(speed);
+        let here = line.line.pose(line.profile.travelled());
+        let direct = Line::new(&here, &goal.0);
+        let way = line.profile.speed();
+        if way > 0.0 && !self.is_same_line(&line.line, &direct, way) {
+            line.profile.brake();
+            let rest = line.line.pose(line.profile.length());
+            self.check_line(&Line::new(&rest, &goal.0), &line.joints)?;
+            line.next = Some(Next { goal: *goal, speed });
+        } else {
+            self.check_line(&direct, &line.joints)?;
+            let profile = Profile::new(direct.length(), self.tick_seconds(), limits)?;
+            line.profile = profile.with_speed(way);
+            line.line = direct;
+            line.next = None;
+        }
+        self.begin(Motion::Line {
+            line,
+            jaw,
+            done: None,
+        });
+        Ok(())
+    }
+
+    /// Starts to open or close the jaw to an angle, radians; a motion of the tips goes on, its set-points in the same ticks.
+    ///
+    /// # Errors
+    /// See [`Arm::start_line`]; [`Error::OutOfRange`] for an angle outside
+    /// [`ArmOptions::jaw_range`](super::ArmOptions::jaw_range).
+    pub fn start_jaw(&mut self, angle: f64) -> Result<(), Error> {
+        let [lower, upper] = self.options.jaw_range;
+        if !(lower..=upper).contains(&angle) {
+            return Err(Error::OutOfRange {
+                what: "angle of the jaw",
+                value: angle,
+                expected: "must be within the range of the jaw",
+            });
+        }
+        self.ready()?;
+        let (line, jaw) = self.current_line()?;
+        let (tick, limits) = (self.tick_seconds(), self.options.jaw);
+        let next = match (jaw, self.jaw()) {
+            (Some(jaw), _) => jaw.towards(angle, tick, limits)?,
+            (None, Some(now)) => JawMotion::new(now.value.setpoint, angle, tick, limits)?,
+            (None, None) => {
+                return Err(self.stopped(Stop::Stale {
+                    topic: self.names.of(super::topics::JAW_MEASURED_JS),
+                    age: f64::INFINITY,
+                }));
+            }
+        };
+        self.begin(Motion::Line {
+            line,
+            jaw: Some(next),
+            done: None,
+        });
+        Ok(())
+    }
+
+    /// Sends the arm to a goal on a trajectory of its own (`move_cp`): straight in the joints, not in space, and as fast as the
+    /// robot likes. [`Arm::wait`] waits for its busy to rise and to fall, or for `goal_reached`.
+    ///
+    /// # Errors
+    /// See [`Arm::start_line`].
+    pub fn start_move(&mut self, goal: &RcmFromTip) -> Result<(), Error> {
+        self.ready()?;
+        self.check_goal(goal, &self.joints().map_or([0.0; 6], |joints| joints.value))?;
+        let frames = self.check()?;
+        let now = self.transport.now();
+        let pose = frames.command(&self.options.kinematics, goal);
+        self.feedback.forget_goal();
+        self.commands.move_to(now, &frames.reference, &pose)?;
+        let states = self.feedback.said().states;
+        self.begin(Motion::Move(MoveMotion {
+            goal: pose,
+            sent: now,
+            states,
+            busy_seen: false,
+            repeated: false,
+            idle: None,
+        }));
+        Ok(())
+    }
+
+    /// Stops what moves, and tells the arm to hold where it is.
+    pub fn hold(&mut self) {
+        if self.mode() == Mode::Enabled || self.motion.is_some() {
+            self.finish(Stop::Held);
+        }
+    }
+
+    /// Ticks until the motion under way has ended.
+    ///
+    /// # Errors
+    /// [`Error::ArmStopped`] when it did not end where it should; [`Error::ArmTimeout`] when it goes on after `timeout`: it
+    /// is not stopped then.
+    pub fn wait(&mut self, timeout: Duration) -> Result<(), Error> {
+        let end = self.transport.now() + timeout;
+        while self.motion.is_some() {
+            self.tick();
+            if self.motion.is_none() {
+                break;
+            }
+            if self.transport.now() >= end {
+                return Err(self.late("the motion", timeout));
+            }
+            self.sleep();
+        }
+        self.outcome()
+    }
+
+    /// How the last motion ended.
+    pub(crate) fn outcome(&self) -> Result<(), Error> {
+        match &self.last_stop {
+            None | Some(Stop::Arrived) => Ok(()),
+            Some(stop) => Err(self.stopped(stop.clone())),
+        }
+    }
+
+    /// Waits until the next tick is due.
+    pub(crate) fn sleep(&self) {
+        let next = self.last_tick + self.options.period;
+        while self.transport.now() < next {
+            self.transport.wait(next);
+        }
+    }
+
+    pub(crate) fn tick_seconds(&self) -> f64 {
+        self.options.period.as_secs_f64()
+    }
+
+    pub(crate) fn limits_at(&self, speed: f64) -> ProfileLimits {
+        let limits = self.options.motion;
+        ProfileLimits {
+            speed: limits.speed.min(speed),
+            ..limits
+        }
+    }
+
+    fn is_same_line(&self, old: &Line, new: &Line, speed: f64) -> bool {
+        let allowed = SAME_LINE * self.options.motion.acceleration * self.tick_seconds();
+        let change = old.direction().into_iter().zip(new.direction());
+        change
+            .map(|(old, new)| speed * (old - new).norm())
+            .all(|change| change <= allowed)
+    }
+
+    fn begin(&mut self, motion: Motion) {
+        if self.motion.is_none() {
+            self.monitor.clear();
+        }
+        self.last_stop = None;
+        self.motion = Some(motion);
+    }
+
+    /// Ends the motion.
+    pub(crate) fn finish(&mut self, stop: Stop) {
+        let now = self.transport.now();
+        if stop.holds() && self.mode() == Mode::Enabled {
+            let sent = self.commands.hold();
+            self.note(now, sent);
+        }
+        self.motion = None;
+        self.monitor.clear();
+        self.last_stop = Some(stop.clone());
+        self.event(now, EventKind::Stopped(stop));
+    }
+
+    /// # Errors
+    /// Why the arm does not take a motion now.
+    fn ready(&mut self) -> Result<(), Error> {
+        let now = self.transport.now();
+        let status = self.status();
+        let reason = if status.mode != Mode::Enabled || !status.homed {
+            Some(Stop::NotReady {
+                status,
+                said: self.last_error.clone(),
+            })
+        } else if self.is_clutched() {
+            Some(Stop::Clutched)
+        } else if self.is_teleoperated() {
+            Some(Stop::Teleoperation)
+        } else if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
+            Some(Stop::Stale { topic, age })
+        } else {
+            self.rival()
+        };
+        reason.map_or(Ok(()), |reason| Err(self.stopped(reason)))
+    }
+
+    /// Somebody else who can command this arm, unless that is allowed.
+    pub(crate) fn rival(&self) -> Option<Stop> {
+        if self.options.other_writers == OtherWriters::Allow {
+            return None;
+        }
+        let topic = self.other_writers().into_iter().next()?;
+        Some(Stop::OtherWriter { topic })
+    }
+
+    /// The line under way, or a stay where the set-point is.
+    fn current_line(&mut self) -> Result<(Box<LineMotion>, Option<JawMotion>), Error> {
+        if let Some(Motion::Line { line, jaw, .. }) = &self.motion {
+            return Ok((line.clone(), *jaw));
+        }
+        let frames = self.check()?;
+        let now = self.transport.now();
+        let setpoint = self.feedback.setpoint.fresh(now);
+        let measured = self.feedback.measured.fresh(now);
+        let (Some(setpoint), Some(measured)) = (setpoint, measured) else {
+            return Err(self.stopped(Stop::Stale {
+                topic: self.names.of(super::topics::SETPOINT_CP),
+                age: f64::INFINITY,
+            }));
+        };
+        let behind = super::line::apart(&setpoint.value.pose, &measured.value.pose);
+        if !self.options.tracking.holds(behind) {
+            let (distance, angle) = behind;
+            return Err(self.stopped(Stop::Blocked { distance, angle }));
+        }
+        let start = frames.tip(&self.options.kinematics, &setpoint.value.pose);
+        let near = self.joints().map_or([0.0; 6], |joints| joints.value);
+        let kinematics = &self.options.kinematics;
+        let reach = kinematics.inverse_near(&kinematics.wrist_of(&start), &near)?;
+        let stay = Line::new(&start.0, &start.0);
+        Ok((
+            Box::new(LineMotion {
+                line: stay,
+                profile: Profile::new(0.0, self.tick_seconds(), self.options.motion)?,
+                next: None,
+                joints: reach.joints,
+            }),
+            None,
+        ))
+    }
+
+    fn check_goal(&self, goal: &RcmFromTip, near: &[f64; 6]) -> Result<(), Error> {
+        let kinematics = &self.options.kinematics;
+        let reach = kinematics.inverse_near(&kinematics.wrist_of(goal), near)?;
+        match self.options.margins.short(&reach) {
+            Some(reason) => Err(reason.into()),
+            None => Ok(()),
+        }
+    }
+
+    /// # Errors
+    /// The goal lacks margins, or a pose on the way cannot be reached.
+    fn check_line(&self, line: &Line, start: &[f64; 6]) -> Result<(), Error> {
+        let kinematics = &self.options.kinematics;
+        let steps = (line.length() / LOOK_AHEAD).ceil().clamp(1.0, 1000.0);
+        let mut joints = *start;
+        for step in 1..=steps as u32 {
+            let tip = RcmFromTip(line.pose(line.length() * f64::from(step) / steps));
+            joints = kinematics
+                .inverse_near(&kinematics.wrist_of(&tip), &joints)?
+                .joints;
+        }
+        self.check_goal(&RcmFromTip(line.pose(line.length())), &joints)
+    }
+}
+
+/// The reason in an error of the kinematics, where there is one.
+pub(crate) fn unreachable(error: Error) -> Stop {
+    match error {
+        Error::Unreachable(reason) => Stop::Unreachable(reason),
+        other => Stop::Said(other.to_string()),
+    }
+}
+
+impl From<Unreachable> for Stop {
+    fn from(reason: Unreachable) -> Self {
+        Self::Unreachable(reason)
+    }
+}

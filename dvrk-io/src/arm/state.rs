@@ -1,0 +1,117 @@
+//! What an arm says of itself.
+
+use std::fmt;
+use std::time::Duration;
+
+use crate::cdr::OperatingState;
+
+/// The state of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Mode {
+    /// Not powered.
+    Disabled,
+    /// Powered; takes commands when it is homed.
+    Enabled,
+    /// Powered, takes no commands.
+    Paused,
+    /// Power is off for a reason that somebody has to look at.
+    Fault,
+    /// A state that the protocol does not have.
+    Unknown,
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Disabled => "DISABLED",
+            Self::Enabled => "ENABLED",
+            Self::Paused => "PAUSED",
+            Self::Fault => "FAULT",
+            Self::Unknown => "UNDEFINED",
+        })
+    }
+}
+
+/// State, and whether the arm is homed and busy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ArmStatus {
+    /// The state.
+    pub mode: Mode,
+    /// Whether its joints know where they are and an instrument is engaged.
+    pub homed: bool,
+    /// Whether it moves on its own. Enabled and busy without a command of ours: somebody guides it by hand.
+    pub busy: bool,
+}
+
+impl From<&OperatingState> for ArmStatus {
+    fn from(message: &OperatingState) -> Self {
+        Self {
+            mode: match message.state.as_str() {
+                "DISABLED" => Mode::Disabled,
+                "ENABLED" => Mode::Enabled,
+                "PAUSED" => Mode::Paused,
+                "FAULT" => Mode::Fault,
+                _ => Mode::Unknown,
+            },
+            homed: message.is_homed,
+            busy: message.is_busy,
+        }
+    }
+}
+
+impl fmt::Display for ArmStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let homed = if self.homed { "homed" } else { "not homed" };
+        let busy = if self.busy { ", busy" } else { "" };
+        write!(f, "{} ({homed}{busy})", self.mode)
+    }
+}
+
+/// Which of the two ways to talk an arm has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Dialect {
+    /// A dVRK: `error`, `warning` and `status` are `std_msgs/String`; a fault is left with `enable`.
+    Robot,
+    /// The simulators of its maintainers: `error`, `warning` and `info` are `crtk_msgs/StringStamped`; a fault is left with
+    /// `clear_fault`.
+    Simulator,
+}
+
+/// Which point of the instrument an arm reports and follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum ControlPoint {
+    /// A point on the wrist yaw axis, as a dVRK does.
+    Wrist,
+    /// The tips of the closed jaws, as simulators do.
+    Tip,
+}
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Event {
+    /// When, since the epoch.
+    pub time: Duration,
+    /// What.
+    pub kind: EventKind,
+}
+
+/// What can happen.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub enum EventKind {
+    /// The arm reports an error.
+    Error(String),
+    /// The arm warns; also of commands that it ignores.
+    Warning(String),
+    /// The arm says how it is.
+    Info(String),
+    /// Its state changed.
+    Status(ArmStatus),
+    /// Its instrument: its name, or nothing when there is none.
+    Tool(String),
+    /// A motion ended.
+    Stopped(super::Stop),
+    /// Something could not be sent or read.
+    Trouble(String),
+}

@@ -1,0 +1,104 @@
+//! An arm that is driven by a thread of its own while its owner computes.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use super::driver::Arm;
+use crate::Error;
+use crate::transport::Transport;
+
+/// An arm with a thread that ticks it once a period. Motions are started on the [locked](ArmThread::lock) arm; they, and the
+/// watch over them, go on while nobody holds the lock.
+///
+/// When it is dropped, the arm is told to hold and the thread ends. Hold the lock shortly: what is not ticked is not watched.
+pub struct ArmThread {
+    arm: Arc<Mutex<Arm>>,
+    transport: Arc<dyn Transport>,
+    period: Duration,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+fn lock(arm: &Mutex<Arm>) -> MutexGuard<'_, Arm> {
+    // An arm is whole between any two of its calls; one that panicked half way is still to be held.
+    arm.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl ArmThread {
+    /// Starts to drive an arm that is connected.
+    ///
+    /// # Errors
+    /// [`Error::Network`]: the system has no thread left.
+    pub fn spawn(arm: Arm) -> Result<Self, Error> {
+        let (transport, period) = (Arc::clone(&arm.transport), arm.options.period);
+        let name = arm.name.clone();
+        let arm = Arc::new(Mutex::new(arm));
+        let stop = Arc::new(AtomicBool::new(false));
+        let its = (Arc::clone(&arm), Arc::clone(&stop), Arc::clone(&transport));
+        let run = move || {
+            let (arm, stop, transport) = its;
+            while !stop.load(Ordering::Relaxed) {
+                let next = transport.now() + period;
+                lock(&arm).tick();
+                while transport.now() < next {
+                    transport.wait(next);
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name(name).spawn(run);
+        let thread = thread.map_err(|error| Error::Network {
+            what: "thread",
+            reason: error.to_string(),
+        })?;
+        Ok(Self {
+            arm,
+            transport,
+            period,
+            stop,
+            thread: Some(thread),
+        })
+    }
+
+    /// The arm between two ticks: to start a motion, to read, to hold.
+    pub fn lock(&self) -> MutexGuard<'_, Arm> {
+        lock(&self.arm)
+    }
+
+    /// Waits until the motion under way has ended.
+    ///
+    /// # Errors
+    /// See [`Arm::wait`].
+    pub fn wait(&self, timeout: Duration) -> Result<(), Error> {
+        let end = self.transport.now() + timeout;
+        loop {
+            {
+                let arm = self.lock();
+                if !arm.is_moving() {
+                    return arm.outcome();
+                }
+                if self.transport.now() >= end {
+                    return Err(arm.late("the motion", timeout));
+                }
+            }
+            self.transport.wait(self.transport.now() + self.period / 2);
+        }
+    }
+
+    /// Ends the thread and [releases](Arm::release) the arm.
+    pub fn release(self) {
+        drop(self);
+    }
+}
+
+impl Drop for ArmThread {
+    fn drop(&mut self) {
+        self.lock().hold();
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A thread that panicked has nothing more to say than that the arm is held.
+            drop(thread.join());
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! A depth camera on a ROS 2 network: the newest of what it sends, as a [`Scan`] for
+//! [`find_object`](crate::depth::find_object).
+//!
+//! ```text
+//! cloud     sensor_msgs/PointCloud2                               6 MB a frame of 300,000 points
+//! depth     sensor_msgs/Image (16UC1, 32FC1) + CameraInfo         0.6 MB for the same: take this where there is the choice
+//! ```
+//! Frames that nobody asked for are passed over: the next one is the newest one. Cameras offer reliable or best-effort streams; a
+//! reader that asks for *reliable* hears nothing of a best-effort camera, and one that does not loses whole clouds of a reliable
+//! camera when a single packet is lost. So the reader asks for what the camera offers, and changes when another camera takes over.
+//!
+//! A cloud comes in thousands of packets: the receive buffers of the system (`net.core.rmem_max` on Linux) should hold one, 8 MB
+//! or more, or clouds are lost.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::Error;
+use crate::arm::{Absence, MissingStream};
+use crate::cdr::{CameraInfo, Header, Image, Message, PointCloud2};
+use crate::depth::{LengthUnit, Scan};
+use crate::transport::{Qos, Reader, Transport};
+
+/// How often it is looked whether the camera still offers what the reader asks for.
+const LOOK_AGAIN: Duration = Duration::from_millis(500);
+
+/// The topics of a camera.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum CameraTopics {
+    /// A `sensor_msgs/PointCloud2`.
+    Cloud(String),
+    /// A depth image and its camera.
+    Depth {
+        /// A `sensor_msgs/Image`.
+        image: String,
+        /// A `sensor_msgs/CameraInfo`.
+        info: String,
+    },
+}
+
+/// How a camera is read.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct CameraOptions {
+    /// The unit of its lengths; nothing: told as [`Scan`] does.
+    pub unit: Option<LengthUnit>,
+    /// Frames that are older than this are passed over. Default 1 s.
+    pub stale: Duration,
+}
+
+impl Default for CameraOptions {
+    fn default() -> Self {
+        Self {
+            unit: None,
+            stale: Duration::from_secs(1),
+        }
+    }
+}
+
+impl CameraOptions {
+    /// Sets [`CameraOptions::unit`].
+    #[must_use]
+    pub fn with_unit(self, unit: Option<LengthUnit>) -> Self {
+        Self { unit, ..self }
+    }
+
+    /// Sets [`CameraOptions::stale`].
+    #[must_use]
+    pub fn with_stale(self, stale: Duration) -> Self {
+        Self { stale, ..self }
+    }
+}
+
+/// One frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CameraFrame {
+    /// When it was taken, by the clock of the camera, since the epoch.
+    pub stamp: Duration,
+    /// The frame of its points.
+    pub frame: String,
+    /// What was seen, in metres.
+    pub scan: Scan,
+}
+
+/// A reader that asks for what is offered.
+struct Follower<M> {
+    reader: Reader<M>,
+    looked: Duration,
+}
+
+impl<M: Message> Follower<M> {
+    fn new(transport: &dyn Transport, name: &str) -> Result<Self, Error> {
+        let qos = offered::<M>(transport, name).unwrap_or(Qos::NEWEST);
+        Ok(Self {
+            reader: Reader::new(transport, name, qos)?,
+            looked: transport.now(),
+        })
+    }
+
+    fn newest(&mut self, transport: &dyn Transport) -> Result<Option<M>, Error> {
+        let message = self.reader.newest();
+        let now = transport.now();
+        if matches!(message, Ok(Some(_))) || now < self.looked + LOOK_AGAIN {
+            return message;
+        }
+        self.looked = now;
+        let topic = self.reader.topic().clone();
+        if let Some(qos) = offered::<M>(transport, &topic.name)
+            && qos != topic.qos
+        {
+            self.reader = Reader::new(transport, topic.name, qos)?;
+        }
+        message
+    }
+}
+
+/// What to ask of a topic: reliable if all who write it are.
+fn offered<M: Message>(transport: &dyn Transport, name: &str) -> Option<Qos> {
+    let writers = transport.writers(name);
+    let mut ours = writers
+        .iter()
+        .filter(|writer| writer.kind == M::TYPE)
+        .peekable();
+    ours.peek()?;
+    Some(Qos {
+        reliable: ours.all(|writer| writer.qos.reliable),
+        latched: false,
+        depth: 2,
+    })
+}
+
+enum Source {
+    Cloud(Follower<PointCloud2>),
+    Depth {
+        image: Follower<Image>,
+        info: Follower<CameraInfo>,
+        last: Box<Option<CameraInfo>>,
+    },
+}
+
+/// A camera on the network.
+pub struct Camera {
+    transport: Arc<dyn Transport>,
+    options: CameraOptions,
+    source: Source,
+    /// What was wrong with the last frame that was not taken.
+    trouble: Option<Absence>,
+}
+
+impl Camera {
+    /// Starts to listen; [`Camera::next_frame`] tells whether there is anything to hear.
+    ///
+    /// # Errors
+    /// [`Error::Network`].
+    pub fn open(
+        transport: Arc<dyn Transport>,
+        topics: &CameraTopics,
+        options: CameraOptions,
+    ) -> Result<Self, Error> {
+        let source = match topics {
+            CameraTopics::Cloud(topic) => Source::Cloud(Follower::new(transport.as_ref(), topic)?),
+            CameraTopics::Depth { image, info } => Source::Depth {
+                image: Follower::new(transport.as_ref(), image)?,
+                info: Follower::new(transport.as_ref(), info)?,
+                last: Box::default(),
+            },
+        };
+        Ok(Self {
+            transport,
+            options,
+            source,
+            trouble: None,
+        })
+    }
+
+    /// The newest frame since the last one, if one has come.
+    ///
+    /// # Errors
+    /// A message that contradicts itself: see [`Scan::from_cloud`] and [`Scan::from_depth`].
+    pub fn try_frame(&mut self) -> Result<Option<CameraFrame>, Error> {
+        let (transport, unit) = (self.transport.as_ref(), self.options.unit);
+        let (header, scan) = match &mut self.source {
+            Source::Cloud(clouds) => {
+                let Some(cloud) = clouds.newest(transport)? else {
+                    return Ok(None);
+                };
+                let scan = Scan::from_cloud(&cloud, unit)?;
+                (cloud.header, scan)
+            }
+            Source::Depth { image, info, last } => {
+                if let Some(info) = info.newest(transport)? {
+                    **last = Some(info);
+                }
+                let Some(info) = last.as_ref() else {
+                    return Ok(None);
+                };
+                let Some(image) = image.newest(transport)? else {
+                    return Ok(None);
+                };
+                let scan = Scan::from_depth(&image, info, unit)?;
+                (image.header, scan)
+            }
+        };
+        Ok(self.dated(header, scan))
+    }
+
+    /// Nothing for a frame that is too old.
+    fn dated(&mut self, header: Header, scan: Scan) -> Option<CameraFrame> {
+        let stamp = Duration::from_nanos(header.stamp.nanoseconds());
+        let now = self.transport.now();
+        if stamp + self.options.stale < now {
+            let age = now.saturating_sub(stamp).as_secs_f64();
+            self.trouble = Some(Absence::Old(age));
+            return None;
+        }
+        self.trouble = None;
+        Some(CameraFrame {
+            stamp,
+            frame: header.frame_id,
+            scan,
+        })
+    }
+
+    /// Waits for the next frame.
+    ///
+    /// # Errors
+    /// [`Error::StreamsMissing`] after `timeout`, with the reason; see also [`Camera::try_frame`].
+    pub fn next_frame(&mut self, timeout: Duration) -> Result<CameraFrame, Error> {
+        let end = self.transport.now() + timeout;
+        loop {
+            if let Some(frame) = self.try_frame()? {
+                return Ok(frame);
+            }
+            let now = self.transport.now();
+            if now >= end {
+                return Err(Error::StreamsMissing {
+                    arm: "camera".to_owned(),
+                    waited: timeout.as_secs_f64(),
+                    streams: self.missing(),
+                });
+            }
+            // Not longer than it takes to look for other cameras.
+            self.transport.wait(end.min(now + LOOK_AGAIN / 2));
+        }
+    }
+
+    fn missing(&self) -> Vec<MissingStream> {
+        fn of<M: Message>(camera: &Camera, follower: &Follower<M>) -> MissingStream {
+            let unheard = || crate::arm::unheard(camera.transport.as_ref(), &follower.reader);
+            MissingStream {
+                topic: follower.reader.topic().name.clone(),
+                reason: camera.trouble.clone().unwrap_or_else(unheard),
+            }
+        }
+        match &self.source {
+            Source::Cloud(clouds) => vec![of(self, clouds)],
+            Source::Depth { image, last, .. } if last.is_some() => vec![of(self, image)],
+            Source::Depth { info, .. } => vec![of(self, info)],
+        }
+    }
+}

@@ -1,0 +1,77 @@
+//! How an arm is served.
+
+use std::time::Duration;
+
+use nalgebra::Isometry3;
+
+use crate::Psm;
+use crate::arm::{Dialect, ReferenceFromRcm};
+use crate::kinematics::Kinematics;
+
+/// How an arm is served.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct ServeOptions {
+    /// Lengths and joint limits. Default: a Classic with a large needle driver.
+    pub kinematics: Kinematics,
+    /// Robot or simulator. Default robot.
+    pub dialect: Dialect,
+    /// Where the remote centre is in the frame in which poses are given. Default: they are one.
+    pub reference_from_rcm: ReferenceFromRcm,
+    /// The name of that frame; nothing means that of the arm's base.
+    pub reference: Option<String>,
+    /// Joint values at the start. Default 12 cm inserted, all else 0.
+    pub joints: [f64; 6],
+    /// Angle of the jaw at the start, radians. Default 0.
+    pub jaw: f64,
+    /// Angles that the jaw may have. Default −0.349 to 1.396 rad.
+    pub jaw_range: [f64; 2],
+    /// Time to power up. Default 0.5 s; a real one takes up to 3 s.
+    pub powering: Duration,
+    /// Time to home. Default 1 s.
+    pub homing: Duration,
+    /// Time between two publications. Default 10 ms.
+    pub period: Duration,
+}
+
+impl Default for ServeOptions {
+    fn default() -> Self {
+        Self {
+            kinematics: Kinematics::new(Psm::Classic),
+            dialect: Dialect::Robot,
+            reference_from_rcm: ReferenceFromRcm(Isometry3::identity()),
+            reference: None,
+            joints: [0.0, 0.0, 0.12, 0.0, 0.0, 0.0],
+            jaw: 0.0,
+            jaw_range: [-0.349, 1.396],
+            powering: Duration::from_millis(500),
+            homing: Duration::from_secs(1),
+            period: Duration::from_millis(10),
+        }
+    }
+}
+
+macro_rules! setters {
+    ($($with:ident $field:ident: $kind:ty;)*) => {$(
+        #[doc = concat!("Sets [`ServeOptions::", stringify!($field), "`].")]
+        #[must_use]
+        pub fn $with(self, $field: $kind) -> Self {
+            Self { $field, ..self }
+        }
+    )*};
+}
+
+impl ServeOptions {
+    setters! {
+        with_kinematics kinematics: Kinematics;
+        with_dialect dialect: Dialect;
+        with_reference_from_rcm reference_from_rcm: ReferenceFromRcm;
+        with_reference reference: Option<String>;
+        with_joints joints: [f64; 6];
+        with_jaw jaw: f64;
+        with_jaw_range jaw_range: [f64; 2];
+        with_powering powering: Duration;
+        with_homing homing: Duration;
+        with_period period: Duration;
+    }
+}

@@ -1,0 +1,362 @@
+//! ROS 2 on DDS, spoken by RustDDS.
+//!
+//! ```text
+//! topic    /PSM1/measured_cp                   ⇒  rt/PSM1/measured_cp
+//! type     geometry_msgs/msg/PoseStamped       ⇒  geometry_msgs::msg::dds_::PoseStamped_
+//! payload  encapsulation header and CDR body, as they are
+//! ```
+//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: bytes go to and come from [`cdr`](crate::cdr) unseen.
+//!
+//! *Limits.* `ros2 topic` sees these readers and writers; `ros2 node list` does not, as they announce no node. Services,
+//! parameters and simulated time (`/clock`) are not spoken.
+
+use std::fmt::Display;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::task::{Wake, Waker};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use rustdds::bytes::Bytes;
+use rustdds::no_key::{
+    DataWriter, Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter, SimpleDataReader,
+};
+use rustdds::policy::{Durability, History, Reliability};
+use rustdds::{
+    DomainParticipant, DomainParticipantBuilder, GUID, QosPolicies, QosPolicyBuilder, RTPSEntity,
+    RepresentationIdentifier, TopicKind,
+};
+
+use super::{Network, Peer, Publisher, Qos, Subscriber, Topic, Transport};
+use crate::Error;
+
+/// How long a command waits for room before it is given up: less than the time between two of them.
+const MAX_BLOCKING: rustdds::Duration = rustdds::Duration::from_millis(5);
+/// Asked of the system for each socket: a cloud of 300,000 points is 6 MB, and comes in one burst.
+const SOCKET_BUFFER: usize = 16 << 20;
+/// Bytes of the encapsulation header.
+const HEADER: usize = 4;
+
+/// One participant in a network of ROS 2. Clones are the same participant; every thread that waits should have its own.
+pub struct Participant {
+    shared: Arc<Shared>,
+    /// Rings that this clone has waited for.
+    heard: AtomicU64,
+}
+
+struct Shared {
+    participant: DomainParticipant,
+    publisher: rustdds::Publisher,
+    subscriber: rustdds::Subscriber,
+    bell: Arc<Bell>,
+    start: (Instant, Duration),
+}
+
+/// Counts messages that came in, and wakes whoever waits.
+#[derive(Default)]
+struct Bell {
+    rings: Mutex<u64>,
+    rung: Condvar,
+}
+
+impl Bell {
+    fn rings(&self) -> MutexGuard<'_, u64> {
+        self.rings.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Wake for Bell {
+    fn wake(self: Arc<Self>) {
+        *self.rings() += 1;
+        self.rung.notify_all();
+    }
+}
+
+fn refused(what: &'static str, reason: impl Display) -> Error {
+    Error::Network {
+        what,
+        reason: reason.to_string(),
+    }
+}
+
+impl Participant {
+    /// Joins a network.
+    ///
+    /// # Errors
+    /// [`Error::Network`]: no socket, no thread.
+    pub fn join(network: &Network) -> Result<Self, Error> {
+        let mut builder = DomainParticipantBuilder::new(network.domain())
+            .socket_receive_buffer_size(SOCKET_BUFFER)
+            .socket_send_buffer_size(SOCKET_BUFFER);
+        if let Some(addresses) = network.addresses() {
+            builder = builder.with_only_networks(addresses);
+        }
+        let participant = builder
+            .build()
+            .map_err(|error| refused("participant", error))?;
+        let qos = QosPolicies::qos_none();
+        let publisher = participant
+            .create_publisher(&qos)
+            .map_err(|error| refused("publisher", error))?;
+        let subscriber = participant
+            .create_subscriber(&qos)
+            .map_err(|error| refused("subscriber", error))?;
+        // The clock of the wall may be set while we run; from here on only its rate counts.
+        let wall = SystemTime::now().duration_since(UNIX_EPOCH);
+        let start = (Instant::now(), wall.unwrap_or_default());
+        Ok(Self {
+            shared: Arc::new(Shared {
+                participant,
+                publisher,
+                subscriber,
+                bell: Arc::default(),
+                start,
+            }),
+            heard: AtomicU64::new(0),
+        })
+    }
+
+    fn topic(&self, topic: &Topic) -> Result<(rustdds::Topic, QosPolicies), Error> {
+        let qos = policies(topic.qos);
+        let created = self.shared.participant.create_topic(
+            dds_name(&topic.name),
+            dds_type(topic.kind),
+            &qos,
+            TopicKind::NoKey,
+        );
+        let created = created.map_err(|error| refused("topic", error))?;
+        Ok((created, qos))
+    }
+
+    fn is_own(&self, endpoint: GUID) -> bool {
+        endpoint.prefix == self.shared.participant.guid().prefix
+    }
+
+    fn peer(&self, guid: GUID, kind: &str, reliable: bool, latched: bool) -> Peer {
+        Peer {
+            kind: ros_type(kind),
+            qos: Qos {
+                reliable,
+                latched,
+                depth: 0,
+            },
+            own: self.is_own(guid),
+        }
+    }
+}
+
+impl Clone for Participant {
+    fn clone(&self) -> Self {
+        Self {
+            shared: Arc::clone(&self.shared),
+            heard: AtomicU64::new(0),
+        }
+    }
+}
+
+impl Transport for Participant {
+    fn now(&self) -> Duration {
+        let (instant, wall) = self.shared.start;
+        wall + instant.elapsed()
+    }
+
+    fn wait(&self, until: Duration) {
+        let bell = &self.shared.bell;
+        let mut rings = bell.rings();
+        while *rings == self.heard.load(Ordering::Relaxed) {
+            let left = until.saturating_sub(self.now());
+            if left.is_zero() {
+                return;
+            }
+            let waited = bell.rung.wait_timeout(rings, left);
+            rings = waited.unwrap_or_else(PoisonError::into_inner).0;
+        }
+        self.heard.store(*rings, Ordering::Relaxed);
+    }
+
+    fn subscribe(&self, topic: &Topic) -> Result<Box<dyn Subscriber>, Error> {
+        let (created, qos) = self.topic(topic)?;
+        let reader = self
+            .shared
+            .subscriber
+            .create_simple_datareader_no_key::<Vec<u8>, Raw>(&created, Some(qos))
+            .map_err(|error| refused("reader", error))?;
+        Ok(Box::new(DdsReader {
+            reader,
+            waker: Arc::clone(&self.shared.bell).into(),
+        }))
+    }
+
+    fn advertise(&self, topic: &Topic) -> Result<Box<dyn Publisher>, Error> {
+        let (created, qos) = self.topic(topic)?;
+        let writer = self
+            .shared
+            .publisher
+            .create_datawriter_no_key::<Vec<u8>, Raw>(&created, Some(qos))
+            .map_err(|error| refused("writer", error))?;
+        Ok(Box::new(DdsWriter { writer }))
+    }
+
+    fn writers(&self, name: &str) -> Vec<Peer> {
+        let name = dds_name(name);
+        let writers = self.shared.participant.discovered_writers();
+        let data = writers.iter().map(|writer| &writer.publication_topic_data);
+        data.filter(|data| data.topic_name == name)
+            .map(|data| {
+                // Where nothing is said, writers are reliable and volatile.
+                let reliable = data.reliability != Some(Reliability::BestEffort);
+                let volatile = matches!(data.durability, None | Some(Durability::Volatile));
+                self.peer(data.key, &data.type_name, reliable, !volatile)
+            })
+            .collect()
+    }
+
+    fn readers(&self, name: &str) -> Vec<Peer> {
+        let name = dds_name(name);
+        let readers = self.shared.participant.discovered_readers();
+        let data = readers.iter().map(|reader| &reader.subscription_topic_data);
+        data.filter(|data| data.topic_name() == &name)
+            .map(|data| {
+                let qos = data.qos();
+                let volatile = matches!(qos.durability(), None | Some(Durability::Volatile));
+                self.peer(data.key(), data.type_name(), qos.is_reliable(), !volatile)
+            })
+            .collect()
+    }
+}
+
+struct DdsReader {
+    reader: SimpleDataReader<Vec<u8>, Raw>,
+    waker: Waker,
+}
+
+impl DdsReader {
+    fn next(&self) -> Result<Option<Vec<u8>>, Error> {
+        self.reader.drain_read_notifications();
+        let change = self.reader.try_take_one();
+        change
+            .map(|change| change.map(rustdds::no_key::DeserializedCacheChange::into_value))
+            .map_err(|error| refused("message", error))
+    }
+}
+
+impl Subscriber for DdsReader {
+    fn take(&mut self) -> Result<Option<Vec<u8>>, Error> {
+        match self.next() {
+            // The bell rings once: it is hung up again, and what came meanwhile is looked for.
+            Ok(None) => {
+                self.reader.set_waker(Some(self.waker.clone()));
+                self.next()
+            }
+            other => other,
+        }
+    }
+}
+
+struct DdsWriter {
+    writer: DataWriter<Vec<u8>, Raw>,
+}
+
+impl Publisher for DdsWriter {
+    fn publish(&mut self, message: Vec<u8>) -> Result<(), Error> {
+        self.writer
+            .write(message, Some(rustdds::Timestamp::now()))
+            .map_err(|error| refused("message", error))
+    }
+}
+
+/// Bytes as they are: decoding is left to those who know the message.
+struct Raw;
+
+#[derive(Clone)]
+struct RawDecoder;
+
+impl DeserializerAdapter<Vec<u8>> for Raw {
+    type Error = Error;
+    type Decoded = Vec<u8>;
+
+    fn supported_encodings() -> &'static [RepresentationIdentifier] {
+        &[
+            RepresentationIdentifier::CDR_LE,
+            RepresentationIdentifier::CDR_BE,
+        ]
+    }
+
+    fn transform_decoded(decoded: Self::Decoded) -> Vec<u8> {
+        decoded
+    }
+}
+
+impl DefaultDecoder<Vec<u8>> for Raw {
+    type Decoder = RawDecoder;
+    const DECODER: RawDecoder = RawDecoder;
+}
+
+impl Decode<'_, Vec<u8>> for RawDecoder {
+    type Error = Error;
+
+    fn decode_bytes(
+        self,
+        body: &[u8],
+        encoding: RepresentationIdentifier,
+    ) -> Result<Vec<u8>, Error> {
+        let little = u8::from(encoding == RepresentationIdentifier::CDR_LE);
+        let mut message = Vec::with_capacity(HEADER + body.len());
+        message.extend([0, little, 0, 0]);
+        message.extend_from_slice(body);
+        Ok(message)
+    }
+}
+
+impl SerializerAdapter<Vec<u8>> for Raw {
+    type Error = Error;
+
+    fn output_encoding() -> RepresentationIdentifier {
+        RepresentationIdentifier::CDR_LE
+    }
+
+    fn to_bytes(message: &Vec<u8>) -> Result<Bytes, Error> {
+        match message.as_slice() {
+            [0, 1, _, _, body @ ..] => Ok(Bytes::copy_from_slice(body)),
+            other => Err(refused(
+                "message",
+                format!(
+                    "{} bytes that do not start as little-endian CDR",
+                    other.len()
+                ),
+            )),
+        }
+    }
+}
+
+fn policies(qos: Qos) -> QosPolicies {
+    let builder = QosPolicyBuilder::new().history(History::KeepLast {
+        depth: i32::try_from(qos.depth.max(1)).unwrap_or(i32::MAX),
+    });
+    let builder = if qos.reliable {
+        builder.reliable(MAX_BLOCKING)
+    } else {
+        builder.best_effort()
+    };
+    let durability = if qos.latched {
+        Durability::TransientLocal
+    } else {
+        Durability::Volatile
+    };
+    builder.durability(durability).build()
+}
+
+fn dds_name(topic: &str) -> String {
+    format!("rt/{}", topic.trim_start_matches('/'))
+}
+
+fn dds_type(kind: &str) -> String {
+    let mut parts: Vec<_> = kind.split('/').collect();
+    let name = parts.pop().unwrap_or_default();
+    format!("{}::dds_::{name}_", parts.join("::"))
+}
+
+/// The other way round; a type of another form stays as it is.
+fn ros_type(kind: &str) -> String {
+    let name = kind.strip_suffix('_').unwrap_or(kind);
+    name.replace("::dds_::", "::").replace("::", "/")
+}
