@@ -3,7 +3,7 @@
 //! ```text
 //! cargo run --release -p explore-loop --example meshes -- tube tube.obj
 //! cargo run --release -p explore-loop --example meshes -- star star.obj 0.22
-//! cargo run --release -p explore-loop --bin explore -- run --mesh tube.obj
+//! cargo run --release --bin explore -- run --mesh tube.obj
 //! ```
 //! The third argument is the longest extent in metres, 0.1 to 0.25. The mesh stands on the plane z = 0, z up.
 #![allow(clippy::print_stderr)]

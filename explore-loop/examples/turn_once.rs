@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo run --release -p explore-loop --example turn_once -- cap cap.mcap --seed 1
-//! cargo run --release -p explore-loop --bin explore -- replay cap.mcap
+//! cargo run --release --bin explore -- replay cap.mcap
 //! ```
 //! Nothing is planned: the same script turns every scene over, however the reconstruction fares, so that two reconstructions can be
 //! compared on the same frames. Further options: `--speed M_S`, `--noise MM`, `--arc HALF_WIDTHS` (radius of the arc on which the grips
