@@ -8,6 +8,7 @@
 //! |---|---|
 //! | [`graph`] | who is a neighbour of whom on the surface? |
 //! | [`cut`] | which edges glue places that only touched? |
+//! | [`genus`] | how many handles may it have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
 //! | [`closed_surface`] | which closed surface do the points describe, and what of it was seen? |
@@ -16,6 +17,7 @@ use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 pub mod closed_surface;
 pub mod cut;
+pub mod genus;
 pub mod graph;
 pub mod surface;
 pub mod topology;

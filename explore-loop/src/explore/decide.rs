@@ -12,7 +12,7 @@ impl Explorer<'_> {
         self.enter(Phase::Decide)?;
         let table = self.cell.info().table;
         self.reconstructor.consolidate(&table);
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        let topology = self.analyse()?;
         self.tell(Event::Topology(&topology))?;
         let stop = if topology.is_closed() {
             Stop::Closed
@@ -38,6 +38,15 @@ impl Explorer<'_> {
             }
         };
         Ok(self.done_with(stop, topology))
+    }
+
+    fn analyse(&self) -> Result<Topology, Error> {
+        let (spacing, genus) = (self.options.spacing, self.options.genus);
+        Ok(topology::analyse_as(
+            self.reconstructor.model(),
+            spacing,
+            genus,
+        )?)
     }
 
     fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
@@ -75,7 +84,7 @@ impl Explorer<'_> {
                 needed: 20,
             });
         }
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        let topology = self.analyse()?;
         Ok(self.done_with(stop, topology))
     }
 

@@ -12,6 +12,7 @@ mod tables;
 mod view;
 
 use clap::{Parser, Subcommand, ValueEnum};
+use explore_loop::cell::sim;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -44,10 +45,26 @@ enum Grips {
     Random,
 }
 
+/// The simulated depth camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Camera {
+    /// White noise alone; nothing but the object in its clouds
+    Ideal,
+    /// As a RealSense D435: noise and steps that grow with the square of depth, dropouts, mixed pixels, a clock of its own; the object is found
+    /// in its images as in those of a real one
+    Realsense,
+}
+
+/// The help text of `--scene`.
+fn scenes() -> String {
+    let line = |name: &&str| format!("\n  {name:<10} {}", sim::about(name));
+    let lines: String = sim::SCENES.iter().map(line).collect();
+    format!("Built-in object:{lines}\n")
+}
+
 #[derive(Debug, clap::Args)]
 struct RunArgs {
-    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
-    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
+    #[arg(long, default_value = "liver", conflicts_with = "mesh", help = scenes())]
     scene: String,
     /// A closed mesh in metres instead (OBJ, PLY or STL)
     #[arg(long, value_name = "FILE")]
@@ -67,9 +84,18 @@ struct RunArgs {
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
-    /// Standard deviation of the depth noise, mm
+    /// The depth camera
+    #[arg(long, value_enum, default_value_t = Camera::Ideal)]
+    camera: Camera,
+    /// Standard deviation of the depth noise of the ideal camera, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
+    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    seed_point: Option<[f64; 3]>,
+    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
+    #[arg(long, value_name = "N")]
+    genus: Option<usize>,
     /// Most manipulations before giving up
     #[arg(long, default_value_t = 8)]
     max_manipulations: usize,
@@ -129,7 +155,10 @@ impl Default for RunArgs {
             seed: 0,
             speed: 30.0,
             spacing: 5.0,
+            camera: Camera::Ideal,
             noise: 0.5,
+            seed_point: None,
+            genus: None,
             max_manipulations: 8,
             out: "explored".into(),
             resume: false,
@@ -151,8 +180,7 @@ struct TablesArgs {
     /// The study to make
     #[arg(long, value_enum, default_value_t = Study::Seeds)]
     only: Study,
-    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
-    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
+    #[arg(long, default_value = "liver", conflicts_with = "mesh", help = scenes())]
     scene: String,
     /// A closed mesh in metres instead (OBJ, PLY or STL)
     #[arg(long, value_name = "FILE")]
@@ -207,6 +235,18 @@ fn topic(text: &str) -> Result<(dvrk_io::session::Role, String), String> {
         .ok_or_else(|| format!("'{text}' is not ROLE=/NAME"))?;
     let role = role.parse().map_err(|error| format!("{error}"))?;
     Ok((role, topic.to_owned()))
+}
+
+/// `X,Y,Z`.
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|word| word.trim().parse::<f64>().ok().filter(|x| x.is_finite()))
+        .collect::<Option<_>>()
+        .ok_or_else(|| format!("'{text}' is not X,Y,Z in metres"))?;
+    numbers
+        .try_into()
+        .map_err(|_| format!("'{text}' is not X,Y,Z in metres"))
 }
 
 fn positive(text: &str) -> Result<f64, String> {

@@ -3,10 +3,12 @@
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::recorder::Recorder;
 use crate::saved::Saved;
-use crate::{Failure, Grips, RunArgs};
+use crate::{Camera, Failure, Grips, RunArgs};
 use explore_loop::Error;
-use explore_loop::cell::sim::{Scene, SimCell, SimOptions};
+use explore_loop::canonical::genus::Genus;
+use explore_loop::cell::sim::{CameraOptions, Scene, SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
+use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
 
@@ -30,6 +32,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     };
     let mut exploring = ExploreOptions::new(args.spacing * 1e-3, args.speed * 1e-3);
     exploring.max_manipulations = args.max_manipulations;
+    exploring.genus = args.genus.map_or(Genus::Any, Genus::Exactly);
     let saved = if args.resume {
         Saved::read(&out, args)?
     } else {
@@ -77,7 +80,11 @@ fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     let mut options = SimOptions::new(scene);
     options.arms = usize::from(args.arms);
     options.seed = args.seed;
+    if args.camera == Camera::Realsense {
+        options.camera = CameraOptions::realsense();
+    }
     options.camera.noise = args.noise * 1e-3;
+    options.seed_point = args.seed_point.map(Point3::from);
     Ok(options)
 }
 

@@ -4,11 +4,13 @@
 //! `(f x/z + w/2, f y/z + h/2)`; a pixel looks along the ray through its centre. Inside a projected triangle `1/z` is linear
 //! in the image, so the nearest surface of every pixel follows from three multiplications.
 
+use dvrk_io::depth::DepthImage;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::options::CameraOptions;
+use super::options::{CameraModel, CameraOptions};
+use super::realsense::TrueImage;
 
 /// Nothing nearer than this is drawn, metres.
 const NEAR: f64 = 0.01;
@@ -21,6 +23,8 @@ const SHAFT_SIDES: usize = 10;
 pub(super) enum Thing {
     Nothing,
     Object,
+    /// A body that is not explored.
+    Beside,
     Arm,
 }
 
@@ -29,6 +33,8 @@ pub(super) struct DepthCamera {
     options: CameraOptions,
     inverse_depth: Vec<f64>,
     thing: Vec<Thing>,
+    /// Cosine of the angle between the surface seen and the ray.
+    cosine: Vec<f64>,
 }
 
 impl DepthCamera {
@@ -38,6 +44,7 @@ impl DepthCamera {
             options,
             inverse_depth: vec![0.0; pixels],
             thing: vec![Thing::Nothing; pixels],
+            cosine: vec![1.0; pixels],
         }
     }
 
@@ -76,6 +83,10 @@ impl DepthCamera {
             return;
         }
         let inverse = corners.map(|p| 1.0 / p.z);
+        let normal = (corners[1] - corners[0])
+            .cross(&(corners[2] - corners[0]))
+            .try_normalize(0.0)
+            .unwrap_or_default();
         let range = |low: f64, high: f64, size: usize| {
             let first = (low - 0.5).ceil().max(0.0) as usize;
             let end = ((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
@@ -106,6 +117,8 @@ impl DepthCamera {
                     if depth > self.inverse_depth[at] {
                         self.inverse_depth[at] = depth;
                         self.thing[at] = thing;
+                        let ray = self.ray(u, v);
+                        self.cosine[at] = (normal.dot(&ray) / ray.norm()).abs();
                     }
                 }
             }
@@ -125,16 +138,66 @@ impl DepthCamera {
                     continue;
                 }
                 let ray = self.ray(u, v);
-                let depth = 1.0 / self.inverse_depth[at];
-                let error = if c.noise > 0.0 {
-                    c.noise * normal(&mut noise) / ray.norm()
-                } else {
-                    0.0
-                };
-                points.push(Point3::from(ray * (depth + error)));
+                points.push(Point3::from(ray * self.noisy_depth(at, &ray, &mut noise)));
             }
         }
         points
+    }
+
+    /// Depth of a pixel with the noise of an ideal camera.
+    fn noisy_depth(&self, at: usize, ray: &Vector3<f64>, noise: &mut impl Rng) -> f64 {
+        let depth = 1.0 / self.inverse_depth[at];
+        if self.options.noise > 0.0 {
+            depth + self.options.noise * normal(noise) / ray.norm()
+        } else {
+            depth
+        }
+    }
+
+    /// The depth image that the camera sends in frame `frame`, table and arms included.
+    ///
+    /// # Errors
+    /// None: the image has the size of the camera.
+    pub fn image(&self, seed: u64, frame: u64) -> Result<DepthImage, dvrk_io::Error> {
+        let c = &self.options;
+        let (mut depth, mut cosine) = (Vec::new(), Vec::new());
+        for v in 0..c.height {
+            for u in 0..c.width {
+                let at = v * c.width + u;
+                let seen = self.thing[at] != Thing::Nothing;
+                depth.push(if seen {
+                    1.0 / self.inverse_depth[at]
+                } else {
+                    c.above_table
+                });
+                cosine.push(if seen {
+                    self.cosine[at]
+                } else {
+                    1.0 / self.ray(u, v).norm()
+                });
+            }
+        }
+        match &c.model {
+            CameraModel::Stereo(stereo) => {
+                let image = TrueImage {
+                    width: c.width,
+                    focal: c.focal,
+                    depth: &depth,
+                    cosine: &cosine,
+                };
+                let units = stereo.measure(image, seed, frame);
+                DepthImage::from_units(c.width, c.height, &units, stereo.unit)
+            }
+            CameraModel::Ideal => {
+                let mut noise = ChaCha8Rng::seed_from_u64(seed);
+                noise.set_stream(frame);
+                let metres: Vec<f32> = depth
+                    .iter()
+                    .map(|z| (z + c.noise * normal(&mut noise)) as f32)
+                    .collect();
+                DepthImage::from_metres(c.width, c.height, &metres)
+            }
+        }
     }
 
     /// Direction of pixel `(u, v)`, scaled to depth 1.
@@ -149,7 +212,7 @@ impl DepthCamera {
 }
 
 /// A standard normal number (Box and Muller).
-fn normal(random: &mut impl Rng) -> f64 {
+pub(super) fn normal(random: &mut impl Rng) -> f64 {
     let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
