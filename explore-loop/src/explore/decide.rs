@@ -14,8 +14,11 @@ impl Explorer<'_> {
         self.reconstructor.consolidate(&table);
         let topology = self.analyse()?;
         self.tell(Event::Topology(&topology))?;
+        self.moves.decide(&topology);
         let stop = if topology.is_closed() {
             Stop::Closed
+        } else if let Some(held) = self.held(&topology).filter(|_| self.moves.in_vain()) {
+            Stop::ClosedButAttached(held)
         } else if self.manipulations >= self.options.max_manipulations {
             Stop::TooManyManipulations
         } else if self.misses >= self.options.max_misses {
@@ -89,6 +92,13 @@ impl Explorer<'_> {
     }
 
     fn done_with(&self, stop: Stop, topology: Topology) -> State {
+        // What was given up because a part cannot be shown is over all the same.
+        let stop = match stop {
+            Stop::TooManyManipulations | Stop::NothingToGrip(_) | Stop::GraspFailed => {
+                self.held(&topology).map_or(stop, Stop::ClosedButAttached)
+            }
+            stop => stop,
+        };
         State::Done(Box::new(Outcome {
             stop,
             manipulations: self.manipulations,

@@ -1,7 +1,8 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
 //! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong. Errors are one line on standard error.
+//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
+//! that is held to the table (`run`). Errors are one line on standard error.
 
 mod output;
 mod recorder;
@@ -286,20 +287,23 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
     };
-    let outcome = match &cli.command {
-        Command::Run(args) => run::run(args),
-        Command::Replay(args) => replay::replay(args),
-        Command::Tables(args) => tables::tables(args),
-        Command::View(args) => view::view(args),
-    };
-    match outcome {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(1),
-        Err(failure) => {
-            eprintln!("error: {failure}");
+    let whole = |ended: bool| {
+        if ended {
+            ExitCode::SUCCESS
+        } else {
             ExitCode::from(1)
         }
-    }
+    };
+    let outcome = match &cli.command {
+        Command::Run(args) => run::run(args),
+        Command::Replay(args) => replay::replay(args).map(whole),
+        Command::Tables(args) => tables::tables(args).map(whole),
+        Command::View(args) => view::view(args).map(whole),
+    };
+    outcome.unwrap_or_else(|failure| {
+        eprintln!("error: {failure}");
+        ExitCode::from(1)
+    })
 }
 
 /// What is wrong with the command line, in one line.

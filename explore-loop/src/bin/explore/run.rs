@@ -11,14 +11,19 @@ use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
+use std::process::ExitCode;
 
-/// Explores; true when the surface closed.
-pub fn run(args: &RunArgs) -> Result<bool, Failure> {
+/// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
+pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let metrics = explore(args)?;
     if !args.quiet {
         table(&rows(&metrics))?;
     }
-    Ok(metrics.stop == "closed")
+    Ok(match metrics.stop.as_str() {
+        "closed" => ExitCode::SUCCESS,
+        "closed_but_attached" => ExitCode::from(3),
+        _ => ExitCode::from(1),
+    })
 }
 
 /// Explores, writes the results, and returns what was measured.
