@@ -54,12 +54,18 @@ impl Explorer<'_> {
 
     fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
         let model = self.reconstructor.model();
-        let visible = match &self.latest {
+        let mut visible = match &self.latest {
             Some(observation) => self
                 .reconstructor
                 .visible_now(observation, self.options.spacing),
             None => vec![false; model.len()],
         };
+        let all = visible.clone();
+        if self.moves.slipped {
+            let reluctant = self.moves.reluctant(model, self.options.spacing);
+            let both = visible.iter_mut().zip(reluctant);
+            both.for_each(|(visible, reluctant)| *visible &= !reluctant);
+        }
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
         // A piece that was not seen turns with the nearest vertex.
         let turned = |h: &topology::Hidden| model.rotations[h.vertex as usize] * h.area;
@@ -76,7 +82,13 @@ impl Explorer<'_> {
             limits: self.options.limits,
             attempt: self.manipulations + self.misses,
         };
-        self.planner.plan(&input)
+        match self.planner.plan(&input)? {
+            Err(_) if visible != all => self.planner.plan(&PlanInput {
+                visible: &all,
+                ..input
+            }),
+            planned => Ok(planned),
+        }
     }
 
     /// The end, with the topology of what is known.

@@ -6,7 +6,8 @@
 //! held       ⇔ next to at least half of the hidden area  moved ≤ 0.3 · reached,  reached ≥ 6 spacings,
 //!              at most a quarter of the surface is hidden, in one hole, and two manipulations in a row have shown less than 2 % of it
 //! ```
-//! A free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
+//! After a grip has slipped, places that moved less than half of what was reached are not gripped if there are others: they may be next to
+//! what is held. A free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
 
 use super::Explorer;
 use crate::canonical::CanonicalModel;
@@ -15,6 +16,8 @@ use crate::canonical::topology::Topology;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
+/// Share of the reach below which a place gave way so little that a grip that slipped may have pulled at it in vain.
+const RELUCTANT: f64 = 0.5;
 /// Share of the reach below which a place did not give way.
 const STAYED: f64 = 0.3;
 /// How far the body must have been moved, in spacings, for what stayed to mean anything.
@@ -58,6 +61,8 @@ impl std::fmt::Display for Held {
 pub(super) struct Moves {
     /// Rest place of each vertex, by identity, and the farthest it was from there.
     moved: BTreeMap<u64, (Point3<f64>, f64)>,
+    /// Whether a grip has slipped.
+    pub slipped: bool,
     /// Share that was hidden before each decision.
     hidden: Vec<f64>,
 }
@@ -86,6 +91,22 @@ impl Moves {
                 .all(|w| w[0] - w[1] < GAIN)
     }
 
+    /// How far the twentieth of the vertices that moved most was moved, m, if that is far enough to tell anything.
+    fn reached(&self, spacing: f64) -> Option<f64> {
+        let mut sorted: Vec<f64> = self.moved.values().map(|(_, far)| *far).collect();
+        sorted.sort_by(f64::total_cmp);
+        let reached = *sorted.get(sorted.len() - sorted.len().div_ceil(20))?;
+        (reached >= REACHED * spacing).then_some(reached)
+    }
+
+    /// The vertices that moved less than half as far as the body was moved.
+    pub fn reluctant(&self, model: &CanonicalModel, spacing: f64) -> Vec<bool> {
+        let reached = self.reached(spacing).unwrap_or(0.0);
+        let far = |id: &u64| self.moved.get(id).map(|(_, far)| *far);
+        let little = |id: &u64| far(id).is_some_and(|far| far < RELUCTANT * reached);
+        model.ids.iter().map(little).collect()
+    }
+
     /// The hidden part, if it is held to the table.
     pub fn held(&self, topology: &Topology, model: &CanonicalModel, spacing: f64) -> Option<Held> {
         let [pieces, holes, cavities] = topology.persistent;
@@ -96,13 +117,8 @@ impl Moves {
         if holes > 1 {
             return None;
         }
+        let reached = self.reached(spacing)?;
         let (places, moved): (Vec<Point3<f64>>, Vec<f64>) = self.moved.values().copied().unzip();
-        let mut sorted = moved.clone();
-        sorted.sort_by(f64::total_cmp);
-        let reached = *sorted.get(sorted.len() - sorted.len().div_ceil(20))?;
-        if reached < REACHED * spacing {
-            return None;
-        }
         let tree = graph::tree(&places)?;
         let (mut area, mut stayed, mut middle) = (0.0, 0.0, Vector3::zeros());
         for hidden in &topology.hidden {

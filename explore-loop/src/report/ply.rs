@@ -13,10 +13,10 @@ pub fn write_mesh(
     normals: &[UnitVector3<f64>],
     triangles: &[[u32; 3]],
 ) -> io::Result<()> {
-    write_mesh_with(&mut out, points, normals, triangles, &[])
+    write_mesh_with(&mut out, points, normals, triangles, None, &[])
 }
 
-/// The same with further numbers for every vertex, each a name and a value a vertex (missing values are written as NaN).
+/// The same with colours (`red green blue`, grey where one is missing) and with further numbers for every vertex, each a name and a value a vertex (missing values are written as NaN).
 ///
 /// # Errors
 /// The writer fails.
@@ -25,6 +25,7 @@ pub fn write_mesh_with(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
     triangles: &[[u32; 3]],
+    colors: Option<&[[u8; 3]]>,
     further: &[(&str, &[f64])],
 ) -> io::Result<()> {
     write!(
@@ -34,6 +35,9 @@ pub fn write_mesh_with(
     writeln!(out, "element vertex {}", points.len())?;
     for name in ["x", "y", "z", "nx", "ny", "nz"] {
         writeln!(out, "property double {name}")?;
+    }
+    for name in ["red", "green", "blue"].iter().filter(|_| colors.is_some()) {
+        writeln!(out, "property uchar {name}")?;
     }
     for (name, _) in further {
         writeln!(out, "property float {name}")?;
@@ -49,6 +53,10 @@ pub fn write_mesh_with(
             "{:.7} {:.7} {:.7} {:.6} {:.6} {:.6}",
             p.x, p.y, p.z, n.x, n.y, n.z
         )?;
+        if let Some(colors) = colors {
+            let [red, green, blue] = colors.get(i).copied().unwrap_or([128; 3]);
+            write!(out, " {red} {green} {blue}")?;
+        }
         for (_, values) in further {
             write!(out, " {:.6}", values.get(i).copied().unwrap_or(f64::NAN))?;
         }

@@ -79,6 +79,7 @@ impl OutputFolder {
             &mesh.vertices,
             &mesh.normals,
             &mesh.triangles,
+            mesh.colors.as_deref(),
             &further,
         )?;
         Ok(self.write("canonical.ply", &text)?)
@@ -179,23 +180,37 @@ pub struct FinalMesh {
     vertices: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     triangles: Vec<[u32; 3]>,
+    /// Red, green and blue of each vertex, where the camera has colours; grey where none is known.
+    colors: Option<Vec<[u8; 3]>>,
 }
 
 impl FinalMesh {
     /// Of a model at rest: the surface its topology was judged by; the local triangulation of its vertices where none could be drawn.
     pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
+        let mut mesh = Self::uncoloured(model, topology, spacing);
+        let places = mesh.vertices.iter().zip(&mesh.normals);
+        let colour = |(p, n): (&Point3<f64>, &UnitVector3<f64>)| {
+            model.colours.at(p, n, spacing).unwrap_or([128; 3])
+        };
+        mesh.colors = (!model.colours.is_empty()).then(|| places.map(colour).collect());
+        mesh
+    }
+
+    fn uncoloured(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         match &topology.surface {
             Some(surface) => Self {
                 further: known(model, surface, spacing),
                 vertices: surface.vertices.clone(),
                 normals: surface.normals.clone(),
                 triangles: surface.triangles.clone(),
+                colors: None,
             },
             None => Self {
                 further: Vec::new(),
                 vertices: model.rest.clone(),
                 normals: model.rest_normals.clone(),
                 triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+                colors: None,
             },
         }
     }

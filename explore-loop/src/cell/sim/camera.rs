@@ -35,6 +35,8 @@ pub(super) struct DepthCamera {
     thing: Vec<Thing>,
     /// Cosine of the angle between the surface seen and the ray.
     cosine: Vec<f64>,
+    /// Triangle that is seen, of those drawn last.
+    triangle: Vec<u32>,
 }
 
 impl DepthCamera {
@@ -45,6 +47,7 @@ impl DepthCamera {
             inverse_depth: vec![0.0; pixels],
             thing: vec![Thing::Nothing; pixels],
             cosine: vec![1.0; pixels],
+            triangle: vec![0; pixels],
         }
     }
 
@@ -55,14 +58,14 @@ impl DepthCamera {
 
     /// Draws triangles given in the camera frame.
     pub fn draw(&mut self, vertices: &[Point3<f64>], triangles: &[[usize; 3]], thing: Thing) {
-        for t in triangles {
+        for (index, t) in (0..).zip(triangles) {
             let corners = t.map(|v| vertices[v]);
             if corners.iter().all(|p| p.z >= NEAR) {
-                self.fill(corners, thing);
+                self.fill(corners, thing, index);
             } else {
                 let polygon = clip(&corners);
                 for k in 2..polygon.len() {
-                    self.fill([polygon[0], polygon[k - 1], polygon[k]], thing);
+                    self.fill([polygon[0], polygon[k - 1], polygon[k]], thing, index);
                 }
             }
         }
@@ -76,7 +79,7 @@ impl DepthCamera {
         )
     }
 
-    fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing) {
+    fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing, index: u32) {
         let [a, b, c] = corners.map(|p| self.project(&p));
         let double_area = (b - a).perp(&(c - a));
         if double_area == 0.0 || !double_area.is_finite() {
@@ -117,6 +120,7 @@ impl DepthCamera {
                     if depth > self.inverse_depth[at] {
                         self.inverse_depth[at] = depth;
                         self.thing[at] = thing;
+                        self.triangle[at] = index;
                         let ray = self.ray(u, v);
                         self.cosine[at] = (normal.dot(&ray) / ray.norm()).abs();
                     }
@@ -152,6 +156,43 @@ impl DepthCamera {
         } else {
             depth
         }
+    }
+
+    /// Pixels of the object, in the order of [`Self::points`].
+    pub fn object_pixels(&self) -> impl Iterator<Item = usize> + '_ {
+        let c = &self.options;
+        let rows = (0..c.height).step_by(c.pixel_stride);
+        rows.flat_map(move |v| {
+            (0..c.width)
+                .step_by(c.pixel_stride)
+                .map(move |u| v * c.width + u)
+        })
+        .filter(|&at| self.thing[at] == Thing::Object)
+    }
+
+    /// What a pixel shows, the triangle of it, and the weights of its corners there; `vertices` are those it was drawn with.
+    pub fn hit(
+        &self,
+        at: usize,
+        vertices: &[Point3<f64>],
+        triangles: &[[usize; 3]],
+    ) -> Option<([usize; 3], [f64; 3])> {
+        let t = triangles.get(self.triangle[at] as usize)?;
+        let ray = self.ray(at % self.options.width, at / self.options.width);
+        let p = ray / self.inverse_depth[at];
+        let [a, b, c] = t.map(|v| vertices[v].coords);
+        let normal = (b - a).cross(&(c - a));
+        let area = normal.norm_squared();
+        if area <= 0.0 {
+            return None;
+        }
+        let of = |q: Vector3<f64>, r: Vector3<f64>| (q - p).cross(&(r - p)).dot(&normal) / area;
+        Some((*t, [of(b, c), of(c, a), of(a, b)]))
+    }
+
+    /// What a pixel shows.
+    pub fn thing(&self, at: usize) -> Thing {
+        self.thing[at]
     }
 
     /// The depth image that the camera sends in frame `frame`, table and arms included.

@@ -51,6 +51,7 @@ mod scene;
 mod segment;
 mod shapes;
 mod surface_nets;
+mod texture;
 mod truth;
 mod world;
 

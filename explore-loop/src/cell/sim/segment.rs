@@ -7,7 +7,7 @@
 //! Nothing here knows which pixel shows what. Of several bodies the one next to the seed point is the object, else the largest; from then on the
 //! point of its cloud that was in its middle is the seed.
 
-use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, ObjectOptions, Scan, find_object};
+use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, find_object};
 use nalgebra::{Isometry3, Point3};
 
 use super::options::CameraOptions;
@@ -45,14 +45,19 @@ impl Segmenter {
         }
     }
 
-    /// The points of the object; none when there is nothing that could be it.
-    pub fn points(&mut self, image: &DepthImage, arms: &[Capsule]) -> Vec<Point3<f64>> {
+    /// The points of the object with the mean of what `colour` gives for the pixels of each; none when there is nothing that could be it.
+    pub fn points(
+        &mut self,
+        image: &DepthImage,
+        arms: &[Capsule],
+        colour: impl Fn(usize) -> [u8; 3],
+    ) -> Seen {
         let Some(scan) = self
             .camera
             .as_ref()
             .and_then(|camera| Scan::from_image(image, camera).ok())
         else {
-            return Vec::new();
+            return Seen::default();
         };
         let near_seed = self.seed.and_then(|seed| {
             let options = self.options.with_seed_point(seed);
@@ -60,10 +65,38 @@ impl Segmenter {
         });
         // What is not where it was, or was never asked for, is the largest body in view.
         let found = near_seed.or_else(|| find_object(&scan, arms, &self.options).ok());
-        let points = found.map_or_else(Vec::new, |object| object.points);
-        self.seed = middle(&points).or(self.seed);
-        points
+        let seen = found.map_or_else(Seen::default, |object| Seen {
+            colors: mean_colors(&object, colour),
+            points: object.points,
+        });
+        self.seed = middle(&seen.points).or(self.seed);
+        seen
     }
+}
+
+/// Points with their colours.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Seen {
+    pub points: Vec<Point3<f64>>,
+    pub colors: Vec<[u8; 3]>,
+}
+
+/// Mean colour of the pixels that each point is made of.
+fn mean_colors(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 3]> {
+    let mut sums = vec![([0_u32; 3], 0_u32); object.points.len()];
+    for (pixel, point) in object.point_of.iter().enumerate() {
+        if let Some(point) = *point {
+            let (sum, count) = &mut sums[point];
+            for (sum, c) in sum.iter_mut().zip(colour(pixel)) {
+                *sum += u32::from(c);
+            }
+            *count += 1;
+        }
+    }
+    // A mean of bytes is a byte.
+    sums.iter()
+        .map(|(sum, count)| sum.map(|c| (c / (*count).max(1)) as u8))
+        .collect()
 }
 
 /// The point next to the mean of all.

@@ -15,7 +15,8 @@ use super::journal::{Command, Journal};
 use super::mesh::TriangleMesh;
 use super::options::CameraModel;
 use super::realsense::FrameClock;
-use super::segment::{Segmenter, capsules};
+use super::segment::{Seen, Segmenter, capsules};
+use super::texture::Texture;
 use super::{SimError, SimOptions, Truth};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
 
@@ -31,6 +32,9 @@ const HOME_SPEED: f64 = 0.2;
 /// How far an arm backs out of its grip before it turns for home, and how far it rises, metres.
 const RETREAT: (f64, f64) = (0.03, 0.05);
 
+/// The colour of table, arms and other bodies.
+const GREY: [u8; 3] = [128; 3];
+
 /// A simulated cell.
 pub struct SimCell {
     info: CellInfo,
@@ -43,6 +47,9 @@ pub struct SimCell {
     camera_from_world: Isometry3<f64>,
     truth: Truth,
     triangles: Vec<[usize; 3]>,
+    /// Colour of the object, as a function of where its vertices lie in the scene's own frame.
+    texture: Texture,
+    own: Vec<Point3<f64>>,
     step: f64,
     steps_per_frame: usize,
     frame: u64,
@@ -101,6 +108,7 @@ impl SimCell {
         for (node, _) in &anchored {
             body.pin(*node, true);
         }
+        let own = placed.own();
         let surface = placed.surface;
 
         let settled = body
@@ -140,6 +148,8 @@ impl SimCell {
             camera_from_world,
             truth: truth.clone(),
             triangles: surface.triangles,
+            texture: Texture::of(options.scene.name(), options.seed),
+            own,
             step,
             steps_per_frame,
             frame: 0,
@@ -236,23 +246,42 @@ impl SimCell {
         }
     }
 
+    /// The colour of a pixel of the image that was drawn.
+    fn pixel_colour(&self, snapshot: &Snapshot, pixel: usize) -> [u8; 3] {
+        if self.camera.thing(pixel) != Thing::Object {
+            return GREY;
+        }
+        let hit = self.camera.hit(pixel, &snapshot.surface, &self.triangles);
+        hit.map_or(GREY, |(corners, weights)| {
+            let sum = corners.iter().zip(weights);
+            let at = sum.fold(Vector3::zeros(), |p, (v, w)| p + self.own[*v].coords * w);
+            self.texture.colour(&at.into())
+        })
+    }
+
     /// The points of the object in the image that was drawn.
-    fn seen(&mut self, arms: &[ArmState]) -> Result<Vec<Point3<f64>>, CellError> {
+    fn seen(&mut self, snapshot: &Snapshot) -> Result<Seen, CellError> {
         let (seed, frame) = (self.options.seed, self.frame);
-        let Some(segmenter) = &mut self.segmenter else {
-            return Ok(self.camera.points(seed, frame));
+        let colour = |pixel| self.pixel_colour(snapshot, pixel);
+        let Some(mut segmenter) = self.segmenter.clone() else {
+            return Ok(Seen {
+                points: self.camera.points(seed, frame),
+                colors: self.camera.object_pixels().map(colour).collect(),
+            });
         };
         let tools: Vec<_> = self
             .grippers
             .iter()
-            .zip(arms)
+            .zip(&snapshot.arms)
             .flat_map(|(g, arm)| {
                 capsules(&arm.camera_from_tip, g.finger_opening(&self.options.jaw))
             })
             .collect();
         let image = self.camera.image(seed, frame);
         let image = image.map_err(|error| CellError::Failed(error.to_string()))?;
-        Ok(segmenter.points(&image, &tools))
+        let seen = segmenter.points(&image, &tools, colour);
+        self.segmenter = Some(segmenter);
+        Ok(seen)
     }
 
     fn surface(&self) -> Vec<Point3<f64>> {
@@ -365,9 +394,11 @@ impl Cell for SimCell {
         let snapshot = self.ticked.take().unwrap_or_else(|| self.snapshot(now));
         self.truth.record(&snapshot.surface);
         self.draw(&snapshot);
+        let seen = self.seen(&snapshot)?;
         Ok(Observation {
             stamp: snapshot.stamp,
-            points: self.seen(&snapshot.arms)?,
+            points: seen.points,
+            colors: Some(seen.colors),
             arms: snapshot.arms,
         })
     }
