@@ -617,7 +617,8 @@ fn a_torus_from_a_file_is_a_torus() {
 /// Distance of each point from the true surface, and of each upward-facing part of it from the points, the 95 % of both.
 fn off(points: &[Point3<f64>], truth: &Truth) -> f64 {
     let vertices: Vec<_> = truth.live().iter().map(|p| p.coords.into()).collect();
-    let triangles = truth.triangles().iter().map(|t| t.map(|v| v as u32));
+    let triangles = truth.triangles();
+    let triangles = triangles.iter().map(|t| t.map(|v| v as u32));
     let mesh = TriMesh::new(vertices, triangles.collect()).unwrap();
     let distance = |p: &Point3<f64>| {
         use parry3d_f64::query::PointQuery;

@@ -41,7 +41,7 @@ fn faces(normal: &Vector3<f64>) -> u8 {
 
 fn direction(faces: u8) -> Vector3<f64> {
     let mut direction = Vector3::zeros();
-    direction[usize::from(faces / 2)] = if faces % 2 == 0 { 1.0 } else { -1.0 };
+    direction[usize::from(faces / 2)] = if faces.is_multiple_of(2) { 1.0 } else { -1.0 };
     direction
 }
 
