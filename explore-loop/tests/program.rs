@@ -85,6 +85,11 @@ fn a_wrong_command_line_is_refused() {
     refuses(&["run", "--speed", "fast"], 2, &["--speed", "fast"]);
     refuses(&["run", "--noise", "nan"], 2, &["--noise"]);
     refuses(&["run", "--grips", "lucky"], 2, &["--grips", "lucky"]);
+    refuses(&["run", "--camera", "pinhole"], 2, &["--camera", "pinhole"]);
+    for point in ["here", "0,0", "0,0,0,0", "0,nan,0"] {
+        refuses(&["run", "--seed-point", point], 2, &["--seed-point", point]);
+    }
+    refuses(&["run", "--genus=-1"], 2, &["--genus"]);
     refuses(&["run", "--seed"], 2, &["--seed"]);
     refuses(&["replay", "a.mcap", "--until=-1"], 2, &["--until"]);
     refuses(&["tables", "--only", "horses"], 2, &["--only", "horses"]);
@@ -353,10 +358,26 @@ fn the_model_is_a_watertight_mesh_with_unit_normals() {
     let run = &twice()[0];
     let ply = Ply::parse(&run.files["canonical.ply"]);
     for vertex in &ply.vertices {
-        let [x, y, z, nx, ny, nz, support, first_seen, confidence] = vertex[..] else {
-            panic!("{vertex:?} is not a position, a normal and what is known of it")
+        let [
+            x,
+            y,
+            z,
+            nx,
+            ny,
+            nz,
+            red,
+            green,
+            blue,
+            support,
+            first_seen,
+            confidence,
+        ] = vertex[..]
+        else {
+            panic!("{vertex:?} is not a position, a normal, a colour and what is known of it")
         };
         assert!([x, y, z].iter().all(|v| v.is_finite()));
+        // The ellipsoid is yellow where it is not dark: nothing of it is grey.
+        assert!(red > blue && [red, green, blue].iter().all(|c| (0.0..256.0).contains(c)));
         // A closed surface: all of it within reach of a point that was seen.
         assert!((0.0..0.01).contains(&support), "{support}");
         assert!(first_seen >= 0.0 && (0.0..=1.0).contains(&confidence));
