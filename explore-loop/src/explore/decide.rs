@@ -61,11 +61,9 @@ impl Explorer<'_> {
             None => vec![false; model.len()],
         };
         let all = visible.clone();
-        if self.moves.slipped {
-            let reluctant = self.moves.reluctant(model, self.options.spacing);
-            let both = visible.iter_mut().zip(reluctant);
-            both.for_each(|(visible, reluctant)| *visible &= !reluctant);
-        }
+        let slippery = self.moves.slippery(model, self.options.spacing);
+        let both = visible.iter_mut().zip(slippery);
+        both.for_each(|(visible, slippery)| *visible &= !slippery);
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
         // A piece that was not seen turns with the nearest vertex.
         let turned = |h: &topology::Hidden| model.rotations[h.vertex as usize] * h.area;

@@ -410,6 +410,9 @@ impl<'a> Explorer<'a> {
         self.enter(Phase::Manipulate)?;
         let plan = &manipulation.plan;
         self.under_way = Some((plan.motion.clone(), 0.0));
+        let places = plan.grips.iter().map(|g| g.arm).zip(&manipulation.at_rest);
+        self.moves
+            .grip(places.map(|(arm, place)| (arm, *place)).collect());
         match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
             // A firm body that is being lowered holds the tips back when it is on the table: it is down.
             Err(Halt::Trouble(trouble))

@@ -90,8 +90,8 @@ impl Explorer<'_> {
         }
         match trouble {
             Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
-            Trouble::Slipped { .. } => {
-                self.moves.slipped = true;
+            Trouble::Slipped { arm } => {
+                self.moves.slip(arm);
                 self.misses += 1;
             }
             Trouble::NotArriving { .. } => self.misses += 1,

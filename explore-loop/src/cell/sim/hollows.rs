@@ -3,7 +3,7 @@
 //! | body | equation |
 //! |---|---|
 //! | [`Colon`] | distance to an arc of 120° less `r(s) = r₀ (1 − 0.22 · ((1 + cos 2πs/λ)/2)⁴)`, `s` along the arc: a fold every λ = 26 mm |
-//! | [`Beanie`] | distance to a profile turned about z, a cylinder that goes over into a half ball, less `t(z)/2`: the wall, 12 mm, with a folded brim of 17 mm |
+//! | [`Beanie`] | distance to a profile turned about z, a cylinder that goes over into a half ball, less `t(z)/2`: the wall, 16 mm of wool and lining, with a folded brim of 19 mm |
 //! | [`Torus`] | `‖(‖(x, y)‖ − R, z)‖ − r` |
 
 use nalgebra::Point3;
@@ -63,11 +63,11 @@ pub(super) struct Beanie {
 }
 
 impl Beanie {
-    const WALL: f64 = 0.012;
+    const WALL: f64 = 0.016;
     /// Height of the cylinder below the half ball, in radii.
     const DEEP: f64 = 0.5;
     /// How much thicker the folded brim is, and up to what height above the rim, metres; over the same height again it thins out.
-    const BRIM: (f64, f64) = (0.005, 0.018);
+    const BRIM: (f64, f64) = (0.003, 0.018);
 
     /// The beanie that measures `size` across its brim.
     pub fn new(size: f64) -> Self {
