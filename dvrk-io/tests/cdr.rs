@@ -413,6 +413,18 @@ proptest! {
     }
 
     #[test]
+    fn colours_come_back_with_their_points(
+        rows in prop::collection::vec((prop::array::uniform3(-1e3..1e3), any::<[u8; 3]>()), 0..20),
+    ) {
+        let (points, colors): (Vec<[f64; 3]>, Vec<_>) = rows.into_iter().unzip();
+        let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
+        let cloud = PointCloud2::from_colored_points(header(), &points, &colors)?;
+        prop_assert_eq!(cloud.points()?, PointCloud2::from_points(header(), &points)?.points()?);
+        prop_assert_eq!(cloud.colors()?, Some(colors.clone()));
+        prop_assert!(PointCloud2::from_colored_points(header(), &points, &[&colors[..], &[[0; 3]]].concat()).is_err());
+    }
+
+    #[test]
     fn stamps_round_to_nanoseconds(nanoseconds in 0_u64..(1 << 30) * 1_000_000_000) {
         let time = Time::from_nanoseconds(nanoseconds);
         prop_assert_eq!(time.nanoseconds(), nanoseconds);

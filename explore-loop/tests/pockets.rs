@@ -4,6 +4,7 @@
 mod common;
 
 use common::fake::{FakeCell, HEIGHT};
+use explore_loop::canonical::genus::{Genus, Handles};
 use explore_loop::canonical::topology::Topology;
 use explore_loop::cell::Cell;
 use explore_loop::explore::ExploreOptions;
@@ -80,6 +81,8 @@ impl Body {
         let topology = Topology {
             betti: [1, ones, 0],
             persistent: [1, ones, 0],
+            genus: Genus::Any,
+            handles: Handles::default(),
             boundary,
             boundary_share: 0.1,
             missing: if whole { 0.02 } else { 0.6 },

@@ -86,6 +86,11 @@ fn a_wrong_command_line_is_refused() {
     refuses(&["run", "--speed", "fast"], 2, &["--speed", "fast"]);
     refuses(&["run", "--noise", "nan"], 2, &["--noise"]);
     refuses(&["run", "--grips", "lucky"], 2, &["--grips", "lucky"]);
+    refuses(&["run", "--camera", "pinhole"], 2, &["--camera", "pinhole"]);
+    for point in ["here", "0,0", "0,0,0,0", "0,nan,0"] {
+        refuses(&["run", "--seed-point", point], 2, &["--seed-point", point]);
+    }
+    refuses(&["run", "--genus=-1"], 2, &["--genus"]);
     refuses(&["run", "--seed"], 2, &["--seed"]);
     refuses(&["replay", "a.mcap", "--until=-1"], 2, &["--until"]);
     refuses(&["tables", "--only", "horses"], 2, &["--only", "horses"]);
@@ -351,6 +356,9 @@ fn the_model_is_a_watertight_mesh_with_unit_normals() {
         assert!((normal.norm() - 1.0).abs() < 1e-12);
     }
     assert_eq!(mesh.normals().len(), mesh.points().len());
+    // The ellipsoid is yellow where it is not dark: nothing of it is grey.
+    assert_eq!(mesh.colours().len(), mesh.points().len());
+    assert!(mesh.colours().iter().all(|[red, _, blue]| red > blue));
     let known = |name: &str| mesh.property(name).unwrap();
     // A closed surface: all of it within reach of a point that was seen.
     assert!(known("support").iter().all(|s| (0.0..0.01).contains(s)));

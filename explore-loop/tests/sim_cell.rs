@@ -8,7 +8,9 @@
     reason = "a test stops where it fails, and its loops read as prose"
 )]
 
-use explore_loop::cell::sim::{Scene, SimCell, SimError, SimOptions, TriangleMesh, Truth};
+use explore_loop::cell::sim::{
+    CameraOptions, Scene, SimCell, SimError, SimOptions, TriangleMesh, Truth,
+};
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::mesh::{Format, parse};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -611,4 +613,150 @@ fn a_torus_from_a_file_is_a_torus() {
             .iter()
             .all(|p| (p.coords - middle).xy().norm() > 0.03)
     );
+}
+
+/// Distance of each point from the true surface, and of each upward-facing part of it from the points, the 95 % of both.
+fn off(points: &[Point3<f64>], truth: &Truth) -> f64 {
+    let vertices: Vec<_> = truth.live().iter().map(|p| p.coords.into()).collect();
+    let triangles = truth.triangles();
+    let triangles = triangles.iter().map(|t| t.map(|v| v as u32));
+    let mesh = TriMesh::new(vertices, triangles.collect()).unwrap();
+    let distance = |p: &Point3<f64>| {
+        use parry3d_f64::query::PointQuery;
+        mesh.distance_to_local_point(p.coords.into(), false)
+    };
+    let mut all: Vec<f64> = points.iter().map(distance).collect();
+    all.sort_by(f64::total_cmp);
+    all[all.len() * 95 / 100]
+}
+
+/// An active stereo camera sees the object where it is, through the segmentation of a real one; its frames are of its own clock; the same seed gives
+/// the same bits.
+#[test]
+fn a_realsense_sees_the_object_in_its_own_time() {
+    let mut options = options();
+    options.camera = CameraOptions::realsense();
+    let frames = |options: &SimOptions| -> (Vec<Observation>, Truth) {
+        let (mut cell, truth) = cell(options);
+        ((0..4).map(|_| cell.observe().unwrap()).collect(), truth)
+    };
+    let (seen, truth) = frames(&options);
+    for (number, frame) in (1_u32..).zip(&seen) {
+        let (stamp, now) = (frame.stamp, 0.1 * f64::from(number));
+        assert!(
+            stamp <= now && now - stamp < 1.0 / 29.97,
+            "{stamp} at {now}"
+        );
+        let ticks = (stamp - seen[0].stamp) * 29.97;
+        assert!((ticks - ticks.round()).abs() < 1e-6, "{ticks}");
+        // A body of 120 × 90 mm seen from above, a point for every voxel of 2.2 mm.
+        assert!(
+            (900..3000).contains(&frame.points.len()),
+            "{}",
+            frame.points.len()
+        );
+        // The noise at half a metre is 1 mm, and three pixels are joined.
+        assert!(
+            off(&frame.points, &truth) < 0.003,
+            "{}",
+            off(&frame.points, &truth)
+        );
+        assert_eq!(frame.colours().unwrap().len(), frame.points.len());
+    }
+    assert_eq!(frames(&options).0, seen);
+    options.seed = 1;
+    assert_ne!(frames(&options).0, seen);
+}
+
+/// Without noise its image gives the surface to a step of disparity.
+#[test]
+fn cameras_agree_on_the_surface() {
+    let options = options();
+    let (mut cell, truth) = cell(&options);
+    let frame = cell.observe().unwrap();
+    assert!(off(&frame.points, &truth) < 1e-9);
+    assert_eq!(frame.colours().unwrap().len(), frame.points.len());
+}
+
+/// A texture sticks to the body: what is carried off by a jaw has the colour at the same place of the body.
+#[test]
+fn colours_stick_to_the_body() {
+    let options = options();
+    let (mut cell, truth) = cell(&options);
+    let first = cell.observe().unwrap();
+    let rest = truth.live();
+    grasp_top(&mut cell, &truth);
+    let tip = top(&truth) + Vector3::new(0.02, 0.01, -0.02);
+    cell.move_arm(0, downward(tip), 0.1).unwrap();
+    let moved = wait(&mut cell);
+    let live = truth.live();
+    let nearest = |p: &Point3<f64>, among: &[Point3<f64>]| {
+        let away = |i: &usize| (among[*i] - p).norm_squared();
+        (0..among.len())
+            .min_by(|a, b| away(a).total_cmp(&away(b)))
+            .unwrap()
+    };
+    let colour = |frame: &Observation, at: &Point3<f64>| {
+        let k = nearest(at, &frame.points);
+        let near = (frame.points[k] - at).norm() < 0.0015;
+        near.then(|| frame.colours().unwrap()[k].map(f64::from))
+    };
+    let (mut compared, mut differs) = (0, 0);
+    for v in (0..rest.len()).step_by(5) {
+        if let (Some(a), Some(b)) = (colour(&first, &rest[v]), colour(&moved, &live[v])) {
+            compared += 1;
+            let apart = (0..3).map(|c| (a[c] - b[c]).abs()).fold(0.0, f64::max);
+            differs += usize::from(apart > 25.0);
+        }
+    }
+    assert!(compared > 60, "{compared}");
+    // The nearest pixels lie up to a pixel beside it, where a vein may begin.
+    assert!(5 * differs < compared, "{differs} of {compared}");
+}
+
+/// Of two bodies the larger one is explored, unless a point of the other is given.
+#[test]
+fn the_body_asked_for_is_the_one_that_is_seen() {
+    for small in [false, true] {
+        let mut options = SimOptions::new(Scene::named("clutter").unwrap());
+        options.fidelity.tetrahedra = 500;
+        if small {
+            // Where the ellipsoid lies, give or take.
+            options.seed_point = Some(Point3::new(0.185, 0.13, 0.52));
+        }
+        let (mut cell, truth) = cell(&options);
+        let frame = cell.observe().unwrap();
+        let (low, high) = truth.rest().bounds();
+        assert_eq!((high - low).max() < 0.1, small);
+        assert!(frame.points.len() > 300);
+        assert!(off(&frame.points, &truth) < 0.002);
+    }
+}
+
+/// What is held to the table stays there while the other end is lifted.
+#[test]
+fn an_attached_body_stays_where_it_is_held() {
+    let mut options = SimOptions::new(Scene::named("attached").unwrap());
+    options.fidelity.tetrahedra = 500;
+    let own = options.scene.mesh().vertices.clone();
+    let end = (0..own.len())
+        .max_by(|a, b| own[*a].x.total_cmp(&own[*b].x))
+        .unwrap();
+    let (mut cell, truth) = cell(&options);
+    cell.observe().unwrap();
+    let rest = truth.live();
+    cell.move_arm(0, downward(rest[end]), 0.25).unwrap();
+    wait(&mut cell);
+    cell.close_jaw(0).unwrap();
+    let lifted = rest[end] - Vector3::new(0.0, 0.0, 0.05);
+    cell.move_arm(0, downward(lifted), 0.05).unwrap();
+    wait(&mut cell);
+    let moved: Vec<f64> = rest
+        .iter()
+        .zip(&truth.live())
+        .map(|(a, b)| (a - b).norm())
+        .collect();
+    let still = moved.iter().filter(|d| **d < 1e-6).count();
+    let carried = moved.iter().filter(|d| **d > 0.02).count();
+    assert!(still > 10 && carried > 100, "{still} {carried}");
 }

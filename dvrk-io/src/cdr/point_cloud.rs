@@ -104,6 +104,50 @@ impl PointCloud2 {
         })
     }
 
+    /// The same with a colour for every point, in a field `rgb` as ROS has it: 32 bits declared as a float, blue in the least significant byte.
+    ///
+    /// # Errors
+    /// Another number of colours than of points, and those of [`Self::from_points`].
+    pub fn from_colored_points(
+        header: Header,
+        points: &[Point3<f64>],
+        colors: &[[u8; 3]],
+    ) -> Result<Self, Error> {
+        if points.len() != colors.len() {
+            let reason = format!("{} colours for {} points", colors.len(), points.len());
+            return Err(Error::BadCloud { reason });
+        }
+        let plain = Self::from_points(header, points)?;
+        let step = plain.point_step + 4;
+        let bytes = usize::try_from(step)
+            .unwrap_or(usize::MAX)
+            .saturating_mul(points.len());
+        let row_step = u32::try_from(bytes).map_err(|_| Error::TooLong {
+            field: "data",
+            length: bytes,
+        })?;
+        let mut data = Vec::with_capacity(bytes);
+        let rows = plain.data.chunks_exact(plain.point_step as usize);
+        for (row, [red, green, blue]) in rows.zip(colors) {
+            data.extend_from_slice(row);
+            data.extend([*blue, *green, *red, 0]);
+        }
+        let mut fields = plain.fields;
+        fields.push(PointField {
+            name: "rgb".to_owned(),
+            offset: plain.point_step,
+            datatype: FLOAT32,
+            count: 1,
+        });
+        Ok(Self {
+            fields,
+            point_step: step,
+            row_step,
+            data,
+            ..plain
+        })
+    }
+
     /// Every point in the order of the table, invalid ones (NaN or zeros) included.
     ///
     /// # Errors

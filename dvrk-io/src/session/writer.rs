@@ -112,6 +112,21 @@ impl SessionWriter {
         self.write(&Role::Points, cloud.header.stamp, &cloud)
     }
 
+    /// The same with a colour for every point.
+    ///
+    /// # Errors
+    /// Another number of colours than of points, and those of [`Self::points`].
+    pub fn colored_points(
+        &mut self,
+        stamp: f64,
+        points: &[Point3<f64>],
+        colors: &[[u8; 3]],
+    ) -> Result<(), Error> {
+        let cloud = PointCloud2::from_colored_points(header(stamp)?, points, colors)?;
+        self.flush()?;
+        self.write(&Role::Points, cloud.header.stamp, &cloud)
+    }
+
     /// Tip pose of an arm.
     ///
     /// # Errors

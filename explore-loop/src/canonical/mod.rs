@@ -7,7 +7,9 @@
 //! | file | question |
 //! |---|---|
 //! | [`graph`] | who is a neighbour of whom on the surface? |
+//! | [`colour`] | which colour has a place at rest? |
 //! | [`cut`] | which edges glue places that only touched? |
+//! | [`genus`] | how many handles may it have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
 //! | [`closed_surface`] | which closed surface do the points describe, and what of it was seen? |
@@ -15,7 +17,9 @@
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 pub mod closed_surface;
+pub mod colour;
 pub mod cut;
+pub mod genus;
 pub mod graph;
 pub mod surface;
 pub mod topology;
@@ -41,6 +45,8 @@ pub struct CanonicalModel {
     pub times_seen: Vec<u32>,
     /// Neighbours on the surface, `i < j`.
     pub edges: Vec<[u32; 2]>,
+    /// Colour at rest, where the camera gives one.
+    pub colours: colour::ColourMap,
     /// Identities of the ends of edges that were cut (see [`cut`]).
     cuts: std::collections::BTreeSet<[u64; 2]>,
     next_id: u64,
@@ -158,6 +164,7 @@ impl CanonicalModel {
     ) -> Self {
         let mut heir = Self {
             cuts: self.cuts.clone(),
+            colours: self.colours.clone(),
             next_id: self.next_id,
             ..Self::default()
         };

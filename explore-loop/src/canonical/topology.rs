@@ -2,15 +2,16 @@
 //!
 //! ```text
 //! points ─► closed surface ─► even sample of what of it was seen ─► cylinder-Čech complex ─► persistent Betti numbers
-//! closed  ⇔  (1, 0, 1)  and  wholly seen  and  no strays  and  no vector area  and  no boundary
+//! closed  ⇔  (1, 2g, 1)  and  g handles  and  wholly seen  and  no strays  and  no vector area  and  no boundary
 //! ```
 //! The points themselves are uneven, and crowd or gape at sharp margins; the closed surface through them is even. It is always
 //! closed, so it proves nothing alone: only what lies within reach of a point that faces alike enters the complex. *Bare* is the share of
 //! its area that does not, *wholly seen* that what is bare is chance gaps between points, nowhere farther
 //! from them than 1.75 spacings; *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away from each
-//! other are not joined.
+//! other are not joined. The genus `g` is that of the object unless one is asked for ([`super::genus`]).
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
+use super::genus::{Genus, Handles};
 use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -32,6 +33,10 @@ pub struct Topology {
     pub betti: [usize; 3],
     /// Persistent Betti numbers from scale 1 to the larger one.
     pub persistent: [usize; 3],
+    /// The genus that was asked for.
+    pub genus: Genus,
+    /// Handles of the closed surface that was drawn.
+    pub handles: Handles,
     /// Which vertices of the model lie on the boundary of what was seen.
     pub boundary: Vec<bool>,
     /// Share of the sample of the surface that lies on its boundary.
@@ -78,7 +83,7 @@ pub struct Hidden {
 }
 
 impl Topology {
-    /// Whether the surface is that of a solid body, wholly seen.
+    /// Whether the surface is that of a solid body, wholly seen, with as many handles as were asked for.
     ///
     /// The Betti numbers alone would be fooled by a blister: a doubled patch encloses a cavity of its own while the rest of the surface is
     /// still open. A closed surface has no vector area (`Σ area·n = 0`), next to no boundary, no bare part and nothing beside it; the
@@ -89,8 +94,17 @@ impl Topology {
 
     /// What keeps the surface from counting as closed, if anything.
     pub fn obstacle(&self) -> Option<Obstacle> {
-        if self.persistent != [1, 0, 1] {
-            Some(Obstacle::Betti(self.persistent))
+        let found = Genus::of_betti(self.persistent).filter(|genus| self.genus.allows(*genus));
+        let Some(genus) = found else {
+            return Some(Obstacle::Betti(self.persistent));
+        };
+        if genus != self.handles.count {
+            Some(Obstacle::Handles {
+                complex: genus,
+                mesh: self.handles.count,
+            })
+        } else if self.handles.crease > CREASE {
+            Some(Obstacle::Contact(self.handles.crease))
         } else if !self.wholly_seen {
             Some(Obstacle::Bare {
                 share: self.bare,
@@ -116,8 +130,17 @@ impl Topology {
 /// What keeps a surface from counting as closed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
-    /// Its persistent Betti numbers are not those of a sphere.
+    /// Its persistent Betti numbers are not those of a closed surface, or not of the genus asked for.
     Betti([usize; 3]),
+    /// The complex of the points has another genus than the surface that was drawn through them.
+    Handles {
+        /// Handles of the complex.
+        complex: usize,
+        /// Handles of the surface.
+        mesh: usize,
+    },
+    /// Two parts touch, and have not been parted: the surface is creased by this angle, rad, all around where they do.
+    Contact(f64),
     /// Some of it was never seen.
     Bare {
         /// Share of the area.
@@ -138,6 +161,15 @@ impl std::fmt::Display for Obstacle {
         let percent = |share: f64| 100.0 * share;
         match self {
             Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
+            Self::Handles { complex, mesh } => write!(
+                f,
+                "handles of the points ({complex}) and of the surface through them ({mesh}) differ"
+            ),
+            Self::Contact(angle) => write!(
+                f,
+                "parts that touch are not parted: a crease of {:.0}° around a handle",
+                angle.to_degrees()
+            ),
             Self::Bare { share, farthest } => write!(
                 f,
                 "{:.2} % never seen, up to {:.1} mm from what was",
@@ -153,6 +185,8 @@ impl std::fmt::Display for Obstacle {
     }
 }
 
+/// Largest mean crease around a handle, rad: between the 10° of a ring and the 50° of round parts that touch.
+const CREASE: f64 = 0.5;
 /// Largest vector area of a surface taken for closed, as a share of its area.
 const MOST_MISSING: f64 = 0.03;
 /// Largest share of boundary points of a surface taken for closed.
@@ -165,7 +199,19 @@ const MOST_STRAYS: f64 = 0.03;
 /// # Errors
 /// Non-finite positions.
 pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_complex::Error> {
-    analyse_within(model, spacing, MOST_SIMPLICES)
+    analyse_as(model, spacing, Genus::Any)
+}
+
+/// As [`analyse`], for a surface that is closed only with this genus.
+///
+/// # Errors
+/// Non-finite positions.
+pub fn analyse_as(
+    model: &CanonicalModel,
+    spacing: f64,
+    genus: Genus,
+) -> Result<Topology, cech_complex::Error> {
+    analyse_limited(model, spacing, genus, MOST_SIMPLICES)
 }
 
 /// As [`analyse`], with a complex of at most `most` simplices: with more, the sample is thinned ([`Topology::thinned`]) and read at a coarser
@@ -176,6 +222,15 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
 pub fn analyse_within(
     model: &CanonicalModel,
     spacing: f64,
+    most: usize,
+) -> Result<Topology, cech_complex::Error> {
+    analyse_limited(model, spacing, Genus::Any, most)
+}
+
+fn analyse_limited(
+    model: &CanonicalModel,
+    spacing: f64,
+    genus: Genus,
     most: usize,
 ) -> Result<Topology, cech_complex::Error> {
     let weights: Vec<f64> = model
@@ -197,6 +252,8 @@ pub fn analyse_within(
     let mut topology = Topology {
         betti: complex.betti,
         persistent: complex.persistent,
+        genus,
+        handles: drawn.as_ref().map_or(Handles::default(), |s| s.handles),
         boundary_share: complex.boundary.iter().filter(|b| **b).count() as f64 / count,
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),

@@ -136,6 +136,7 @@ impl Cell for ReplayCell {
         Ok(Observation {
             stamp: frame.stamp,
             points: frame.points,
+            colors: None,
             arms: self.last.clone(),
         })
     }

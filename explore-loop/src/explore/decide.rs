@@ -12,10 +12,13 @@ impl Explorer<'_> {
         self.enter(Phase::Decide)?;
         let table = self.cell.info().table;
         self.reconstructor.consolidate(&table);
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        let topology = self.analyse()?;
         self.tell(Event::Topology(&topology))?;
+        self.moves.decide(&topology);
         let stop = if topology.is_closed() {
             Stop::Closed
+        } else if let Some(held) = self.held(&topology).filter(|_| self.moves.in_vain()) {
+            Stop::ClosedButAttached(held)
         } else if self.manipulations >= self.options.max_manipulations {
             Stop::TooManyManipulations
         } else if self.misses >= self.options.max_misses {
@@ -40,14 +43,27 @@ impl Explorer<'_> {
         Ok(self.done_with(stop, topology))
     }
 
+    fn analyse(&self) -> Result<Topology, Error> {
+        let (spacing, genus) = (self.options.spacing, self.options.genus);
+        Ok(topology::analyse_as(
+            self.reconstructor.model(),
+            spacing,
+            genus,
+        )?)
+    }
+
     fn plan(&mut self, topology: &Topology) -> Result<Result<Plan, NoPlan>, Error> {
         let model = self.reconstructor.model();
-        let visible = match &self.latest {
+        let mut visible = match &self.latest {
             Some(observation) => self
                 .reconstructor
                 .visible_now(observation, self.options.spacing),
             None => vec![false; model.len()],
         };
+        let all = visible.clone();
+        let slippery = self.moves.slippery(model, self.options.spacing);
+        let both = visible.iter_mut().zip(slippery);
+        both.for_each(|(visible, slippery)| *visible &= !slippery);
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
         // A piece that was not seen turns with the nearest vertex.
         let turned = |h: &topology::Hidden| model.rotations[h.vertex as usize] * h.area;
@@ -64,7 +80,13 @@ impl Explorer<'_> {
             limits: self.options.limits,
             attempt: self.manipulations + self.misses,
         };
-        self.planner.plan(&input)
+        match self.planner.plan(&input)? {
+            Err(_) if visible != all => self.planner.plan(&PlanInput {
+                visible: &all,
+                ..input
+            }),
+            planned => Ok(planned),
+        }
     }
 
     /// The end, with the topology of what is known.
@@ -75,11 +97,18 @@ impl Explorer<'_> {
                 needed: 20,
             });
         }
-        let topology = topology::analyse(self.reconstructor.model(), self.options.spacing)?;
+        let topology = self.analyse()?;
         Ok(self.done_with(stop, topology))
     }
 
     fn done_with(&self, stop: Stop, topology: Topology) -> State {
+        // What was given up because a part cannot be shown is over all the same.
+        let stop = match stop {
+            Stop::TooManyManipulations | Stop::NothingToGrip(_) | Stop::GraspFailed => {
+                self.held(&topology).map_or(stop, Stop::ClosedButAttached)
+            }
+            stop => stop,
+        };
         State::Done(Box::new(Outcome {
             stop,
             manipulations: self.manipulations,

@@ -268,7 +268,7 @@ impl Guard {
             return Some(FrameFault::Frozen);
         }
         let finite = |p: &Point3<f64>| p.iter().all(|x| x.is_finite());
-        observation.points.retain(finite);
+        observation.retain(finite);
         let count = seen - observation.points.len();
         if 2 * count > seen {
             let points = seen;
@@ -337,9 +337,7 @@ impl Guard {
             return;
         };
         let away = AWAY * self.spacing;
-        observation
-            .points
-            .retain(|p| !suspect(p) || graph::nearest(&tree, p).1 < away);
+        observation.retain(|p| !suspect(p) || graph::nearest(&tree, p).1 < away);
     }
 }
 

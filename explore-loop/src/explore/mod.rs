@@ -16,6 +16,7 @@
 //! | `decide` | is it closed, and if not, which plan is next? |
 //! | `drive` | how is a motion followed, and what is planned from here? |
 //! | `set_point` | which pose is next, and is it within the limits? |
+//! | `held` | is what is still hidden held to the table? |
 //! | `guard` | what is wrong with a frame? |
 //! | `watch` | what is done with a frame, and who is told? |
 //! | `trouble` | what is given up, and what ends it all? |
@@ -52,6 +53,7 @@ use watch::refused;
 mod decide;
 mod drive;
 mod guard;
+mod held;
 mod options;
 mod recover;
 mod resume;
@@ -61,6 +63,7 @@ mod trouble;
 mod watch;
 
 pub use guard::FrameFault;
+pub use held::Held;
 pub use options::ExploreOptions;
 pub use resume::SavedState;
 pub use set_point::{Bounds, Limits};
@@ -128,6 +131,8 @@ pub struct Explorer<'a> {
     manipulations: usize,
     misses: usize,
     troubles: Vec<Trouble>,
+    /// How far the surface was moved, and what that has shown.
+    moves: held::Moves,
     asked_to_stop: Option<Arc<AtomicBool>>,
     mode: Mode,
 }
@@ -237,6 +242,7 @@ impl<'a> Explorer<'a> {
             manipulations: 0,
             misses: 0,
             troubles: Vec::new(),
+            moves: held::Moves::default(),
             asked_to_stop: None,
             mode: Mode::Exploring,
         }
@@ -404,6 +410,9 @@ impl<'a> Explorer<'a> {
         self.enter(Phase::Manipulate)?;
         let plan = &manipulation.plan;
         self.under_way = Some((plan.motion.clone(), 0.0));
+        let places = plan.grips.iter().map(|g| g.arm).zip(&manipulation.at_rest);
+        self.moves
+            .grip(places.map(|(arm, place)| (arm, *place)).collect());
         match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
             // A firm body that is being lowered holds the tips back when it is on the table: it is down.
             Err(Halt::Trouble(trouble))

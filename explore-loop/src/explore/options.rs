@@ -1,6 +1,7 @@
 //! Settings of an exploration, each with its default.
 
 use super::{Bounds, Limits};
+use crate::canonical::genus::Genus;
 
 /// Settings of an exploration.
 #[derive(Debug, Clone, PartialEq)]
@@ -8,6 +9,8 @@ use super::{Bounds, Limits};
 pub struct ExploreOptions {
     /// Spacing ε of the model, metres.
     pub spacing: f64,
+    /// How many handles a surface may have that counts as closed. Default: as many as it has.
+    pub genus: Genus,
     /// What the arms may do. Holding: the speed given, 0.05 m/s², 1 rad/s. Empty: 0.25 m/s, 0.4 m/s², 1.5 rad/s. A set-point is at most 30 mm
     /// from the one before.
     pub limits: Limits,
@@ -50,6 +53,7 @@ impl ExploreOptions {
         };
         Self {
             spacing,
+            genus: Genus::Any,
             limits: Limits {
                 holding,
                 empty,

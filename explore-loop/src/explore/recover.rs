@@ -90,7 +90,11 @@ impl Explorer<'_> {
         }
         match trouble {
             Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
-            Trouble::Slipped { .. } | Trouble::NotArriving { .. } => self.misses += 1,
+            Trouble::Slipped { arm } => {
+                self.moves.slip(arm);
+                self.misses += 1;
+            }
+            Trouble::NotArriving { .. } => self.misses += 1,
             _ => {}
         }
         Ok(State::Home)

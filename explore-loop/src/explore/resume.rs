@@ -21,6 +21,7 @@ pub struct SavedState {
     guard: Guard,
     planner: Vec<u8>,
     reconstruction: Vec<u8>,
+    moves: super::held::Moves,
 }
 
 impl Explorer<'_> {
@@ -46,6 +47,7 @@ impl Explorer<'_> {
             guard: self.guard.clone(),
             planner: self.planner.save(),
             reconstruction,
+            moves: self.moves.clone(),
         })
     }
 
@@ -78,6 +80,7 @@ impl Explorer<'_> {
         self.arms = saved.arms;
         self.closed = saved.closed;
         self.guard = saved.guard;
+        self.moves = saved.moves;
         Ok(())
     }
 

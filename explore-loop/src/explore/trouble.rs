@@ -6,7 +6,7 @@
 //!                where it is: jaws stay as they are ─► end
 //! ```
 
-use super::FrameFault;
+use super::{FrameFault, Held};
 use crate::plan::NoPlan;
 use grip_planner::Refusal;
 
@@ -107,6 +107,8 @@ impl Trouble {
 pub enum Stop {
     /// The surface is closed: all of it has been seen.
     Closed,
+    /// All of it has been seen but a part that is held to the table.
+    ClosedButAttached(Held),
     /// The manipulations allowed were used up.
     TooManyManipulations,
     /// No grip was possible.
@@ -122,6 +124,7 @@ impl Stop {
     pub fn word(&self) -> &'static str {
         match self {
             Self::Closed => "closed",
+            Self::ClosedButAttached(_) => "closed_but_attached",
             Self::TooManyManipulations => "too_many_manipulations",
             Self::NothingToGrip(_) => "nothing_to_grip",
             Self::GraspFailed => "grasp_failed",
@@ -133,6 +136,7 @@ impl Stop {
     pub fn reason(&self) -> Option<String> {
         match self {
             Self::Closed | Self::TooManyManipulations | Self::GraspFailed => None,
+            Self::ClosedButAttached(held) => Some(held.to_string()),
             Self::NothingToGrip(none) => Some(none.to_string()),
             Self::Trouble(trouble) => Some(trouble.to_string()),
         }

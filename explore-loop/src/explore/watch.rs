@@ -102,6 +102,9 @@ impl Explorer<'_> {
             }
         }
         self.note(fault)?;
+        if report.as_ref().is_some_and(|r| r.failure.is_none()) && self.closed.contains(&true) {
+            self.moves.add(self.reconstructor.model());
+        }
         if let Some(report) = &report {
             let model = self.reconstructor.model();
             self.watcher

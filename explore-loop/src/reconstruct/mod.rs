@@ -264,6 +264,12 @@ impl Reconstructor {
                 self.track = track;
             }
         }
+        if let Some(track) = self.track.as_mut().filter(|_| report.failure.is_none()) {
+            let spacing = self.options.spacing;
+            track
+                .model
+                .take_colours(observation, &report.measured, spacing);
+        }
         self.frame += 1;
         let heights = self.model().live.iter().map(|p| table.height(p));
         report.constraints.below_table = -heights.fold(0.0, f64::min);

@@ -1,7 +1,8 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
 //! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong. Errors are one line on standard error.
+//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
+//! that is held to the table (`run`). Errors are one line on standard error.
 
 mod object;
 mod output;
@@ -47,6 +48,16 @@ enum Grips {
     Random,
 }
 
+/// The simulated depth camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Camera {
+    /// White noise alone; nothing but the object in its clouds
+    Ideal,
+    /// As a RealSense D435: noise and steps that grow with the square of depth, dropouts, mixed pixels, a clock of its own; the object is found
+    /// in its images as in those of a real one
+    Realsense,
+}
+
 #[derive(Debug, clap::Args)]
 struct RunArgs {
     #[command(flatten)]
@@ -66,9 +77,18 @@ struct RunArgs {
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
-    /// Standard deviation of the depth noise, mm
+    /// The depth camera
+    #[arg(long, value_enum, default_value_t = Camera::Ideal)]
+    camera: Camera,
+    /// Standard deviation of the depth noise of the ideal camera, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
+    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    seed_point: Option<[f64; 3]>,
+    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
+    #[arg(long, value_name = "N")]
+    genus: Option<usize>,
     /// Most manipulations before giving up
     #[arg(long, default_value_t = 8)]
     max_manipulations: usize,
@@ -133,7 +153,10 @@ impl Default for RunArgs {
             seed: 0,
             speed: 30.0,
             spacing: 5.0,
+            camera: Camera::Ideal,
             noise: 0.5,
+            seed_point: None,
+            genus: None,
             max_manipulations: 8,
             out: "explored".into(),
             resume: false,
@@ -210,6 +233,18 @@ fn topic(text: &str) -> Result<(dvrk_io::session::Role, String), String> {
     Ok((role, topic.to_owned()))
 }
 
+/// `X,Y,Z`.
+fn point(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|word| word.trim().parse::<f64>().ok().filter(|x| x.is_finite()))
+        .collect::<Option<_>>()
+        .ok_or_else(|| format!("'{text}' is not X,Y,Z in metres"))?;
+    numbers
+        .try_into()
+        .map_err(|_| format!("'{text}' is not X,Y,Z in metres"))
+}
+
 fn positive(text: &str) -> Result<f64, String> {
     let value: f64 = text
         .parse()
@@ -247,20 +282,23 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
     };
-    let outcome = match &cli.command {
-        Command::Run(args) => run::run(args),
-        Command::Replay(args) => replay::replay(args),
-        Command::Tables(args) => tables::tables(args),
-        Command::View(args) => view::view(args),
-    };
-    match outcome {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(1),
-        Err(failure) => {
-            eprintln!("error: {failure}");
+    let whole = |ended: bool| {
+        if ended {
+            ExitCode::SUCCESS
+        } else {
             ExitCode::from(1)
         }
-    }
+    };
+    let outcome = match &cli.command {
+        Command::Run(args) => run::run(args),
+        Command::Replay(args) => replay::replay(args).map(whole),
+        Command::Tables(args) => tables::tables(args).map(whole),
+        Command::View(args) => view::view(args).map(whole),
+    };
+    outcome.unwrap_or_else(|failure| {
+        eprintln!("error: {failure}");
+        ExitCode::from(1)
+    })
 }
 
 /// What is wrong with the command line, in one line.

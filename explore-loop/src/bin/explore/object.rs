@@ -1,15 +1,21 @@
 //! The object that a run explores: a built-in scene, or a mesh from a file.
 
 use crate::Failure;
-use explore_loop::cell::sim::Scene;
+use explore_loop::cell::sim::{self, Scene};
 use explore_loop::mesh::{Load, Units, Up};
 use std::path::PathBuf;
+
+/// The help text of `--scene`.
+fn scenes() -> String {
+    let line = |name: &&str| format!("\n  {name:<10} {}", sim::about(name));
+    let lines: String = sim::SCENES.iter().map(line).collect();
+    format!("Built-in object:{lines}\n")
+}
 
 /// Where the object comes from.
 #[derive(Debug, Clone, clap::Args)]
 pub(crate) struct ObjectArgs {
-    /// Built-in object: liver, ellipsoid, tube, box, peanut, star, cap or sheet
-    #[arg(long, default_value = "liver", conflicts_with = "mesh")]
+    #[arg(long, default_value = "liver", conflicts_with = "mesh", help = scenes())]
     pub scene: String,
     /// A closed mesh instead (PLY, OBJ, STL or OFF)
     #[arg(long, value_name = "FILE")]

@@ -168,6 +168,8 @@ pub struct FinalMesh {
     vertices: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     triangles: Vec<[u32; 3]>,
+    /// Red, green and blue of each vertex, where the camera has colours; grey where none is known.
+    colors: Option<Vec<[u8; 3]>>,
 }
 
 /// Said in the header of every mesh.
@@ -190,7 +192,10 @@ fn oriented(
 impl FinalMesh {
     /// As it is written.
     fn written(&self) -> Result<Mesh, mesh::Error> {
-        let mesh = oriented(&self.vertices, &self.normals, &self.triangles)?;
+        let mut mesh = oriented(&self.vertices, &self.normals, &self.triangles)?;
+        if let Some(colors) = &self.colors {
+            mesh = mesh.with_colours(colors.clone())?;
+        }
         self.further.iter().try_fold(mesh, |mesh, (name, values)| {
             mesh.with_property(Property::new(name, values.clone()))
         })
@@ -198,18 +203,30 @@ impl FinalMesh {
 
     /// Of a model at rest: the surface its topology was judged by; the local triangulation of its vertices where none could be drawn.
     pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
+        let mut mesh = Self::uncoloured(model, topology, spacing);
+        let places = mesh.vertices.iter().zip(&mesh.normals);
+        let colour = |(p, n): (&Point3<f64>, &UnitVector3<f64>)| {
+            model.colours.at(p, n, spacing).unwrap_or([128; 3])
+        };
+        mesh.colors = (!model.colours.is_empty()).then(|| places.map(colour).collect());
+        mesh
+    }
+
+    fn uncoloured(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         match &topology.surface {
             Some(surface) => Self {
                 further: known(model, surface, spacing),
                 vertices: surface.vertices.clone(),
                 normals: surface.normals.clone(),
                 triangles: surface.triangles.clone(),
+                colors: None,
             },
             None => Self {
                 further: Vec::new(),
                 vertices: model.rest.clone(),
                 normals: model.rest_normals.clone(),
                 triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+                colors: None,
             },
         }
     }

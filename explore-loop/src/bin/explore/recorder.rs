@@ -195,7 +195,11 @@ impl<'a> Recorder<'a> {
         let Some(session) = &mut self.session else {
             return Ok(());
         };
-        session.points(observation.stamp, &observation.points)?;
+        let (stamp, points) = (observation.stamp, &observation.points);
+        match observation.colours() {
+            Some(colors) => session.colored_points(stamp, points, colors)?,
+            None => session.points(stamp, points)?,
+        }
         for (name, arm) in self.arm_names.iter().zip(&observation.arms) {
             session.pose(observation.stamp, name, &arm.camera_from_tip)?;
             session.jaw(observation.stamp, name, arm.jaw)?;

@@ -3,20 +3,27 @@
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::recorder::Recorder;
 use crate::saved::Saved;
-use crate::{Failure, Grips, RunArgs};
+use crate::{Camera, Failure, Grips, RunArgs};
 use explore_loop::Error;
-use explore_loop::cell::sim::{SimCell, SimOptions};
+use explore_loop::canonical::genus::Genus;
+use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
+use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
+use std::process::ExitCode;
 
-/// Explores; true when the surface closed.
-pub fn run(args: &RunArgs) -> Result<bool, Failure> {
+/// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
+pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let metrics = explore(args)?;
     if !args.quiet {
         table(&rows(&metrics))?;
     }
-    Ok(metrics.stop == "closed")
+    Ok(match metrics.stop.as_str() {
+        "closed" => ExitCode::SUCCESS,
+        "closed_but_attached" => ExitCode::from(3),
+        _ => ExitCode::from(1),
+    })
 }
 
 /// Explores, writes the results, and returns what was measured.
@@ -30,6 +37,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     };
     let mut exploring = ExploreOptions::new(args.spacing * 1e-3, args.speed * 1e-3);
     exploring.max_manipulations = args.max_manipulations;
+    exploring.genus = args.genus.map_or(Genus::Any, Genus::Exactly);
     let saved = if args.resume {
         Saved::read(&out, args)?
     } else {
@@ -71,7 +79,11 @@ fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     let mut options = SimOptions::new(args.object.read()?);
     options.arms = usize::from(args.arms);
     options.seed = args.seed;
+    if args.camera == Camera::Realsense {
+        options.camera = CameraOptions::realsense();
+    }
     options.camera.noise = args.noise * 1e-3;
+    options.seed_point = args.seed_point.map(Point3::from);
     Ok(options)
 }
 

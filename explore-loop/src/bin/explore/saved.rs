@@ -30,13 +30,16 @@ impl Saved {
         let object = args.object.identity()?;
         Ok(Self {
             run: format!(
-                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --noise {} --max-manipulations {}",
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --seed-point {:?} --genus {} --max-manipulations {}",
                 args.arms,
                 args.grips,
                 args.seed,
                 args.speed,
                 args.spacing,
+                args.camera,
                 args.noise,
+                args.seed_point,
+                args.genus.map_or_else(|| "any".into(), |g| g.to_string()),
                 args.max_manipulations
             )
             .to_lowercase(),

@@ -32,14 +32,47 @@ pub(super) fn cut_small(mut mesh: Corners, longest: f64) -> Corners {
     mesh
 }
 
+/// Loops around the handles of a mesh, as vertices head to tail: shortest ones through each of the vertices of two for every handle.
+///
+/// None of them splits the surface: the loops that a tree of shortest paths and a tree of the triangles leave over are independent in homology.
+pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
+    let Some(start) = mesh.vertices().next().filter(|_| mesh.handles() > 0) else {
+        return Vec::new();
+    };
+    let everywhere = Paths::new(mesh, start, f64::INFINITY);
+    let vertices = |paths: &Paths, c: u32| -> Vec<u32> {
+        paths
+            .close(mesh, c)
+            .into_iter()
+            .map(|c| mesh.from(c))
+            .collect()
+    };
+    let mut roots = BTreeSet::new();
+    for (_, c) in everywhere.leftovers(mesh) {
+        roots.extend(vertices(&everywhere, c));
+    }
+    // Loops through neighbouring roots are alike.
+    let apart = roots.len().div_ceil(MOST_ROOTS).max(1);
+    let mut loops = Vec::new();
+    for &root in roots.iter().step_by(apart) {
+        let paths = Paths::new(mesh, root, f64::INFINITY);
+        let left = paths.leftovers(mesh);
+        loops.extend(left.into_iter().map(|(_, c)| vertices(&paths, c)));
+    }
+    loops
+}
+
+/// Most vertices through which loops are looked for.
+const MOST_ROOTS: usize = 60;
+
 /// A tree of shortest paths: distance of each vertex reached, and the corner whose edge leads to it.
-struct Paths {
-    reached: BTreeMap<u32, (f64, Option<u32>)>,
+pub(super) struct Paths {
+    pub(super) reached: BTreeMap<u32, (f64, Option<u32>)>,
 }
 
 impl Paths {
     /// From `root` to all vertices within `radius`.
-    fn new(mesh: &Corners, root: u32, radius: f64) -> Self {
+    pub(super) fn new(mesh: &Corners, root: u32, radius: f64) -> Self {
         let mut reached: BTreeMap<u32, (f64, Option<u32>)> = BTreeMap::new();
         // Distances are not negative: their bits are in order.
         let mut front = BinaryHeap::from([Reverse((0u64, root, None))]);

@@ -6,6 +6,7 @@
 //! | `poisson`, `grid` | inside and outside: an indicator function on a grid, without the points off its surface |
 //! | `isosurface`, `corners` | its surface: always a closed 2-manifold; the piece that encloses most is kept |
 //! | `handles` | handles shorter around than six spacings are cut |
+//! | `crease` | how the surface is folded around those that stay |
 //! | `remesh`, `fit` | even triangles, with vertices on the points |
 //! | `support` | what was seen; the trimmed mesh; an even sample |
 //!
@@ -27,12 +28,14 @@
 //! Where a patch at a margin or at the rim of a thin body is missing on both sides, the surface closes early within reach of the points
 //! around, and [`ClosedSurface::bare`] does not show it. A second sheet less than half a spacing away is not told from noise.
 
+use super::genus::Handles;
 use corners::Corners;
 use nalgebra::{Point3, UnitVector3};
 use samples::Samples;
 
 mod cells;
 mod corners;
+mod crease;
 mod error;
 mod fit;
 mod grid;
@@ -150,6 +153,8 @@ pub struct ClosedSurface {
     pub farthest: f64,
     /// Input points left out: off the surface, or facing away from it.
     pub strays: Vec<u32>,
+    /// Handles of the surface as it was drawn, before anything was trimmed.
+    pub handles: Handles,
     spacing: f64,
     reach: f64,
 }
@@ -215,6 +220,7 @@ impl ClosedSurface {
             bare: 0.0,
             farthest: 0.0,
             strays,
+            handles: crease::handles(mesh, options.spacing),
             spacing: options.spacing,
             reach: options.reach,
             vertices,

@@ -26,6 +26,7 @@ use super::embedding::Embedding;
 use super::lattice::{self, TetMesh};
 use super::mesh::TriangleMesh;
 use super::options::{Fidelity, Material};
+use super::scene::Placed;
 
 /// Decimetres in a metre.
 const DM: f64 = 10.0;
@@ -55,19 +56,23 @@ pub(super) struct Body {
 }
 
 impl Body {
-    /// The solid bounded by `surface` (world frame), above the table.
+    /// The solid bounded by the surface of a scene (world frame), above the table.
     pub fn new(
-        surface: &TriangleMesh,
+        placed: &Placed<'_>,
         material: &Material,
         fidelity: &Fidelity,
         step: f64,
     ) -> Result<Self, SimError> {
+        let surface = &placed.apart();
         let Filled {
-            mesh,
+            mut mesh,
             embedding,
             pad,
         } = fill(surface, fidelity)?;
         let material = &padded(material, surface, &mesh, pad);
+        for node in &mut mesh.nodes {
+            *node = placed.at_rest(node);
+        }
         let mut world = PhysicsWorld::new();
         world.gravity = Vector::new(0.0, 0.0, (-9.81 * DM) as f32);
         world.integration_parameters.dt = step as f32;
@@ -106,6 +111,31 @@ impl Body {
 
     pub fn pin(&mut self, node: usize, pinned: bool) {
         self.world.soft_bodies[self.handle].set_particle_pinned(node, pinned);
+    }
+
+    /// Puts a body that stays where it is beside this one.
+    pub fn add_obstacle(&mut self, surface: &TriangleMesh, friction: f64) -> Result<(), SimError> {
+        let vertices = surface.vertices.iter().map(engine).collect();
+        let triangles = surface.triangles.iter().map(|t| t.map(|v| v as u32));
+        let collider = ColliderBuilder::trimesh(vertices, triangles.collect())
+            .map_err(|error| SimError::Engine(error.to_string()))?;
+        self.world.insert(
+            RigidBodyBuilder::fixed(),
+            collider.friction(friction as f32),
+        );
+        Ok(())
+    }
+
+    /// Nodes that carry the surface vertices chosen, with where they are.
+    pub fn carriers_of(&self, chosen: impl Fn(&Point3<f64>) -> bool) -> Vec<(usize, Point3<f64>)> {
+        let surface = self.surface();
+        let mut nodes: Vec<usize> = (0..surface.len())
+            .filter(|&v| chosen(&surface[v]))
+            .flat_map(|v| self.carrier(v).0)
+            .collect();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.into_iter().map(|n| (n, self.nodes[n])).collect()
     }
 
     pub fn node(&self, node: usize) -> Point3<f64> {
@@ -250,9 +280,15 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError>
         // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
         // what it weighs.
         let missing = (volume - inscribed.volume()) / surface.area();
-        let mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
-        let whole = (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;
+        let mut mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
+        let is_whole = |mesh: &TetMesh| (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;
         let enough = mesh.tets.len() as f64 > most;
+        if enough && !is_whole(&mesh) {
+            // A strongly curved wall: what the first shift left is shared out again before giving up.
+            let missing = missing + (volume - mesh.volume()) / surface.area();
+            mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
+        }
+        let whole = is_whole(&mesh);
         let embedding =
             (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
         match embedding {

@@ -4,11 +4,13 @@
 //! `(f x/z + w/2, f y/z + h/2)`; a pixel looks along the ray through its centre. Inside a projected triangle `1/z` is linear
 //! in the image, so the nearest surface of every pixel follows from three multiplications.
 
+use dvrk_io::depth::DepthImage;
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::options::CameraOptions;
+use super::options::{CameraModel, CameraOptions};
+use super::realsense::TrueImage;
 
 /// Nothing nearer than this is drawn, metres.
 const NEAR: f64 = 0.01;
@@ -21,6 +23,8 @@ const SHAFT_SIDES: usize = 10;
 pub(super) enum Thing {
     Nothing,
     Object,
+    /// A body that is not explored.
+    Beside,
     Arm,
 }
 
@@ -29,6 +33,10 @@ pub(super) struct DepthCamera {
     options: CameraOptions,
     inverse_depth: Vec<f64>,
     thing: Vec<Thing>,
+    /// Cosine of the angle between the surface seen and the ray.
+    cosine: Vec<f64>,
+    /// Triangle that is seen, of those drawn last.
+    triangle: Vec<u32>,
 }
 
 impl DepthCamera {
@@ -38,6 +46,8 @@ impl DepthCamera {
             options,
             inverse_depth: vec![0.0; pixels],
             thing: vec![Thing::Nothing; pixels],
+            cosine: vec![1.0; pixels],
+            triangle: vec![0; pixels],
         }
     }
 
@@ -48,14 +58,14 @@ impl DepthCamera {
 
     /// Draws triangles given in the camera frame.
     pub fn draw(&mut self, vertices: &[Point3<f64>], triangles: &[[usize; 3]], thing: Thing) {
-        for t in triangles {
+        for (index, t) in (0..).zip(triangles) {
             let corners = t.map(|v| vertices[v]);
             if corners.iter().all(|p| p.z >= NEAR) {
-                self.fill(corners, thing);
+                self.fill(corners, thing, index);
             } else {
                 let polygon = clip(&corners);
                 for k in 2..polygon.len() {
-                    self.fill([polygon[0], polygon[k - 1], polygon[k]], thing);
+                    self.fill([polygon[0], polygon[k - 1], polygon[k]], thing, index);
                 }
             }
         }
@@ -69,13 +79,17 @@ impl DepthCamera {
         )
     }
 
-    fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing) {
+    fn fill(&mut self, corners: [Point3<f64>; 3], thing: Thing, index: u32) {
         let [a, b, c] = corners.map(|p| self.project(&p));
         let double_area = (b - a).perp(&(c - a));
         if double_area == 0.0 || !double_area.is_finite() {
             return;
         }
         let inverse = corners.map(|p| 1.0 / p.z);
+        let normal = (corners[1] - corners[0])
+            .cross(&(corners[2] - corners[0]))
+            .try_normalize(0.0)
+            .unwrap_or_default();
         let range = |low: f64, high: f64, size: usize| {
             let first = (low - 0.5).ceil().max(0.0) as usize;
             let end = ((high - 0.5).floor() + 1.0).clamp(0.0, size as f64) as usize;
@@ -106,6 +120,9 @@ impl DepthCamera {
                     if depth > self.inverse_depth[at] {
                         self.inverse_depth[at] = depth;
                         self.thing[at] = thing;
+                        self.triangle[at] = index;
+                        let ray = self.ray(u, v);
+                        self.cosine[at] = (normal.dot(&ray) / ray.norm()).abs();
                     }
                 }
             }
@@ -125,16 +142,103 @@ impl DepthCamera {
                     continue;
                 }
                 let ray = self.ray(u, v);
-                let depth = 1.0 / self.inverse_depth[at];
-                let error = if c.noise > 0.0 {
-                    c.noise * normal(&mut noise) / ray.norm()
-                } else {
-                    0.0
-                };
-                points.push(Point3::from(ray * (depth + error)));
+                points.push(Point3::from(ray * self.noisy_depth(at, &ray, &mut noise)));
             }
         }
         points
+    }
+
+    /// Depth of a pixel with the noise of an ideal camera.
+    fn noisy_depth(&self, at: usize, ray: &Vector3<f64>, noise: &mut impl Rng) -> f64 {
+        let depth = 1.0 / self.inverse_depth[at];
+        if self.options.noise > 0.0 {
+            depth + self.options.noise * normal(noise) / ray.norm()
+        } else {
+            depth
+        }
+    }
+
+    /// Pixels of the object, in the order of [`Self::points`].
+    pub fn object_pixels(&self) -> impl Iterator<Item = usize> + '_ {
+        let c = &self.options;
+        let rows = (0..c.height).step_by(c.pixel_stride);
+        rows.flat_map(move |v| {
+            (0..c.width)
+                .step_by(c.pixel_stride)
+                .map(move |u| v * c.width + u)
+        })
+        .filter(|&at| self.thing[at] == Thing::Object)
+    }
+
+    /// What a pixel shows, the triangle of it, and the weights of its corners there; `vertices` are those it was drawn with.
+    pub fn hit(
+        &self,
+        at: usize,
+        vertices: &[Point3<f64>],
+        triangles: &[[usize; 3]],
+    ) -> Option<([usize; 3], [f64; 3])> {
+        let t = triangles.get(self.triangle[at] as usize)?;
+        let ray = self.ray(at % self.options.width, at / self.options.width);
+        let p = ray / self.inverse_depth[at];
+        let [a, b, c] = t.map(|v| vertices[v].coords);
+        let normal = (b - a).cross(&(c - a));
+        let area = normal.norm_squared();
+        if area <= 0.0 {
+            return None;
+        }
+        let of = |q: Vector3<f64>, r: Vector3<f64>| (q - p).cross(&(r - p)).dot(&normal) / area;
+        Some((*t, [of(b, c), of(c, a), of(a, b)]))
+    }
+
+    /// What a pixel shows.
+    pub fn thing(&self, at: usize) -> Thing {
+        self.thing[at]
+    }
+
+    /// The depth image that the camera sends in frame `frame`, table and arms included.
+    ///
+    /// # Errors
+    /// None: the image has the size of the camera.
+    pub fn image(&self, seed: u64, frame: u64) -> Result<DepthImage, dvrk_io::Error> {
+        let c = &self.options;
+        let (mut depth, mut cosine) = (Vec::new(), Vec::new());
+        for v in 0..c.height {
+            for u in 0..c.width {
+                let at = v * c.width + u;
+                let seen = self.thing[at] != Thing::Nothing;
+                depth.push(if seen {
+                    1.0 / self.inverse_depth[at]
+                } else {
+                    c.above_table
+                });
+                cosine.push(if seen {
+                    self.cosine[at]
+                } else {
+                    1.0 / self.ray(u, v).norm()
+                });
+            }
+        }
+        match &c.model {
+            CameraModel::Stereo(stereo) => {
+                let image = TrueImage {
+                    width: c.width,
+                    focal: c.focal,
+                    depth: &depth,
+                    cosine: &cosine,
+                };
+                let units = stereo.measure(image, seed, frame);
+                DepthImage::from_units(c.width, c.height, &units, stereo.unit)
+            }
+            CameraModel::Ideal => {
+                let mut noise = ChaCha8Rng::seed_from_u64(seed);
+                noise.set_stream(frame);
+                let metres: Vec<f32> = depth
+                    .iter()
+                    .map(|z| (z + c.noise * normal(&mut noise)) as f32)
+                    .collect();
+                DepthImage::from_metres(c.width, c.height, &metres)
+            }
+        }
     }
 
     /// Direction of pixel `(u, v)`, scaled to depth 1.
@@ -149,7 +253,7 @@ impl DepthCamera {
 }
 
 /// A standard normal number (Box and Muller).
-fn normal(random: &mut impl Rng) -> f64 {
+pub(super) fn normal(random: &mut impl Rng) -> f64 {
     let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
     (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }

@@ -168,7 +168,7 @@ impl Gripper {
     }
 }
 
-fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, s: f64) -> Isometry3<f64> {
+pub(super) fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, s: f64) -> Isometry3<f64> {
     // Opposite orientations have no shortest way; either start or end is as good.
     from.try_lerp_slerp(to, s, 1e-9)
         .unwrap_or(if s < 0.5 { *from } else { *to })

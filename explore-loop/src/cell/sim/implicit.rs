@@ -103,7 +103,7 @@ pub(super) fn smooth_min(f: f64, g: f64, k: f64) -> f64 {
 }
 
 /// 0 below 0, 1 above 1, `3t² − 2t³` between.
-fn smooth_step(t: f64) -> f64 {
+pub(super) fn smooth_step(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }

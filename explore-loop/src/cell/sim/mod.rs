@@ -35,24 +35,32 @@
 
 mod body;
 mod camera;
+mod clutter;
 mod embedding;
 mod error;
+mod glove;
 mod gripper;
+mod hollows;
 mod implicit;
 mod journal;
 mod lattice;
 mod mesh;
 mod options;
+mod realsense;
 mod scene;
+mod segment;
 mod shapes;
 mod surface_nets;
+mod texture;
 mod truth;
 mod world;
 
+pub use clutter::Attachment;
 pub use error::SimError;
 pub use journal::{Command, Journal};
 pub use mesh::{MAX_TRIANGLES, TriangleMesh};
-pub use options::{CameraOptions, Fidelity, JawOptions, Material, SimOptions};
-pub use scene::{SCENES, Scene};
+pub use options::{CameraModel, CameraOptions, Fidelity, JawOptions, Material, SimOptions};
+pub use realsense::StereoOptions;
+pub use scene::{SCENES, Scene, about};
 pub use truth::Truth;
 pub use world::SimCell;

@@ -1,5 +1,8 @@
 //! Everything a simulated cell can be told, with the values it has otherwise.
 
+use nalgebra::Point3;
+
+use super::realsense::StereoOptions;
 use super::{Scene, SimError};
 
 /// How the object is made of.
@@ -42,10 +45,35 @@ pub struct CameraOptions {
     pub above_table: f64,
     /// Frames a second.
     pub rate: f64,
-    /// Standard deviation of the depth noise along the ray, metres.
+    /// Standard deviation of the depth noise along the ray of an ideal camera, metres.
     pub noise: f64,
     /// One ray for every `pixel_stride` pixels in each direction.
     pub pixel_stride: usize,
+    /// What is wrong with its images, and how the object is found in them.
+    pub model: CameraModel,
+}
+
+/// What is wrong with the images of a camera.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum CameraModel {
+    /// White noise alone; frames come when the loop asks for them, and table, arms and other bodies are taken away without an error.
+    #[default]
+    Ideal,
+    /// Those of an active stereo camera; the object is found in them as in those of a real one.
+    Stereo(StereoOptions),
+}
+
+impl CameraOptions {
+    /// The middle of the image of a D435 at 848 × 480: 0.55 m × 0.42 m of the table, a point every 1.3 mm.
+    pub fn realsense() -> Self {
+        Self {
+            width: 424,
+            height: 320,
+            focal: 424.0,
+            model: CameraModel::Stereo(StereoOptions::default()),
+            ..Self::default()
+        }
+    }
 }
 
 impl Default for CameraOptions {
@@ -59,6 +87,7 @@ impl Default for CameraOptions {
             rate: 10.0,
             noise: 0.0,
             pixel_stride: 1,
+            model: CameraModel::Ideal,
         }
     }
 }
@@ -120,6 +149,9 @@ pub struct SimOptions {
     pub arms: usize,
     /// Decides how the object lies and, with the frame number, the noise of each frame.
     pub seed: u64,
+    /// A point on or next to the body that is to be explored, camera frame, where there are several. Default: the scene's own, which is the
+    /// largest.
+    pub seed_point: Option<Point3<f64>>,
     /// The object's material.
     pub material: Material,
     /// The camera.
@@ -138,6 +170,7 @@ impl SimOptions {
         Self {
             arms: 3,
             seed: 0,
+            seed_point: None,
             material: *scene.material(),
             scene,
             camera: CameraOptions::default(),
@@ -192,6 +225,43 @@ impl SimOptions {
             64.0,
             "1 to 64",
         )?;
+        if let CameraModel::Stereo(s) = &c.model {
+            within("camera baseline", s.baseline, 1e-3, 1.0, "1 mm to 1 m")?;
+            within(
+                "disparity noise",
+                s.disparity_noise,
+                0.0,
+                10.0,
+                "0 to 10 pixels",
+            )?;
+            within(
+                "disparity step",
+                s.disparity_step,
+                1e-6,
+                10.0,
+                "1e-6 to 10 pixels",
+            )?;
+            within("depth unit", s.unit, 1e-5, 0.01, "10 µm to 10 mm")?;
+            for angle in s.grazing {
+                within("grazing angle", angle, 0.0, 1.6, "0 to 1.6 rad")?;
+            }
+            for share in [s.dropped, s.mixed] {
+                within("share of pixels", share, 0.0, 1.0, "0 to 1")?;
+            }
+            // Each frame of the loop shall find a new one of the camera.
+            within(
+                "camera's own rate",
+                s.rate,
+                c.rate,
+                1000.0,
+                "the loop's rate to 1000 Hz",
+            )?;
+        }
+        if let Some(point) = &self.seed_point {
+            for value in point.iter() {
+                within("seed point", *value, -10.0, 10.0, "-10 m to 10 m")?;
+            }
+        }
         for value in [j.half_width, j.half_opening, j.behind, j.before] {
             within("jaw", value, 0.0, 0.1, "0 m to 0.1 m")?;
         }

@@ -1,0 +1,62 @@
+//! How a surface is folded around its handles.
+//!
+//! Where two round parts touch and are taken for one, a crease runs all around the neck that joins them. At a vertex `v` of a loop with
+//! tangent `t`, normal `n` and `b = n × t`, let `n₊` and `n₋` be the mean normals at 0.6 to 1.5 spacings on the side of `b` and of `−b`:
+//!
+//! ```text
+//! fold(v) = ± ∠(n₊, n₋),   positive where they lean toward each other,  (n₊ − n₋)·b < 0
+//! crease  = max over loops of the mean of fold over the loop
+//! ```
+//! Around a handle of the object the folds of its inner and its outer side cancel: around the tube of a ring of radii `R` and `r` their mean is
+//! about `w r/(R² − r²)` for a width `w`, next to nothing.
+
+use super::corners::Corners;
+use super::handles::{Paths, around_handles};
+use crate::canonical::genus::Handles;
+use nalgebra::{UnitVector3, Vector3};
+
+/// Between which distances to the side of a loop the surface is looked at, in spacings.
+const BESIDE: (f64, f64) = (0.6, 1.5);
+
+/// The handles of a mesh, and how the surface is folded around them.
+pub(super) fn handles(mesh: &Corners, spacing: f64) -> Handles {
+    let loops = around_handles(mesh);
+    let creases = loops.iter().map(|around| crease(mesh, around, spacing));
+    Handles {
+        count: mesh.handles(),
+        crease: creases.fold(0.0, f64::max),
+    }
+}
+
+/// Mean fold over a loop, rad.
+fn crease(mesh: &Corners, around: &[u32], spacing: f64) -> f64 {
+    let count = around.len();
+    let place = |k: usize| mesh.place(around[k % count]);
+    let folds = (0..count).map(|k| {
+        let tangent = place(k + 1) - place(k + count - 1);
+        fold(mesh, around[k], &tangent, spacing)
+    });
+    folds.sum::<f64>() / count.max(1) as f64
+}
+
+fn fold(mesh: &Corners, v: u32, tangent: &Vector3<f64>, spacing: f64) -> f64 {
+    let beside = mesh.outward(v).cross(tangent);
+    let Some(beside) = UnitVector3::try_new(beside, 0.0) else {
+        return 0.0;
+    };
+    let near = Paths::new(mesh, v, 1.2 * BESIDE.1 * spacing);
+    let mut sides = [Vector3::zeros(), Vector3::zeros()];
+    for &w in near.reached.keys() {
+        let aside = (mesh.place(w) - mesh.place(v)).dot(&beside) / spacing;
+        if (BESIDE.0..=BESIDE.1).contains(&aside.abs()) {
+            sides[usize::from(aside < 0.0)] += mesh.outward(w);
+        }
+    }
+    let [plus, minus] = sides.map(|n| n.try_normalize(0.0).unwrap_or_default());
+    let angle = plus.dot(&minus).clamp(-1.0, 1.0).acos();
+    if (plus - minus).dot(&beside) < 0.0 {
+        angle
+    } else {
+        -angle
+    }
+}

@@ -1,0 +1,122 @@
+//! From the image of a depth camera to the cloud of one object, the way a real camera takes.
+//!
+//! ```text
+//! depth image ─► dvrk_io::Scan ─► dvrk_io::find_object ─► points of the object
+//!                                   ▲ table, capsules of the arms, a point of the object
+//! ```
+//! Nothing here knows which pixel shows what. Of several bodies the one next to the seed point is the object, else the largest; from then on the
+//! point of its cloud that was in its middle is the seed.
+
+use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, find_object};
+use nalgebra::{Isometry3, Point3};
+
+use super::options::CameraOptions;
+use crate::cell::Plane;
+
+/// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
+const VOXEL: f64 = 0.0022;
+/// An arm before the object shall not divide it: twice shaft and clearance, metres.
+const GAP: f64 = 0.018;
+/// Where arms and table are is known well here, metres.
+const CLEARANCE: f64 = 0.004;
+/// Shaft and fingers of a tool, metres: radius, and where they begin and end along z.
+const SHAFT: (f64, f64, f64) = (0.004, -0.25, -0.012);
+const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
+
+/// Finds the object in one image after the other.
+#[derive(Debug, Clone)]
+pub(super) struct Segmenter {
+    camera: Option<Intrinsics>,
+    options: ObjectOptions,
+    seed: Option<Point3<f64>>,
+}
+
+impl Segmenter {
+    pub fn new(camera: &CameraOptions, table: &Plane, seed: Option<Point3<f64>>) -> Self {
+        let center = [camera.width, camera.height].map(|n| 0.5 * n as f64 - 0.5);
+        Self {
+            camera: Intrinsics::new(camera.width, camera.height, [camera.focal; 2], center).ok(),
+            options: ObjectOptions::default()
+                .with_table(table.normal, table.offset)
+                .with_clearances(CLEARANCE, CLEARANCE)
+                .with_voxel(VOXEL)
+                .with_parts(GAP, 4),
+            seed,
+        }
+    }
+
+    /// The points of the object with the mean of what `colour` gives for the pixels of each; none when there is nothing that could be it.
+    pub fn points(
+        &mut self,
+        image: &DepthImage,
+        arms: &[Capsule],
+        colour: impl Fn(usize) -> [u8; 3],
+    ) -> Seen {
+        let Some(scan) = self
+            .camera
+            .as_ref()
+            .and_then(|camera| Scan::from_image(image, camera).ok())
+        else {
+            return Seen::default();
+        };
+        let near_seed = self.seed.and_then(|seed| {
+            let options = self.options.with_seed_point(seed);
+            find_object(&scan, arms, &options).ok()
+        });
+        // What is not where it was, or was never asked for, is the largest body in view.
+        let found = near_seed.or_else(|| find_object(&scan, arms, &self.options).ok());
+        let seen = found.map_or_else(Seen::default, |object| Seen {
+            colors: mean_colors(&object, colour),
+            points: object.points,
+        });
+        self.seed = middle(&seen.points).or(self.seed);
+        seen
+    }
+}
+
+/// Points with their colours.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Seen {
+    pub points: Vec<Point3<f64>>,
+    pub colors: Vec<[u8; 3]>,
+}
+
+/// Mean colour of the pixels that each point is made of.
+fn mean_colors(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 3]> {
+    let mut sums = vec![([0_u32; 3], 0_u32); object.points.len()];
+    for (pixel, point) in object.point_of.iter().enumerate() {
+        if let Some(point) = *point {
+            let (sum, count) = &mut sums[point];
+            for (sum, c) in sum.iter_mut().zip(colour(pixel)) {
+                *sum += u32::from(c);
+            }
+            *count += 1;
+        }
+    }
+    // A mean of bytes is a byte.
+    sums.iter()
+        .map(|(sum, count)| sum.map(|c| (c / (*count).max(1)) as u8))
+        .collect()
+}
+
+/// The point next to the mean of all.
+fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
+    let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    let mean = Point3::from(sum / points.len().max(1) as f64);
+    let away = |p: &Point3<f64>| (p - mean).norm_squared();
+    points
+        .iter()
+        .min_by(|a, b| away(a).total_cmp(&away(b)))
+        .copied()
+}
+
+/// The visible part of an arm whose fingers are `opening` off the middle.
+pub(super) fn capsules(camera_from_tip: &Isometry3<f64>, opening: f64) -> [Capsule; 3] {
+    let capsule = |[y0, y1]: [f64; 2], (radius, z0, z1): (f64, f64, f64)| Capsule {
+        start: camera_from_tip * Point3::new(0.0, y0, z0),
+        end: camera_from_tip * Point3::new(0.0, y1, z1),
+        radius,
+    };
+    let finger = |side: f64| capsule([side * 0.002, side * (opening + 0.001)], FINGER);
+    [capsule([0.0, 0.0], SHAFT), finger(-1.0), finger(1.0)]
+}

@@ -1,0 +1,250 @@
+//! Whether what is still hidden is held to the table.
+//!
+//! ```text
+//! moved(v)   = max over frames with a jaw closed of ‖live(v) − rest(v)‖
+//! reached    = moved of the twentieth of the vertices that moved most
+//! held       ⇔ next to at least half of the hidden area  moved ≤ 0.3 · reached,  reached ≥ 6 spacings,
+//!              at most a quarter of the surface is hidden, in one hole, and two manipulations in a row have shown less than 2 % of it
+//! ```
+//! Within ten spacings of a place where a grip has slipped nothing is gripped if there are other places: it may be next to what is held. A
+//! free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
+
+use super::Explorer;
+use crate::canonical::CanonicalModel;
+use crate::canonical::graph;
+use crate::canonical::topology::Topology;
+use nalgebra::{Point3, Vector3};
+use std::collections::BTreeMap;
+
+/// How near to a place where a grip slipped nothing is gripped, in spacings.
+const SLIPPERY: f64 = 10.0;
+/// Share of the reach below which a place did not give way.
+const STAYED: f64 = 0.3;
+/// How far the body must have been moved, in spacings, for what stayed to mean anything.
+const REACHED: f64 = 6.0;
+/// Largest share of the surface that may be hidden.
+const HIDDEN: f64 = 0.25;
+/// Least share of the surface that a manipulation has to show.
+const GAIN: f64 = 0.02;
+/// Manipulations in a row that showed less.
+const IN_VAIN: usize = 2;
+
+/// A part of the surface that could not be seen because it is held to the table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct Held {
+    /// Its middle at rest, camera frame, metres.
+    pub middle: Point3<f64>,
+    /// Its area, m².
+    pub area: f64,
+    /// Its share of the surface.
+    pub share: f64,
+}
+
+impl std::fmt::Display for Held {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Point3 { coords: m, .. } = self.middle;
+        write!(
+            f,
+            "{:.1} cm² ({:.1} % of the surface) around {:.3} {:.3} {:.3} m at rest are held to the table and were not seen",
+            1e4 * self.area,
+            100.0 * self.share,
+            m.x,
+            m.y,
+            m.z
+        )
+    }
+}
+
+/// How far the surface was moved, and what that has shown.
+#[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct Moves {
+    /// Rest place of each vertex, by identity, and the farthest it was from there.
+    moved: BTreeMap<u64, (Point3<f64>, f64)>,
+    /// What the jaws hold: arm, and place at rest.
+    gripped: Vec<(usize, Point3<f64>)>,
+    /// Places at rest where a grip has slipped.
+    slipped: Vec<Point3<f64>>,
+    /// Share that was hidden before each decision.
+    hidden: Vec<f64>,
+}
+
+impl Moves {
+    /// Takes in a frame in which a jaw is closed.
+    pub fn add(&mut self, model: &CanonicalModel) {
+        for ((id, rest), live) in model.ids.iter().zip(&model.rest).zip(&model.live) {
+            let entry = self.moved.entry(*id).or_insert((*rest, 0.0));
+            entry.0 = *rest;
+            entry.1 = entry.1.max((live - rest).norm());
+        }
+    }
+
+    /// Takes in what is hidden before a decision.
+    pub fn decide(&mut self, topology: &Topology) {
+        self.hidden.push(topology.bare);
+    }
+
+    /// Whether the last manipulations have shown next to nothing.
+    pub fn in_vain(&self) -> bool {
+        let count = self.hidden.len();
+        count > IN_VAIN
+            && self.hidden[count - 1 - IN_VAIN..]
+                .windows(2)
+                .all(|w| w[0] - w[1] < GAIN)
+    }
+
+    /// How far the twentieth of the vertices that moved most was moved, m, if that is far enough to tell anything.
+    fn reached(&self, spacing: f64) -> Option<f64> {
+        let mut sorted: Vec<f64> = self.moved.values().map(|(_, far)| *far).collect();
+        sorted.sort_by(f64::total_cmp);
+        let reached = *sorted.get(sorted.len() - sorted.len().div_ceil(20))?;
+        (reached >= REACHED * spacing).then_some(reached)
+    }
+
+    /// Takes in where the jaws were closed.
+    pub fn grip(&mut self, gripped: Vec<(usize, Point3<f64>)>) {
+        self.gripped = gripped;
+    }
+
+    /// Takes in that the grip of an arm has slipped.
+    pub fn slip(&mut self, arm: usize) {
+        let of = self.gripped.iter().filter(|(held, _)| *held == arm);
+        self.slipped.extend(of.map(|(_, place)| *place));
+    }
+
+    /// The vertices next to where a grip has slipped.
+    pub fn slippery(&self, model: &CanonicalModel, spacing: f64) -> Vec<bool> {
+        let near = |p: &Point3<f64>| {
+            let mut places = self.slipped.iter();
+            places.any(|place| (p - place).norm() < SLIPPERY * spacing)
+        };
+        model.rest.iter().map(near).collect()
+    }
+
+    /// The hidden part, if it is held to the table.
+    pub fn held(&self, topology: &Topology, model: &CanonicalModel, spacing: f64) -> Option<Held> {
+        let [pieces, holes, cavities] = topology.persistent;
+        if topology.hidden.is_empty() || topology.bare > HIDDEN || [pieces, cavities] != [1, 0] {
+            return None;
+        }
+        // One hole in a surface without handles leaves no loop; the few that noise leaves are no second one.
+        if holes > 1 {
+            return None;
+        }
+        let reached = self.reached(spacing)?;
+        let (places, moved): (Vec<Point3<f64>>, Vec<f64>) = self.moved.values().copied().unzip();
+        let tree = graph::tree(&places)?;
+        let (mut area, mut stayed, mut middle) = (0.0, 0.0, Vector3::zeros());
+        for hidden in &topology.hidden {
+            let rest = model.rest.get(hidden.vertex as usize)?;
+            let size = hidden.area.norm();
+            area += size;
+            middle += rest.coords * size;
+            if moved[graph::nearest(&tree, rest).0] <= STAYED * reached {
+                stayed += size;
+            }
+        }
+        (area > 0.0 && stayed >= 0.5 * area).then(|| Held {
+            middle: Point3::from(middle / area),
+            area,
+            share: topology.bare,
+        })
+    }
+}
+
+impl Explorer<'_> {
+    /// The part of the surface that is hidden because it is held to the table, if that is so.
+    pub(super) fn held(&self, topology: &Topology) -> Option<Held> {
+        let model = self.reconstructor.model();
+        self.moves.held(topology, model, self.options.spacing)
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use crate::canonical::NewVertex;
+    use crate::canonical::genus::{Genus, Handles};
+    use crate::canonical::topology::Hidden;
+
+    /// A strip of vertices along x, lifted from one end, with a hidden piece next to its beginning.
+    fn strip(lift: impl Fn(f64) -> f64) -> (CanonicalModel, Topology, Moves) {
+        let mut model = CanonicalModel::default();
+        for k in 0..40 {
+            let rest = Point3::new(0.005 * f64::from(k), 0.0, 0.5);
+            model.push(NewVertex::new(rest, -Vector3::z_axis()), 0);
+        }
+        let mut moves = Moves::default();
+        for (live, rest) in model.live.iter_mut().zip(&model.rest) {
+            live.z -= lift(rest.x);
+        }
+        moves.add(&model);
+        let topology = Topology {
+            betti: [1, 0, 0],
+            persistent: [1, 0, 0],
+            genus: Genus::Any,
+            handles: Handles::default(),
+            boundary: Vec::new(),
+            boundary_share: 0.02,
+            missing: 0.05,
+            bare: 0.05,
+            hidden: vec![Hidden {
+                vertex: 1,
+                area: Vector3::new(0.0, 0.0, 2e-4),
+            }],
+            farthest: 0.01,
+            wholly_seen: false,
+            strays: 0.0,
+            bars: Vec::new(),
+            shorter_bars: [0; 3],
+            loops: Vec::new(),
+            cut: [0; 3],
+            non_manifold: 0,
+            simplices: [0; 4],
+            thinned: 0,
+            surface: None,
+        };
+        (model, topology, moves)
+    }
+
+    #[test]
+    fn what_stays_when_the_rest_is_lifted_is_held() {
+        let (model, topology, moves) = strip(|x| x);
+        let held = moves.held(&topology, &model, 0.005).unwrap();
+        assert!((held.middle - model.rest[1]).norm() < 1e-12);
+        assert!((held.area - 2e-4).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_body_that_is_carried_away_is_not_held() {
+        let (model, topology, moves) = strip(|x| 0.1 + 0.2 * x);
+        assert_eq!(moves.held(&topology, &model, 0.005), None);
+    }
+
+    #[test]
+    fn a_body_that_was_hardly_moved_tells_nothing() {
+        let (model, topology, moves) = strip(|x| 0.1 * x);
+        assert_eq!(moves.held(&topology, &model, 0.005), None);
+    }
+
+    #[test]
+    fn nothing_is_gripped_next_to_where_a_grip_has_slipped() {
+        let (model, _, mut moves) = strip(|x| x);
+        moves.grip(vec![(0, model.rest[0]), (1, model.rest[39])]);
+        assert!(!moves.slippery(&model, 0.005).contains(&true));
+        moves.slip(1);
+        let slippery = moves.slippery(&model, 0.005);
+        assert!((0..40).all(|k| slippery[k] == (k > 29)), "{slippery:?}");
+    }
+
+    #[test]
+    fn two_manipulations_that_show_nothing_are_in_vain() {
+        let (_, mut topology, mut moves) = strip(|x| x);
+        for (bare, vain) in [(0.3, false), (0.1, false), (0.095, false), (0.09, true)] {
+            topology.bare = bare;
+            moves.decide(&topology);
+            assert_eq!(moves.in_vain(), vain, "{bare}");
+        }
+    }
+}
