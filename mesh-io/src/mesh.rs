@@ -143,6 +143,12 @@ impl Mesh {
         &self.colours
     }
 
+    /// Coordinates of a point, and its normal if there are normals: what a row of a table starts with.
+    pub(crate) fn numbers(&self, point: usize) -> impl Iterator<Item = &f64> {
+        let normal = self.normals.get(point).into_iter();
+        self.points[point].coords.iter().chain(normal.flatten())
+    }
+
     /// Whatever else the file says of every point.
     pub fn properties(&self) -> &[Property] {
         &self.properties

@@ -185,13 +185,8 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
     out.write_all(&[1, 0])?;
     out.write_all(&(length as u16).to_le_bytes())?;
     out.write_all(header.as_bytes())?;
-    for (i, p) in mesh.points.iter().enumerate() {
-        let normal = mesh
-            .normals
-            .get(i)
-            .map(Vector3::as_slice)
-            .unwrap_or_default();
-        for v in p.coords.as_slice().iter().chain(normal) {
+    for i in 0..mesh.points.len() {
+        for v in mesh.numbers(i) {
             if single {
                 out.write_all(&(*v as f32).to_le_bytes())?;
             } else {

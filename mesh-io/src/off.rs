@@ -153,13 +153,8 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
         writeln!(out, "# {}", comment.replace(['\n', '\r'], " "))?;
     }
     writeln!(out, "{} {} 0", mesh.points.len(), mesh.triangles.len())?;
-    for (i, p) in mesh.points.iter().enumerate() {
-        let normal = mesh
-            .normals
-            .get(i)
-            .map(Vector3::as_slice)
-            .unwrap_or_default();
-        let numbers = p.coords.as_slice().iter().chain(normal);
+    for i in 0..mesh.points.len() {
+        let numbers = mesh.numbers(i);
         let words: Vec<String> = numbers.map(|v| options.precision.text(*v)).collect();
         write!(out, "{}", words.join(" "))?;
         if let Some([r, g, b]) = mesh.colours.get(i) {

@@ -9,7 +9,7 @@
 
 use std::io::{self, Write};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
 use crate::columns::{Column, Columns, Packed, Shade};
 use crate::raw::{Raw, finite};
@@ -408,14 +408,9 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
         out,
         "WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA {data}"
     )?;
-    for (i, p) in mesh.points.iter().enumerate() {
-        let normal = mesh
-            .normals
-            .get(i)
-            .map(Vector3::as_slice)
-            .unwrap_or_default();
+    for i in 0..mesh.points.len() {
         let further = mesh.properties.iter().filter_map(|p| p.values().get(i));
-        let numbers = p.coords.as_slice().iter().chain(normal).chain(further);
+        let numbers = mesh.numbers(i).chain(further);
         let colour = mesh
             .colours
             .get(i)

@@ -12,8 +12,6 @@
 
 use std::io::{self, Write};
 
-use nalgebra::Vector3;
-
 use crate::columns::{Column, Columns, Packed, Shade};
 use crate::raw::{Raw, finite};
 use crate::text::{Lines, is_single_byte, number, shown, whole};
@@ -204,16 +202,11 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
     }
     names.extend(mesh.properties.iter().map(crate::Property::name));
     writeln!(out, "# {}", names.join(" "))?;
-    for (i, p) in mesh.points.iter().enumerate() {
-        let normal = mesh
-            .normals
-            .get(i)
-            .map(Vector3::as_slice)
-            .unwrap_or_default();
+    for i in 0..mesh.points.len() {
         let word = |v: &f64| options.precision.text(*v);
         let further = mesh.properties.iter().filter_map(|p| p.values().get(i));
         let colour = mesh.colours.get(i).into_iter().flatten().map(u8::to_string);
-        let place = p.coords.as_slice().iter().chain(normal).map(word);
+        let place = mesh.numbers(i).map(word);
         let words: Vec<String> = place.chain(colour).chain(further.map(word)).collect();
         writeln!(out, "{}", words.join(" "))?;
     }
