@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
     .net(400, 1);
     let radius = 1.25 * torus.spacing;
-    let options = Options::default().max_scale(2.0);
+    let options = Options::default().with_max_scale(2.0);
     let cylinder = Cylinder::new(radius, 0.5 * radius)?;
     let complex = Complex::build(&torus.points, &torus.normals, cylinder, &options)?;
     std::fs::write(folder.join("barcode.svg"), barcode(&complex))?;

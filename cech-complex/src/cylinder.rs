@@ -125,7 +125,7 @@ impl Cylinder {
     /// let covering = 1.25 * cloud.spacing;
     /// let cylinder = Cylinder::new(1.1 * covering, 2.0 * covering)?;
     /// let b = cylinder.proven_scale(covering, torus.reach(), 0.0)?;
-    /// let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default().max_scale(b))?;
+    /// let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default().with_max_scale(b))?;
     /// assert_eq!(complex.persistent_betti(1.0, b), [1, 2, 1]);
     /// # Ok::<(), cech_complex::Error>(())
     /// ```

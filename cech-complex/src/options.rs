@@ -41,21 +41,21 @@ impl Default for Options {
 impl Options {
     /// Sets the largest filtration value kept.
     #[must_use]
-    pub fn max_scale(mut self, max_scale: f64) -> Self {
+    pub fn with_max_scale(mut self, max_scale: f64) -> Self {
         self.max_scale = max_scale;
         self
     }
 
     /// Sets the treatment of orientation.
     #[must_use]
-    pub fn orientation(mut self, orientation: Orientation) -> Self {
+    pub fn with_orientation(mut self, orientation: Orientation) -> Self {
         self.orientation = orientation;
         self
     }
 
     /// Sets the largest number of simplices.
     #[must_use]
-    pub fn max_simplices(mut self, max_simplices: usize) -> Self {
+    pub fn with_max_simplices(mut self, max_simplices: usize) -> Self {
         self.max_simplices = max_simplices;
         self
     }

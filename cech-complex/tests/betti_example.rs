@@ -155,7 +155,7 @@ fn the_answer_is_that_of_the_library() {
     let cloud = tube.net(500, 3);
     let radius = 1.25 * cloud.spacing;
     let cylinder = Cylinder::new(radius, 0.5 * radius).unwrap();
-    let options = Options::default().max_scale(1.2);
+    let options = Options::default().with_max_scale(1.2);
     let complex = Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap();
     let kinds = complex.classify(radius / 1.25).unwrap();
     let count = |wanted| kinds.iter().filter(|kind| **kind == wanted).count();

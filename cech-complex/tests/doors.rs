@@ -47,7 +47,7 @@ fn bad_input_is_named() {
         })
     ));
     for scale in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let found = Complex::build(&[p], &[n], cylinder, &options.max_scale(scale));
+        let found = Complex::build(&[p], &[n], cylinder, &options.with_max_scale(scale));
         assert!(matches!(
             found,
             Err(Error::NotPositive {
@@ -57,7 +57,7 @@ fn bad_input_is_named() {
         ));
     }
     let orientation = Orientation::Separate { min_cosine: 2.0 };
-    assert!(Complex::build(&[p], &[n], cylinder, &options.orientation(orientation)).is_err());
+    assert!(Complex::build(&[p], &[n], cylinder, &options.with_orientation(orientation)).is_err());
     for size in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(Cylinder::new(size, 1.0).is_err() && Cylinder::new(1.0, size).is_err());
         assert!(Cylinder::from_spacing_and_reach(size, 1.0).is_err());
@@ -75,7 +75,7 @@ fn bad_input_is_named() {
 fn the_limit_on_simplices_stops_before_memory_does() {
     let points = vec![Point3::origin(); 5000];
     let normals = vec![Vector3::z_axis(); 5000];
-    let options = Options::default().max_simplices(100_000);
+    let options = Options::default().with_max_simplices(100_000);
     let found = Complex::build(
         &points,
         &normals,
@@ -99,7 +99,7 @@ fn a_million_points_with_a_tiny_limit_end_at_once() {
     let line: Vec<_> = (0..1_000_000)
         .map(|i| Point3::new(f64::from(i), 0.0, 0.0))
         .collect();
-    let tiny = Options::default().max_simplices(1000);
+    let tiny = Options::default().with_max_simplices(1000);
     let found = Complex::build(&line, &normals, cylinder, &tiny);
     assert_eq!(
         found.err(),
@@ -109,7 +109,7 @@ fn a_million_points_with_a_tiny_limit_end_at_once() {
         })
     );
     // Room for the points and little more: it stops at the first edge too many, in a line as in a heap.
-    let little = Options::default().max_simplices(1_000_100);
+    let little = Options::default().with_max_simplices(1_000_100);
     for points in [line, vec![Point3::origin(); 1_000_000]] {
         let found = Complex::build(&points, &normals, cylinder, &little);
         assert_eq!(
@@ -204,7 +204,7 @@ fn normals_without_a_sign_join_what_orientation_separates() {
     let points = [Point3::origin(), Point3::new(0.0, 0.0, 0.5)];
     let normals = [Vector3::z_axis(), -Vector3::z_axis()];
     let edges = |orientation| {
-        let options = Options::default().orientation(orientation);
+        let options = Options::default().with_orientation(orientation);
         Complex::build(
             &points,
             &normals,

@@ -139,8 +139,8 @@ fn cloud(coordinates: &[[f64; 6]]) -> (Vec<Point3<f64>>, Vec<UnitVector3<f64>>) 
 
 fn options(scale: f64) -> Options {
     Options::default()
-        .max_scale(scale)
-        .orientation(Orientation::Free)
+        .with_max_scale(scale)
+        .with_orientation(Orientation::Free)
 }
 
 proptest! {

@@ -90,7 +90,7 @@ fn net(surface: Manifold, share: f64, tilt: f64, seed: u64) -> (OrientedCloud, f
 /// Nothing where the complex would pass the default limit: thin webs sampled to a third of their reach ask for gigabytes, and say no more
 /// of the lemma than others.
 fn build(cloud: &OrientedCloud, cylinder: Cylinder, max_scale: f64) -> Option<Complex> {
-    let options = Options::default().max_scale(max_scale);
+    let options = Options::default().with_max_scale(max_scale);
     match Complex::build(&cloud.points, &cloud.normals, cylinder, &options) {
         Err(Error::TooManySimplices { .. }) => None,
         built => Some(built.unwrap()),

@@ -49,7 +49,7 @@ const SURFACES: [Manifold; 10] = [
 fn complex(cloud: &OrientedCloud, height_per_radius: f64, scale: f64) -> Complex {
     let radius = 1.25 * cloud.spacing;
     let cylinder = Cylinder::new(radius, height_per_radius * radius).unwrap();
-    let options = Options::default().max_scale(scale);
+    let options = Options::default().with_max_scale(scale);
     Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap()
 }
 

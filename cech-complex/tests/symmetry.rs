@@ -8,8 +8,8 @@ use proptest::prelude::*;
 
 fn build(cloud: &OrientedCloud, cylinder: Cylinder) -> Complex {
     let options = Options::default()
-        .max_scale(1.1)
-        .orientation(Orientation::Free);
+        .with_max_scale(1.1)
+        .with_orientation(Orientation::Free);
     Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap()
 }
 

@@ -105,7 +105,7 @@ proptest! {
         let (points, normals): (Vec<_>, Vec<_>) = (0..count).map(|_| random_point(&mut rng)).unzip();
         let mut options = Options::default();
         if !oriented {
-            options = options.orientation(Orientation::Free);
+            options = options.with_orientation(Orientation::Free);
         }
         let cylinder = Cylinder::new(radius, 0.7 * radius).unwrap();
         let mut complex = Complex::build(&points, &normals, cylinder, &options).unwrap();
@@ -229,7 +229,7 @@ fn a_refused_update_changes_nothing() {
     let normals = vec![Vector3::z_axis(); 5];
     let cylinder = Cylinder::new(0.3, 0.3).unwrap();
     // Five coincident points have 5 + 10 + 10 + 5 simplices, six have 6 + 15 + 20 + 15.
-    let options = Options::default().max_simplices(40);
+    let options = Options::default().with_max_simplices(40);
     let mut complex = Complex::build(&points, &normals, cylinder, &options).unwrap();
     let before = content(&complex, |v| v);
     let add = |x: f64| Change::Add {

@@ -398,7 +398,7 @@ fn every_format_gives_the_mesh_back() {
     let file = file.with_triangles(triangles).unwrap();
     for format in [Format::Ply, Format::Obj, Format::Stl, Format::Off] {
         for encoding in [Encoding::Text, Encoding::Binary] {
-            let options = Options::default().encoding(encoding);
+            let options = Options::default().with_encoding(encoding);
             let read = solid(&file.to_bytes(format, options).unwrap(), format).unwrap();
             assert_eq!(
                 (read.vertices.len(), read.triangles.len()),

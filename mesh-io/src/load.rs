@@ -38,42 +38,42 @@ pub const OPTIONS: &str = "[--units m|cm|mm] [--size METRES] [--up x|y|z] [--bod
 impl Load {
     /// Sets the unit.
     #[must_use]
-    pub fn units(mut self, units: Units) -> Self {
+    pub fn with_units(mut self, units: Units) -> Self {
         self.units = units;
         self
     }
 
     /// Sets the longest extent, m.
     #[must_use]
-    pub fn size(mut self, size: Option<f64>) -> Self {
+    pub fn with_size(mut self, size: Option<f64>) -> Self {
         self.size = size;
         self
     }
 
     /// Sets the axis that points up.
     #[must_use]
-    pub fn up(mut self, up: Up) -> Self {
+    pub fn with_up(mut self, up: Up) -> Self {
         self.up = up;
         self
     }
 
     /// Chooses a body.
     #[must_use]
-    pub fn body(mut self, body: Option<usize>) -> Self {
+    pub fn with_body(mut self, body: Option<usize>) -> Self {
         self.body = body;
         self
     }
 
     /// Sets the diagonals that can be metres.
     #[must_use]
-    pub fn extent(mut self, range: [f64; 2]) -> Self {
+    pub fn with_extent(mut self, range: [f64; 2]) -> Self {
         self.extent = Some(range);
         self
     }
 
     /// Sets what becomes of repeated vertices.
     #[must_use]
-    pub fn vertices(mut self, vertices: Vertices) -> Self {
+    pub fn with_vertices(mut self, vertices: Vertices) -> Self {
         self.vertices = vertices;
         self
     }

@@ -50,21 +50,21 @@ pub struct Options<'a> {
 impl<'a> Options<'a> {
     /// Sets the encoding.
     #[must_use]
-    pub fn encoding(mut self, encoding: Encoding) -> Self {
+    pub fn with_encoding(mut self, encoding: Encoding) -> Self {
         self.encoding = encoding;
         self
     }
 
     /// Sets the precision.
     #[must_use]
-    pub fn precision(mut self, precision: Precision) -> Self {
+    pub fn with_precision(mut self, precision: Precision) -> Self {
         self.precision = precision;
         self
     }
 
     /// Sets the remark.
     #[must_use]
-    pub fn comment(mut self, comment: &'a str) -> Self {
+    pub fn with_comment(mut self, comment: &'a str) -> Self {
         self.comment = Some(comment);
         self
     }

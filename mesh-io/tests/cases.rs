@@ -366,7 +366,7 @@ fn stl_as_other_programs_write_it() {
     let binary = cube().to_bytes(Format::Stl, Options::default()).unwrap();
     let mut named = binary.clone();
     named[..80].copy_from_slice(format!("{:80}", "solid part").as_bytes());
-    let text = Options::default().encoding(Encoding::Text);
+    let text = Options::default().with_encoding(Encoding::Text);
     let text = String::from_utf8(cube().to_bytes(Format::Stl, text).unwrap()).unwrap();
     let long = text.replace("mesh", &"x".repeat(300));
     let nan = regex_free(&text, "facet normal", "facet normal nan nan nan");
@@ -686,7 +686,7 @@ fn seams_soups_and_what_no_face_uses() {
     }
     is_cube(text.as_bytes(), Format::Obj);
     let kept = Load::default()
-        .vertices(Vertices::AsInFile)
+        .with_vertices(Vertices::AsInFile)
         .apply(read(text.as_bytes(), Format::Obj))
         .unwrap();
     assert_eq!(kept.points().len(), 25);
@@ -711,20 +711,24 @@ fn units_size_up_and_bodies() {
     let mut two = String::from_utf8(two).unwrap();
     two += "v 9 0 0\nv 9 1 0\nv 9 0 5\nf 9 10 11\n";
     let mesh = || read(two.as_bytes(), Format::Obj);
-    let load = Load::default().extent([0.001, 0.1]);
+    let load = Load::default().with_extent([0.001, 0.1]);
     let error = load.apply(mesh()).unwrap_err().to_string();
     assert!(
         error.contains("10.3 m across, outside 0.001 m to 0.1 m") && error.contains("--units mm"),
         "{error}"
     );
-    let small = load.units(Units::MILLIMETRES).apply(mesh()).unwrap();
+    let small = load.with_units(Units::MILLIMETRES).apply(mesh()).unwrap();
     assert!((small.diagonal() - 0.0103).abs() < 1e-4);
-    let first = load.size(Some(0.02)).body(Some(1)).apply(mesh()).unwrap();
+    let first = load
+        .with_size(Some(0.02))
+        .with_body(Some(1))
+        .apply(mesh())
+        .unwrap();
     assert_eq!(first.triangles().len(), 12);
     assert!((first.diagonal() - 0.02 * 3f64.sqrt()).abs() < 1e-12);
     let second = Load::default()
-        .body(Some(2))
-        .up(Up::Y)
+        .with_body(Some(2))
+        .with_up(Up::Y)
         .apply(mesh())
         .unwrap();
     assert!(
@@ -736,7 +740,7 @@ fn units_size_up_and_bodies() {
     );
     assert!((second.points().len(), second.triangles().len()) == (3, 1));
     let error = Load::default()
-        .body(Some(3))
+        .with_body(Some(3))
         .apply(mesh())
         .unwrap_err()
         .to_string();

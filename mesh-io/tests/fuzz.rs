@@ -32,7 +32,7 @@ fn files() -> Vec<(Format, Vec<u8>)> {
     let mut files = Vec::new();
     for format in FORMATS {
         for encoding in [Encoding::Text, Encoding::Binary] {
-            let options = Options::default().encoding(encoding);
+            let options = Options::default().with_encoding(encoding);
             files.push((format, mesh().to_bytes(format, options).unwrap()));
         }
     }
@@ -59,7 +59,10 @@ fn use_all(bytes: &[u8], format: Format) {
     };
     let _ = mesh.unit_normals_or_estimated();
     let _ = mesh_io::estimate_normals(mesh.points());
-    let _ = Load::default().body(Some(1)).size(Some(1.0)).apply(mesh);
+    let _ = Load::default()
+        .with_body(Some(1))
+        .with_size(Some(1.0))
+        .apply(mesh);
 }
 
 /// Ten thousand take two seconds; another count is given with `PROPTEST_CASES`.

@@ -108,11 +108,11 @@ proptest! {
     #[test]
     fn ply_holds_all_to_the_bit(mesh in mesh()) {
         for encoding in ENCODINGS {
-            let double = back(&mesh, Format::Ply, Options::default().encoding(encoding));
+            let double = back(&mesh, Format::Ply, Options::default().with_encoding(encoding));
             prop_assert_eq!(&double, &mesh);
             prop_assert_eq!(bits(&double), bits(&mesh));
             let short = rounded(&mesh);
-            let single = Options::default().encoding(encoding).precision(Precision::Single);
+            let single = Options::default().with_encoding(encoding).with_precision(Precision::Single);
             // Text has as many digits as 32 bits need.
             let read = rounded(&back(&short, Format::Ply, single));
             prop_assert_eq!(&read, &short);
@@ -124,7 +124,7 @@ proptest! {
     fn pcd_holds_all_but_triangles(mesh in mesh()) {
         let mesh = holding(&mesh, &["normals", "colours", "further"]);
         for encoding in ENCODINGS {
-            let read = back(&mesh, Format::Pcd, Options::default().encoding(encoding));
+            let read = back(&mesh, Format::Pcd, Options::default().with_encoding(encoding));
             prop_assert_eq!(&read, &mesh);
             prop_assert_eq!(bits(&read), bits(&mesh));
         }
@@ -163,7 +163,7 @@ proptest! {
         let read = back(&mesh, Format::Npy, Options::default());
         prop_assert_eq!(bits(&read), bits(&mesh));
         let short = rounded(&mesh);
-        let read = back(&short, Format::Npy, Options::default().precision(Precision::Single));
+        let read = back(&short, Format::Npy, Options::default().with_precision(Precision::Single));
         prop_assert_eq!(bits(&read), bits(&short));
     }
 
@@ -181,7 +181,7 @@ proptest! {
             m.triangles().iter().map(|t| t.map(corner)).filter(proper).collect()
         };
         for encoding in ENCODINGS {
-            let read = back(&short, Format::Stl, Options::default().encoding(encoding));
+            let read = back(&short, Format::Stl, Options::default().with_encoding(encoding));
             prop_assert_eq!(corners(&read), corners(&short));
         }
     }

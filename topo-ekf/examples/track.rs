@@ -248,8 +248,8 @@ fn arguments(mut given: impl Iterator<Item = String>) -> Result<Arguments, Failu
     let (mut files, mut planes, mut out, mut sigma) = (vec![], vec![], None, 0.5e-3);
     // Observations name vertices by their numbers in the file. No soft body on a table is larger or smaller.
     let mut load = Load::default()
-        .vertices(Vertices::AsInFile)
-        .extent([1e-3, 10.0]);
+        .with_vertices(Vertices::AsInFile)
+        .with_extent([1e-3, 10.0]);
     let mut observation_units = Units::METRES;
     while let Some(word) = given.next() {
         let mut value = || given.next().ok_or(format!("{word} needs a value\n{USAGE}"));

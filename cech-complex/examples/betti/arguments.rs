@@ -35,7 +35,7 @@ pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, Strin
     let mut max_simplices = Options::default().max_simplices;
     let mut orientation = Options::default().orientation;
     // Every point counts, whether a face uses it or not.
-    let mut load = Load::default().vertices(Vertices::AsInFile);
+    let mut load = Load::default().with_vertices(Vertices::AsInFile);
     while let Some(word) = words.next() {
         if let Some((name, value)) = lengths.iter_mut().find(|(name, _)| *name == word) {
             *value = Some(positive(name, words.next())?);

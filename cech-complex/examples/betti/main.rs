@@ -76,9 +76,9 @@ fn answer(arguments: &Arguments) -> Result<String, String> {
     advise(arguments, points, &normals);
     let in_file = |error: cech_complex::Error| format!("{}: {error}", arguments.file);
     let options = Options::default()
-        .max_scale(arguments.max_scale)
-        .max_simplices(arguments.max_simplices)
-        .orientation(arguments.orientation);
+        .with_max_scale(arguments.max_scale)
+        .with_max_simplices(arguments.max_simplices)
+        .with_orientation(arguments.orientation);
 
     let start = Instant::now();
     let complex =

@@ -436,11 +436,11 @@ impl Read {
     ) -> Result<Self, cech_complex::Error> {
         let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
         let options = Options::default()
-            .max_scale(PERSISTS)
-            .orientation(Orientation::Separate {
+            .with_max_scale(PERSISTS)
+            .with_orientation(Orientation::Separate {
                 min_cosine: SHEET_COSINE,
             })
-            .max_simplices(most);
+            .with_max_simplices(most);
         let mut complex = Complex::build(points, normals, cylinder, &options)?;
         let removed = complex.cut(cuts)?;
         let kinds = complex.classify(spacing)?;

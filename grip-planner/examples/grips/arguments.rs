@@ -35,7 +35,7 @@ impl Arguments {
             camera: None,
             plane: None,
             // No body between these can be held by jaws of centimetres.
-            load: Load::default().extent([1e-3, 10.0]),
+            load: Load::default().with_extent([1e-3, 10.0]),
             out: "grips.svg".into(),
         };
         while let Some(word) = words.next() {

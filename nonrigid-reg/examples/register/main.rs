@@ -69,7 +69,9 @@ fn arguments() -> Result<Arguments, Box<dyn Error>> {
     let (mut landmarks, mut features) = (None, None);
     let mut options = Options::default();
     // Vertices in the order of the file: MOVED has the same.
-    let mut load = Load::default().vertices(Vertices::AsInFile).extent(EXTENT);
+    let mut load = Load::default()
+        .with_vertices(Vertices::AsInFile)
+        .with_extent(EXTENT);
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         let mut next = || arguments.next().ok_or(USAGE);
@@ -168,7 +170,7 @@ impl Arguments {
         } else {
             Encoding::Binary
         };
-        Ok(moved.save(path, mesh_io::Options::default().encoding(encoding))?)
+        Ok(moved.save(path, mesh_io::Options::default().with_encoding(encoding))?)
     }
 }
 

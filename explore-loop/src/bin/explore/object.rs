@@ -54,10 +54,10 @@ impl ObjectArgs {
             return Ok(Scene::named(&self.scene)?);
         };
         let load = Load::default()
-            .units(self.units)
-            .size(self.size)
-            .up(self.up)
-            .body(self.body);
+            .with_units(self.units)
+            .with_size(self.size)
+            .with_up(self.up)
+            .with_body(self.body);
         Scene::from_file(path, &load).map_err(|error| {
             let (path, text) = (path.display().to_string(), error.to_string());
             // Errors of the file name it themselves.

@@ -174,7 +174,7 @@ pub struct FinalMesh {
 
 /// Said in the header of every mesh.
 fn in_metres() -> mesh::Options<'static> {
-    mesh::Options::default().comment("metres, frame of the first observation")
+    mesh::Options::default().with_comment("metres, frame of the first observation")
 }
 
 /// A surface with its normals.
