@@ -148,6 +148,14 @@ pub struct Camera {
     trouble: Option<Absence>,
 }
 
+impl std::fmt::Debug for Camera {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Camera")
+            .field("options", &self.options)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Camera {
     /// Starts to listen; [`Camera::next_frame`] tells whether there is anything to hear.
     ///

@@ -55,6 +55,14 @@ pub struct Registrar<C = ClosestPoint, R = PointToPlane, J = AnnealedTukey, T = 
     kept: Kept,
 }
 
+impl<C, R, J, T> std::fmt::Debug for Registrar<C, R, J, T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Registrar")
+            .field("options", &self.options)
+            .finish_non_exhaustive()
+    }
+}
+
 /// What outlives a frame. Nothing in it changes an answer.
 #[derive(Default)]
 struct Kept {

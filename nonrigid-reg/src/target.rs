@@ -29,6 +29,14 @@ pub struct Target {
     denoise: usize,
 }
 
+impl std::fmt::Debug for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Target")
+            .field("points", &self.points.len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl Target {
     pub(crate) fn new(cloud: &Cloud, options: &Options) -> Result<Self, Error> {
         Ok(Self {

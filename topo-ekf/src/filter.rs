@@ -62,6 +62,15 @@ pub struct Filter {
     pub(crate) last: Option<Prior>,
 }
 
+impl std::fmt::Debug for Filter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Filter")
+            .field("options", &self.options)
+            .field("vertices", &self.live.len())
+            .finish_non_exhaustive()
+    }
+}
+
 /// The prior of the last update and what was weighed in against it.
 pub(crate) struct Prior {
     pub seen: Seen,

@@ -68,6 +68,15 @@ pub struct Arm {
     events: std::collections::VecDeque<Event>,
 }
 
+impl std::fmt::Debug for Arm {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Arm")
+            .field("name", &self.name)
+            .field("last_stop", &self.last_stop)
+            .finish_non_exhaustive()
+    }
+}
+
 impl Arm {
     /// Finds an arm, and returns when it can be read and commanded: every stream has brought a sample, every command has a
     /// listener, and the state has come. While the arm is not powered it may mark its samples as not measured; once it is

@@ -21,6 +21,14 @@ pub struct ArmThread {
     thread: Option<JoinHandle<()>>,
 }
 
+impl std::fmt::Debug for ArmThread {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ArmThread")
+            .field("period", &self.period)
+            .finish_non_exhaustive()
+    }
+}
+
 fn lock(arm: &Mutex<Arm>) -> MutexGuard<'_, Arm> {
     // An arm is whole between any two of its calls; one that panicked half way is still to be held.
     arm.lock().unwrap_or_else(PoisonError::into_inner)

@@ -31,6 +31,14 @@ pub struct CloudServer {
     frame: String,
 }
 
+impl std::fmt::Debug for CloudServer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("CloudServer")
+            .field("frame", &self.frame)
+            .finish_non_exhaustive()
+    }
+}
+
 impl CloudServer {
     /// Offers clouds in a frame, on a topic such as `/camera/depth/color/points`. A `reliable` camera, as those of RealSense
     /// are, is heard by every reader.
@@ -64,6 +72,14 @@ pub struct DepthServer {
     images: Writer<Image>,
     infos: Writer<CameraInfo>,
     info: CameraInfo,
+}
+
+impl std::fmt::Debug for DepthServer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DepthServer")
+            .field("info", &self.info)
+            .finish_non_exhaustive()
+    }
 }
 
 impl DepthServer {

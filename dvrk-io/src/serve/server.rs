@@ -58,6 +58,16 @@ pub struct ArmServer<A> {
     warned: Duration,
 }
 
+impl<A> std::fmt::Debug for ArmServer<A> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ArmServer")
+            .field("base", &self.base)
+            .field("joints", &self.joints)
+            .field("jaw", &self.jaw)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<A: ServedArm> ArmServer<A> {
     /// Offers the topics of an arm. From then on [`ArmServer::tick`] serves it.
     ///

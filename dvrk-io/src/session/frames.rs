@@ -27,6 +27,15 @@ pub struct Frames<'a> {
     buffer: Vec<u8>,
 }
 
+impl std::fmt::Debug for Frames<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Frames")
+            .field("names", &self.names)
+            .field("next", &self.next)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<'a> Frames<'a> {
     pub(super) fn new(source: Source<'a>, tolerance: f64, index: Index) -> Self {
         let names = index.arms.keys().cloned().collect();

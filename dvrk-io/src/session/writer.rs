@@ -56,6 +56,14 @@ pub struct SessionWriter {
     flushed_at: Option<u64>,
 }
 
+impl std::fmt::Debug for SessionWriter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SessionWriter")
+            .field("path", &self.path)
+            .finish_non_exhaustive()
+    }
+}
+
 impl SessionWriter {
     /// Creates the file; one that is there already is replaced.
     ///

@@ -25,6 +25,12 @@ pub struct Bus {
     shared: Arc<Shared>,
 }
 
+impl std::fmt::Debug for Bus {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Bus").finish_non_exhaustive()
+    }
+}
+
 #[derive(Default)]
 struct Shared {
     state: Mutex<State>,
@@ -152,6 +158,14 @@ impl Bus {
 pub struct BusNode {
     node: usize,
     shared: Arc<Shared>,
+}
+
+impl std::fmt::Debug for BusNode {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BusNode")
+            .field("node", &self.node)
+            .finish_non_exhaustive()
+    }
 }
 
 impl BusNode {

@@ -43,6 +43,12 @@ pub struct Participant {
     heard: AtomicU64,
 }
 
+impl std::fmt::Debug for Participant {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Participant").finish_non_exhaustive()
+    }
+}
+
 struct Shared {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,

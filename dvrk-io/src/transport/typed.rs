@@ -13,6 +13,14 @@ pub struct Reader<M> {
     message: PhantomData<fn() -> M>,
 }
 
+impl<M> std::fmt::Debug for Reader<M> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reader")
+            .field("topic", &self.topic)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<M: Message> Reader<M> {
     /// Starts to listen to the topic `name`.
     ///
@@ -72,6 +80,14 @@ pub struct Writer<M> {
     topic: Topic,
     inner: Box<dyn Publisher>,
     message: PhantomData<fn(M)>,
+}
+
+impl<M> std::fmt::Debug for Writer<M> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Writer")
+            .field("topic", &self.topic)
+            .finish_non_exhaustive()
+    }
 }
 
 impl<M: Message> Writer<M> {

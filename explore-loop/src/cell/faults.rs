@@ -111,6 +111,15 @@ pub struct FaultyCell<C> {
     before: Vec<Observation>,
 }
 
+impl<C> std::fmt::Debug for FaultyCell<C> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FaultyCell")
+            .field("faults", &self.faults)
+            .field("frame", &self.frame)
+            .finish_non_exhaustive()
+    }
+}
+
 impl<C: Cell> FaultyCell<C> {
     /// `cell` with `faults`.
     pub fn new(cell: C, faults: Vec<Fault>) -> Self {

@@ -14,6 +14,14 @@ pub struct ReplayCell {
     last: Vec<ArmState>,
 }
 
+impl std::fmt::Debug for ReplayCell {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ReplayCell")
+            .field("info", &self.info)
+            .finish_non_exhaustive()
+    }
+}
+
 enum Source {
     Memory(std::vec::IntoIter<Frame>),
     File(Box<Frames<'static>>),

@@ -137,6 +137,17 @@ pub struct Explorer<'a> {
     mode: Mode,
 }
 
+impl std::fmt::Debug for Explorer<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Explorer")
+            .field("options", &self.options)
+            .field("manipulations", &self.manipulations)
+            .field("misses", &self.misses)
+            .field("troubles", &self.troubles)
+            .finish_non_exhaustive()
+    }
+}
+
 /// What a frame is good for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Mode {

@@ -26,6 +26,14 @@ pub struct Surface {
     tree: TriMesh,
 }
 
+impl std::fmt::Debug for Surface {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Surface")
+            .field("triangles", &self.corners.len())
+            .finish_non_exhaustive()
+    }
+}
+
 /// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {

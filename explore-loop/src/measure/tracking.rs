@@ -34,6 +34,14 @@ pub struct Measurer {
     slide: Mean,
 }
 
+impl std::fmt::Debug for Measurer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Measurer")
+            .field("anchors", &self.anchors.len())
+            .finish_non_exhaustive()
+    }
+}
+
 /// Errors of tracking over a run, metres; `None` where there was nothing to measure.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TrackingMeasures {

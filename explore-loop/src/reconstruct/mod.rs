@@ -178,6 +178,16 @@ pub struct Reconstructor {
     free: bool,
 }
 
+impl std::fmt::Debug for Reconstructor {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reconstructor")
+            .field("options", &self.options)
+            .field("frame", &self.frame)
+            .field("vertices", &self.model().len())
+            .finish_non_exhaustive()
+    }
+}
+
 impl Reconstructor {
     /// Nothing seen yet.
     ///

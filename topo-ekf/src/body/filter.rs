@@ -64,6 +64,16 @@ pub struct BodyFilter {
     last: Option<(Elastic, Solved)>,
 }
 
+impl std::fmt::Debug for BodyFilter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("BodyFilter")
+            .field("options", &self.options)
+            .field("cells", &self.lattice.cells().len())
+            .field("weight", &self.weight.value())
+            .finish_non_exhaustive()
+    }
+}
+
 /// What a frame changes.
 #[derive(Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

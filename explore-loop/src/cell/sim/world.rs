@@ -64,6 +64,16 @@ pub struct SimCell {
     ticked: Option<Snapshot>,
 }
 
+impl std::fmt::Debug for SimCell {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SimCell")
+            .field("info", &self.info)
+            .field("options", &self.options)
+            .field("frame", &self.frame)
+            .finish_non_exhaustive()
+    }
+}
+
 /// What was before the camera at an instant.
 struct Snapshot {
     stamp: f64,
