@@ -26,6 +26,7 @@ pub fn displacement_cosine(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> Option<f64
 
 /// When an edge counts as distorted.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DistortionLimits {
     /// Largest `A1`, m.
     pub max_difference: f64,
@@ -37,6 +38,7 @@ pub struct DistortionLimits {
 
 /// What a cut has removed.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Removed {
     /// Vertices: those named and those left without an edge.
     pub vertices: Vec<u32>,

@@ -52,6 +52,7 @@ const HEIGHT_PER_RADIUS: f64 = 0.5;
 
 /// Radius and full height of the cylinders, in m.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Cylinder {
     radius: f64,
     height: f64,

@@ -23,6 +23,7 @@ const CROSSOVERS: [f64; 3] = [1e-3, 1e-6, 1e-10];
 
 /// Filtration value of a simplex.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FiltrationValue {
     /// Scale at which the cylinders first share a point: an upper bound of the exact value, attained at `minimiser`.
     pub value: f64,

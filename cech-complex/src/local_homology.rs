@@ -45,6 +45,7 @@ const CONFIRMING_SCALE: f64 = 0.97;
 
 /// Kind of a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum VertexKind {
     /// Around it the complex is a disc.
     Interior,
@@ -58,6 +59,7 @@ pub enum VertexKind {
 
 /// Ranks of the local homology of a vertex (the image for two radii, see [`Complex::local_homology`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LocalHomology {
     /// Rank in dimension 1.
     pub h1: usize,

@@ -21,6 +21,7 @@ const SHORTEST_RIM_IN_RADII: f64 = std::f64::consts::TAU;
 
 /// A closed path over edges of the complex.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BoundaryLoop {
     /// Vertices in order; the last is joined to the first.
     pub vertices: Vec<u32>,

@@ -4,6 +4,7 @@ use crate::error::{Error, positive};
 
 /// Whether the orientation of normals matters.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Orientation {
     /// Normals are axes without a sign: the plain nerve.
     Free,
@@ -18,6 +19,7 @@ pub enum Orientation {
 /// How to build a complex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Largest filtration value kept (closed). Default 1: the complex at the cylinder's own size.
     pub max_scale: f64,

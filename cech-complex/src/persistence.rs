@@ -15,6 +15,7 @@ use crate::union_find::UnionFind;
 
 /// A homology class that is born and dies.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bar {
     /// 0 component, 1 loop, 2 cavity.
     pub dimension: usize,
@@ -38,6 +39,7 @@ impl Bar {
 
 /// All bars of positive length, by dimension, then birth, then death.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Barcode {
     bars: Vec<Bar>,
 }

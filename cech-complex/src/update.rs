@@ -16,6 +16,7 @@ use std::sync::OnceLock;
 
 /// A change of one point of the cloud.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Change {
     /// A new vertex; its index is the next free one.
     Add {
@@ -42,6 +43,7 @@ pub enum Change {
 
 /// What an update has done.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Updated {
     /// Indices of the added vertices, in the order in which they were given.
     pub added: Range<u32>,

@@ -34,6 +34,7 @@ use crate::weight::Weight;
 
 /// A point on the smooth surface and the normal there.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Projection {
     /// The projected point.
     pub point: Point3<f64>,
@@ -43,6 +44,7 @@ pub struct Projection {
 
 /// A cloud drawn onto its own smooth surface.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Smoothed {
     /// The points, in the order of the input.
     pub points: Vec<Point3<f64>>,

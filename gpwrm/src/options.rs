@@ -6,6 +6,7 @@ use crate::weight::Weight;
 /// How far a node reaches.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Support {
     /// The same radius for every node, in m; about 2.3 spacings is best on surfaces.
     Radius(f64),
@@ -21,6 +22,7 @@ pub enum Support {
 /// assert_eq!(options.shrinkage, 0.003);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FieldOptions {
     /// Reach of a node. Default: its 16 nearest, which on a surface is 2.3 spacings.
     pub support: Support,
@@ -75,6 +77,7 @@ impl FieldOptions {
 
 /// What the nodes around a point say about the gradient there (Lemma 2 of the method).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Determinacy {
     /// Fewer than three nodes, or all on a line: their roll is a guess, that of the nearest node that knows its own or else
     /// none.
@@ -87,6 +90,7 @@ pub enum Determinacy {
 
 /// The field at one point.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sample {
     /// Displacement, in m.
     pub displacement: Vector3<f64>,

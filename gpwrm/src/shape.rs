@@ -27,6 +27,7 @@ use crate::partition::Part;
 
 /// The displacement at a point in terms of the nodes: `u(p) = Σ φ_j u_j + turn`.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shape {
     /// Nodes and their `φ`, by index of the node; `Σ φ = 1`. Sparse: the nodes in reach of those in reach.
     pub functions: Vec<(usize, f64)>,

@@ -12,6 +12,7 @@
 /// Radial weight of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Weight {
     /// Wendland's function of smoothness two: the measured best of the three on surfaces.
     #[default]

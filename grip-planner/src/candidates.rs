@@ -19,6 +19,7 @@ use crate::{Error, Model, Options, Reason, Scene, Waypoint};
 
 /// A vertex that can be gripped.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Candidate {
     /// The vertex.
     pub vertex: u32,
@@ -45,6 +46,7 @@ impl Candidate {
 
 /// The vertices that can be gripped, and why the others cannot.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Candidates {
     /// Accepted, in vertex order.
     pub accepted: Vec<Candidate>,

@@ -7,6 +7,7 @@ use crate::{Reason, Refusal};
 /// Why nothing was computed.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Error {
     /// The model has no vertices.
     #[error("the model has no vertices")]

@@ -21,6 +21,7 @@ use crate::{Candidate, Candidates, Coverage, Error, Model, Options, Refusal, Sce
 
 /// What a grip is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Role {
     /// It lifts.
     Lift,
@@ -30,6 +31,7 @@ pub enum Role {
 
 /// One arm at one vertex.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Grip {
     /// The arm.
     pub arm: usize,
@@ -61,6 +63,7 @@ impl Grip {
 
 /// Grips that together turn the body.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GripSet {
     /// The two lifting grips, then the supporting one if there is one.
     pub grips: Vec<Grip>,

@@ -19,6 +19,7 @@ use crate::{Grip, Role};
 
 /// What the arms are doing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Stage {
     /// They come from home, open the jaws, and go straight in.
     Reach,
@@ -52,6 +53,7 @@ impl fmt::Display for Stage {
 
 /// A stage and when it ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Leg {
     /// What the arms are doing.
     pub stage: Stage,
@@ -61,6 +63,7 @@ pub struct Leg {
 
 /// A pose at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Keyframe {
     /// Seconds since the motion began.
     pub time: f64,
@@ -70,6 +73,7 @@ pub struct Keyframe {
 
 /// The way of one arm.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ArmPath {
     /// The arm.
     pub arm: usize,
@@ -128,6 +132,7 @@ impl ArmPath {
 
 /// A motion of several arms, checked and timed.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motion {
     /// One path for each arm that takes part.
     pub arms: Vec<ArmPath>,

@@ -7,6 +7,7 @@ use crate::{CoverageOptions, Error};
 
 /// Which vertices may be gripped.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum CandidateSource {
     /// Only the visible boundary of the explored part.
     Boundary,
@@ -17,6 +18,7 @@ pub enum CandidateSource {
 
 /// What a third arm does.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Support {
     /// Nothing.
     None,
@@ -26,6 +28,7 @@ pub enum Support {
 
 /// Settings of [`crate::candidates`] and [`crate::plan_grips`].
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// The stiffness and the target weights.
     pub coverage: CoverageOptions,

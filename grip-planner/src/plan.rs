@@ -40,6 +40,7 @@ pub enum Action<'a> {
 
 /// How fast the body may move and still be tracked.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracking {
     /// Farthest that a node may move between two frames, `ξ`, metres. Default 0.005.
     pub xi: f64,
@@ -58,6 +59,7 @@ impl Default for Tracking {
 
 /// Settings of [`plan`].
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlanOptions {
     /// Which grips.
     pub grips: Options,
@@ -73,6 +75,7 @@ pub struct PlanOptions {
 
 /// A set of grips whose motion was refused.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct RefusedSet {
     /// The vertices of its grips.
     pub vertices: Vec<u32>,
@@ -86,6 +89,7 @@ pub struct RefusedSet {
 
 /// Grips, what the arms do before, while and after they hold, and what was refused before.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Plan {
     /// The grips; the lifting ones first.
     pub grips: Vec<Grip>,

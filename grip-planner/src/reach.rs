@@ -19,6 +19,7 @@ use crate::{Error, Grip, Leg, Motion, Refusal, Scene, Stage};
 
 /// How empty arms go.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReachOptions {
     /// Largest speed of an empty tip, m/s; an arm's own limit counts too. Default 0.1.
     pub speed: f64,

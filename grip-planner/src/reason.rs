@@ -4,6 +4,7 @@ use std::fmt;
 
 /// A pose on the way to a grip and back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Waypoint {
     /// Back along the tool: the straight last part of the way begins here.
     Approach,
@@ -26,6 +27,7 @@ impl fmt::Display for Waypoint {
 /// Why a vertex that was looked at cannot be gripped, or is not needed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Reason {
     /// The camera does not see it.
     #[error("the camera does not see it")]

@@ -5,6 +5,7 @@ use crate::{Error, Stage};
 /// Why a motion was not planned.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Refusal {
     /// The input cannot be used.
     #[error(transparent)]

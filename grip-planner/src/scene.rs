@@ -13,6 +13,7 @@ use crate::Error;
 /// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has
 /// `normal · x + offset ≥ 0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plane {
     /// Unit normal, toward the free side.
     pub normal: UnitVector3<f64>,

@@ -46,6 +46,7 @@ pub fn speed_limit(field: &[Vector3<f64>], xi: f64, frame_rate: f64) -> Result<f
 
 /// Settings of a [`SpeedGovernor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GovernorOptions {
     /// Speed when all is well, m/s: what [`speed_limit`] gave, or less.
     pub cruise: f64,

@@ -20,6 +20,7 @@ use crate::{Error, Model, Plane};
 
 /// Settings of the stiffness and of the target weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CoverageOptions {
     /// Length over which a pull dies away, `ℓ`, metres. Default 0.08: a soft body of 0.2 m follows a grip with about half its length.
     pub decay_length: f64,

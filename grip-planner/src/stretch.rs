@@ -27,6 +27,7 @@ use crate::{
 
 /// Settings of a stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StretchOptions {
     /// How much farther apart the grips get, metres. Default 0.04.
     pub distance: f64,

@@ -38,6 +38,7 @@ const STANDS: f64 = 0.7;
 
 /// A turn about one side of the agent box.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Turn {
     /// Rotating about it by a positive angle lifts.
     pub axis: UnitVector3<f64>,

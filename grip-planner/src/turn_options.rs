@@ -9,6 +9,7 @@ use crate::{Error, Turn};
 
 /// Where the body is to lie after a turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Recentre {
     /// Wherever it tumbles to: about its width and its thickness away.
     Tumble,
@@ -20,6 +21,7 @@ pub enum Recentre {
 
 /// Settings of [`crate::turn_over`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TurnOptions {
     /// How far to turn, radians, between a quarter and half a turn. Default: what [`Turn::angle`] says.
     pub angle: Option<f64>,

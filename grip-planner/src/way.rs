@@ -21,6 +21,7 @@ use crate::{Error, Grip, Leg, Motion, ReachOptions, Refusal, Role, Scene, Stage}
 
 /// A tool somewhere.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tip {
     /// The arm.
     pub arm: usize,
@@ -32,6 +33,7 @@ pub struct Tip {
 
 /// How the body is carried where no plan says it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CarryOptions {
     /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.02.
     pub speed: f64,

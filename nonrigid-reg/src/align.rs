@@ -40,6 +40,7 @@ const COSINE: f64 = 0.6;
 
 /// A rigid motion and how well it fits.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Alignment {
     /// Takes source points to the target.
     pub target_from_source: Isometry3<f64>,

@@ -99,6 +99,7 @@ fn smallest_direction(points: &[Point3<f64>], near: &[Neighbour]) -> Option<Unit
 
 /// A cloud with one point per cell.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Downsampled {
     /// The kept points.
     pub points: Vec<Point3<f64>>,

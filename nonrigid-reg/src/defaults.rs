@@ -21,6 +21,7 @@ use crate::traits::{
 
 /// The nearest point, if the normals agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ClosestPoint {
     /// Smallest cosine between the normals: [`Options::normal_cosine`].
     pub normal_cosine: f64,
@@ -36,6 +37,7 @@ impl Correspondence for ClosestPoint {
 
 /// Distance to the plane of the match, and a drag on sliding along it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointToPlane {
     /// `α`: [`Options::drag`].
     pub drag: f64,
@@ -56,6 +58,7 @@ impl Residual for PointToPlane {
 
 /// Tukey's weight with a gate that shrinks, and little trust in the rim of the target.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AnnealedTukey {
     /// Gate of each iteration, in m; the last stays: [`Options::gates`].
     pub gates: Vec<f64>,
@@ -84,6 +87,7 @@ impl Rejection for AnnealedTukey {
 
 /// At rest once no node moves more than a tolerance with the last gate.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Settled {
     /// In m: [`Options::tolerance`].
     pub tolerance: f64,

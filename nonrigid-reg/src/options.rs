@@ -9,6 +9,7 @@ use crate::error::{Error, check_range};
 /// assert!(coarse.gates.len() <= coarse.iterations);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Spacing `r` of the deformation nodes, in m. Cost grows with its inverse to the sixth.
     pub node_spacing: f64,

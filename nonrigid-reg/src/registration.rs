@@ -2,6 +2,7 @@ use nalgebra::{Point3, Vector3};
 
 /// A point known to move to another: a grip.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Landmark {
     /// Where it was, in m.
     pub source: Point3<f64>,
@@ -20,6 +21,7 @@ impl Landmark {
 
 /// A point believed to move to another: an image feature. May be wrong altogether.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Feature {
     /// Where it was, in m.
     pub source: Point3<f64>,
@@ -30,6 +32,7 @@ pub struct Feature {
 /// How a registration ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Status {
     /// The nodes came to rest.
     Converged,
@@ -97,6 +100,7 @@ pub struct Registration {
 
 /// Distances of matches, along the normal unless the caller's own residual says otherwise, in m.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Residuals {
     /// Matches counted: all but those with the rim of the target.
     pub count: usize,

@@ -19,6 +19,7 @@ use crate::{Error, columns};
 /// A sum of squares of normalised errors with its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Consistency {
     /// `ε`: squared error in the metric of its information.
     pub squared: f64,
@@ -29,6 +30,7 @@ pub struct Consistency {
 /// What a statistic says of the covariances it was normalised by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
     /// Below the band: errors are smaller than claimed.
     Conservative,

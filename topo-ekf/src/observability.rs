@@ -12,6 +12,7 @@
 /// Which vertices the last frame and the shape prior determine together.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Observability {
     /// Whether the vertex was measured in the last step.
     pub seen: Vec<bool>,

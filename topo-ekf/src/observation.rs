@@ -11,6 +11,7 @@ use crate::options::usable_sigma;
 /// Registered positions have a sigma of about half the spacing of the camera's points; a grip, whose place is known by
 /// the arm's kinematics, a few tenths of a millimetre.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Observation {
     /// The vertex.
     pub vertex: u32,
@@ -41,6 +42,7 @@ impl Plane {
 ///
 /// Feasible to 1e-6 times the largest `‖a_v‖`: with unit vectors, to a micrometre.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inequality {
     /// Vertices with their coefficient vectors `a_v`; a vertex named twice counts with the sum.
     pub terms: Vec<(u32, Vector3<f64>)>,

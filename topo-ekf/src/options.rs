@@ -11,6 +11,7 @@ use crate::Error;
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Standard deviation of an edge vector around its rotated rest vector. The shape prior is as strong as
     /// `1/edge_sigma²`. Default 0.5 mm: a tenth of the usual edge of 5 mm, the strain of soft tissue under its own weight.
@@ -53,6 +54,7 @@ pub struct Options {
 /// What is predicted before a frame's observations are weighed in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Motion {
     /// The motion of the seen side is spread over the graph, rotations follow the edges: objects that are handled.
     Spread,
@@ -66,6 +68,7 @@ pub enum Motion {
 /// The example `projections` compares them; the README has its figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Projection {
     /// Estimate projection with the information as metric: the most probable state that keeps the constraints. A constraint
     /// that binds moves the vertices around it too.
@@ -78,6 +81,7 @@ pub enum Projection {
 /// What a component without any observation does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Unseen {
     /// It stays where it was: the components are different objects.
     Hold,

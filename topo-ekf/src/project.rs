@@ -33,6 +33,7 @@ const NEAR: f64 = 1e-3;
 /// How the projection ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Status {
     /// Nothing was violated: the estimate is the unconstrained one.
     Free,

@@ -5,6 +5,7 @@ use crate::project::Status;
 /// Outcome of one [`Filter::step`](crate::Filter::step).
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StepReport {
     /// How the constraints ended.
     pub status: Status,
