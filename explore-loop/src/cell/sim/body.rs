@@ -280,15 +280,9 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError>
         // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
         // what it weighs.
         let missing = (volume - inscribed.volume()) / surface.area();
-        let mut mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
-        let is_whole = |mesh: &TetMesh| (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;
+        let mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
+        let whole = (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;
         let enough = mesh.tets.len() as f64 > most;
-        if enough && !is_whole(&mesh) {
-            // A strongly curved wall: what the first shift left is shared out again before giving up.
-            let missing = missing + (volume - mesh.volume()) / surface.area();
-            mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
-        }
-        let whole = is_whole(&mesh);
         let embedding =
             (!mesh.tets.is_empty()).then(|| Embedding::new(&surface.vertices, &mesh, cell));
         match embedding {

@@ -134,18 +134,11 @@ impl DepthCamera {
         let c = &self.options;
         let mut noise = ChaCha8Rng::seed_from_u64(seed);
         noise.set_stream(frame);
-        let mut points = Vec::new();
-        for v in (0..c.height).step_by(c.pixel_stride) {
-            for u in (0..c.width).step_by(c.pixel_stride) {
-                let at = v * c.width + u;
-                if self.thing[at] != Thing::Object {
-                    continue;
-                }
-                let ray = self.ray(u, v);
-                points.push(Point3::from(ray * self.noisy_depth(at, &ray, &mut noise)));
-            }
-        }
-        points
+        let pixels = self.object_pixels().map(|at| {
+            let ray = self.ray(at % c.width, at / c.width);
+            Point3::from(ray * self.noisy_depth(at, &ray, &mut noise))
+        });
+        pixels.collect()
     }
 
     /// Depth of a pixel with the noise of an ideal camera.

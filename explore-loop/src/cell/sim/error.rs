@@ -108,6 +108,9 @@ pub enum SimError {
         /// What it may be.
         range: &'static str,
     },
+    /// The object cannot be looked for in the images of this camera.
+    #[error("camera: {0}")]
+    Camera(String),
     /// The physics engine failed.
     #[error("the physics engine failed: {0}")]
     Engine(String),

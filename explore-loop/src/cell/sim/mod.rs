@@ -50,6 +50,7 @@ mod realsense;
 mod scene;
 mod segment;
 mod shapes;
+mod sight;
 mod surface_nets;
 mod texture;
 mod truth;

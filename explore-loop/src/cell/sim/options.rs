@@ -5,7 +5,7 @@ use nalgebra::Point3;
 use super::realsense::StereoOptions;
 use super::{Scene, SimError};
 
-/// How the object is made of.
+/// What the object is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Material {
     /// Young's modulus, Pa. At 1000 kg/m³ and 0.2 m, 3 kPa is very soft and 30 kPa like a thick woollen cap.
@@ -32,6 +32,17 @@ impl Default for Material {
     }
 }
 
+impl Material {
+    fn check(&self) -> Result<(), SimError> {
+        within("young", self.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
+        within("poisson", self.poisson, 0.0, 0.49, "0 to 0.49")?;
+        let range = "10 kg/m³ to 20000 kg/m³";
+        within("density", self.density, 10.0, 20_000.0, range)?;
+        within("friction", self.friction, 0.0, 5.0, "0 to 5")?;
+        within("damping", self.damping, 0.0, 100.0, "0 to 100 per second")
+    }
+}
+
 /// A pinhole depth camera looking straight down on the middle of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraOptions {
@@ -47,7 +58,7 @@ pub struct CameraOptions {
     pub rate: f64,
     /// Standard deviation of the depth noise along the ray of an ideal camera, metres.
     pub noise: f64,
-    /// One ray for every `pixel_stride` pixels in each direction.
+    /// One ray for every `pixel_stride` pixels in each direction, where the object is not looked for in images.
     pub pixel_stride: usize,
     /// What is wrong with its images, and how the object is found in them.
     pub model: CameraModel,
@@ -92,6 +103,25 @@ impl Default for CameraOptions {
     }
 }
 
+impl CameraOptions {
+    fn check(&self) -> Result<(), SimError> {
+        let (width, height) = (self.width as f64, self.height as f64);
+        within("camera width", width, 16.0, 4096.0, "16 to 4096 pixels")?;
+        within("camera height", height, 16.0, 4096.0, "16 to 4096 pixels")?;
+        within("camera focal", self.focal, 1.0, 1e5, "1 to 100000 pixels")?;
+        let above = self.above_table;
+        within("camera above_table", above, 0.1, 5.0, "0.1 m to 5 m")?;
+        within("camera rate", self.rate, 1.0, 200.0, "1 Hz to 200 Hz")?;
+        within("camera noise", self.noise, 0.0, 0.1, "0 m to 0.1 m")?;
+        let stride = self.pixel_stride as f64;
+        within("camera pixel_stride", stride, 1.0, 64.0, "1 to 64")?;
+        match &self.model {
+            CameraModel::Ideal => Ok(()),
+            CameraModel::Stereo(stereo) => stereo.check(self.rate),
+        }
+    }
+}
+
 /// The box between the jaws, in the tip frame: what lies in it when the jaw closes is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JawOptions {
@@ -116,6 +146,15 @@ impl Default for JawOptions {
     }
 }
 
+impl JawOptions {
+    fn check(&self) -> Result<(), SimError> {
+        for value in [self.half_width, self.half_opening, self.behind, self.before] {
+            within("jaw", value, 0.0, 0.1, "0 m to 0.1 m")?;
+        }
+        Ok(())
+    }
+}
+
 /// How finely the physics is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fidelity {
@@ -137,6 +176,15 @@ impl Default for Fidelity {
             substeps: 4,
             self_contact: true,
         }
+    }
+}
+
+impl Fidelity {
+    fn check(&self) -> Result<(), SimError> {
+        let tetrahedra = self.tetrahedra as f64;
+        within("tetrahedra", tetrahedra, 100.0, 50_000.0, "100 to 50000")?;
+        within("step", self.step, 0.0005, 0.05, "0.5 ms to 50 ms")?;
+        within("substeps", self.substeps as f64, 1.0, 64.0, "1 to 64")
     }
 }
 
@@ -181,110 +229,21 @@ impl SimOptions {
     }
 
     pub(super) fn check(&self) -> Result<(), SimError> {
-        let (m, c, j, f) = (&self.material, &self.camera, &self.jaw, &self.fidelity);
         within("arms", self.arms as f64, 2.0, 3.0, "2 to 3")?;
-        within("young", m.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
-        within("poisson", m.poisson, 0.0, 0.49, "0 to 0.49")?;
-        within(
-            "density",
-            m.density,
-            10.0,
-            20_000.0,
-            "10 kg/m³ to 20000 kg/m³",
-        )?;
-        within("friction", m.friction, 0.0, 5.0, "0 to 5")?;
-        within("damping", m.damping, 0.0, 100.0, "0 to 100 per second")?;
-        within(
-            "camera width",
-            c.width as f64,
-            16.0,
-            4096.0,
-            "16 to 4096 pixels",
-        )?;
-        within(
-            "camera height",
-            c.height as f64,
-            16.0,
-            4096.0,
-            "16 to 4096 pixels",
-        )?;
-        within("camera focal", c.focal, 1.0, 1e5, "1 to 100000 pixels")?;
-        within(
-            "camera above_table",
-            c.above_table,
-            0.1,
-            5.0,
-            "0.1 m to 5 m",
-        )?;
-        within("camera rate", c.rate, 1.0, 200.0, "1 Hz to 200 Hz")?;
-        within("camera noise", c.noise, 0.0, 0.1, "0 m to 0.1 m")?;
-        within(
-            "camera pixel_stride",
-            c.pixel_stride as f64,
-            1.0,
-            64.0,
-            "1 to 64",
-        )?;
-        if let CameraModel::Stereo(s) = &c.model {
-            within("camera baseline", s.baseline, 1e-3, 1.0, "1 mm to 1 m")?;
-            within(
-                "disparity noise",
-                s.disparity_noise,
-                0.0,
-                10.0,
-                "0 to 10 pixels",
-            )?;
-            within(
-                "disparity step",
-                s.disparity_step,
-                1e-6,
-                10.0,
-                "1e-6 to 10 pixels",
-            )?;
-            within("depth unit", s.unit, 1e-5, 0.01, "10 µm to 10 mm")?;
-            for angle in s.grazing {
-                within("grazing angle", angle, 0.0, 1.6, "0 to 1.6 rad")?;
-            }
-            for share in [s.dropped, s.mixed] {
-                within("share of pixels", share, 0.0, 1.0, "0 to 1")?;
-            }
-            // Each frame of the loop shall find a new one of the camera.
-            within(
-                "camera's own rate",
-                s.rate,
-                c.rate,
-                1000.0,
-                "the loop's rate to 1000 Hz",
-            )?;
+        self.material.check()?;
+        self.camera.check()?;
+        for value in self.seed_point.iter().flat_map(|point| point.iter()) {
+            within("seed point", *value, -10.0, 10.0, "-10 m to 10 m")?;
         }
-        if let Some(point) = &self.seed_point {
-            for value in point.iter() {
-                within("seed point", *value, -10.0, 10.0, "-10 m to 10 m")?;
-            }
-        }
-        for value in [j.half_width, j.half_opening, j.behind, j.before] {
-            within("jaw", value, 0.0, 0.1, "0 m to 0.1 m")?;
-        }
-        within(
-            "tetrahedra",
-            f.tetrahedra as f64,
-            100.0,
-            50_000.0,
-            "100 to 50000",
-        )?;
-        within("step", f.step, 0.0005, 0.05, "0.5 ms to 50 ms")?;
-        within("substeps", f.substeps as f64, 1.0, 64.0, "1 to 64")?;
-        within(
-            "max_speed",
-            self.max_speed,
-            0.001,
-            2.0,
-            "0.001 m/s to 2 m/s",
-        )
+        self.jaw.check()?;
+        self.fidelity.check()?;
+        let range = "0.001 m/s to 2 m/s";
+        within("max_speed", self.max_speed, 0.001, 2.0, range)
     }
 }
 
-fn within(
+/// Refuses a value outside of its range.
+pub(super) fn within(
     option: &'static str,
     value: f64,
     low: f64,

@@ -18,6 +18,9 @@
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::SimError;
+use super::options::within;
+
 /// Parameters of an active stereo camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StereoOptions {
@@ -70,6 +73,25 @@ pub(super) struct TrueImage<'a> {
 }
 
 impl StereoOptions {
+    /// Refuses what no camera has; `loop_rate` is how often the loop asks for a frame, 1/s.
+    pub(super) fn check(&self, loop_rate: f64) -> Result<(), SimError> {
+        within("camera baseline", self.baseline, 1e-3, 1.0, "1 mm to 1 m")?;
+        let (noise, step) = (self.disparity_noise, self.disparity_step);
+        within("disparity noise", noise, 0.0, 10.0, "0 to 10 pixels")?;
+        within("disparity step", step, 1e-6, 10.0, "1e-6 to 10 pixels")?;
+        within("depth unit", self.unit, 1e-5, 0.01, "10 µm to 10 mm")?;
+        let [from, all] = self.grazing;
+        within("first grazing angle", from, 0.0, 1.6, "0 to 1.6 rad")?;
+        let beyond = "more than the first to 1.6 rad";
+        within("second grazing angle", all, from + 1e-6, 1.6, beyond)?;
+        for share in [self.dropped, self.mixed] {
+            within("share of pixels", share, 0.0, 1.0, "0 to 1")?;
+        }
+        // Each frame of the loop shall find a new one of the camera.
+        let range = "the loop's rate to 1000 Hz";
+        within("camera's own rate", self.rate, loop_rate, 1000.0, range)
+    }
+
     /// Standard deviation of the depth at `depth`, metres, through a lens of `focal` pixels.
     pub fn depth_noise(&self, depth: f64, focal: f64) -> f64 {
         depth * depth * self.disparity_noise / (focal * self.baseline)

@@ -26,51 +26,62 @@ const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 /// Finds the object in one image after the other.
 #[derive(Debug, Clone)]
 pub(super) struct Segmenter {
-    camera: Option<Intrinsics>,
+    camera: Intrinsics,
     options: ObjectOptions,
     seed: Option<Point3<f64>>,
 }
 
 impl Segmenter {
-    pub fn new(camera: &CameraOptions, table: &Plane, seed: Option<Point3<f64>>) -> Self {
+    /// `seed`: a point on or next to the object, camera frame.
+    pub fn new(
+        camera: &CameraOptions,
+        table: &Plane,
+        seed: Option<Point3<f64>>,
+    ) -> Result<Self, dvrk_io::Error> {
         let center = [camera.width, camera.height].map(|n| 0.5 * n as f64 - 0.5);
-        Self {
-            camera: Intrinsics::new(camera.width, camera.height, [camera.focal; 2], center).ok(),
+        Ok(Self {
+            camera: Intrinsics::new(camera.width, camera.height, [camera.focal; 2], center)?,
             options: ObjectOptions::default()
                 .with_table(table.normal, table.offset)
                 .with_clearances(CLEARANCE, CLEARANCE)
                 .with_voxel(VOXEL)
                 .with_parts(GAP, 4),
             seed,
-        }
+        })
     }
 
     /// The points of the object with the mean of what `colour` gives for the pixels of each; none when there is nothing that could be it.
+    ///
+    /// # Errors
+    /// An image of another size than the camera's; an arm whose place is not finite.
     pub fn points(
-        &mut self,
+        &self,
         image: &DepthImage,
         arms: &[Capsule],
         colour: impl Fn(usize) -> [u8; 3],
-    ) -> Seen {
-        let Some(scan) = self
-            .camera
-            .as_ref()
-            .and_then(|camera| Scan::from_image(image, camera).ok())
-        else {
-            return Seen::default();
-        };
-        let near_seed = self.seed.and_then(|seed| {
-            let options = self.options.with_seed_point(seed);
-            find_object(&scan, arms, &options).ok()
-        });
+    ) -> Result<Seen, dvrk_io::Error> {
+        let scan = Scan::from_image(image, &self.camera)?;
+        let near_seed = self.seed.map(|seed| self.options.with_seed_point(seed));
+        let anywhere = Some(self.options);
         // What is not where it was, or was never asked for, is the largest body in view.
-        let found = near_seed.or_else(|| find_object(&scan, arms, &self.options).ok());
-        let seen = found.map_or_else(Seen::default, |object| Seen {
-            colors: mean_colors(&object, colour),
-            points: object.points,
-        });
+        for options in [near_seed, anywhere].into_iter().flatten() {
+            match find_object(&scan, arms, &options) {
+                Ok(object) => {
+                    return Ok(Seen {
+                        colors: mean_colors(&object, colour),
+                        points: object.points,
+                    });
+                }
+                Err(dvrk_io::Error::NoObject { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Seen::default())
+    }
+
+    /// Looks for the object where it was seen last.
+    pub fn follow(&mut self, seen: &Seen) {
         self.seed = middle(&seen.points).or(self.seed);
-        seen
     }
 }
 

@@ -8,17 +8,15 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::body::Body;
-use super::camera::{DepthCamera, Thing, gripper};
 use super::clutter::choose;
-use super::gripper::{Gripper, between};
+use super::gripper::Gripper;
 use super::journal::{Command, Journal};
 use super::mesh::TriangleMesh;
 use super::options::CameraModel;
 use super::realsense::FrameClock;
-use super::segment::{Seen, Segmenter, capsules};
-use super::texture::Texture;
+use super::sight::{Sight, View};
 use super::{SimError, SimOptions, Truth};
-use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
+use crate::cell::{ArmInfo, Cell, CellError, CellInfo, Observation, Plane};
 
 /// The object is let go this far above the table, metres.
 const DROP: f64 = 0.002;
@@ -32,9 +30,6 @@ const HOME_SPEED: f64 = 0.2;
 /// How far an arm backs out of its grip before it turns for home, and how far it rises, metres.
 const RETREAT: (f64, f64) = (0.03, 0.05);
 
-/// The colour of table, arms and other bodies.
-const GREY: [u8; 3] = [128; 3];
-
 /// A simulated cell.
 pub struct SimCell {
     info: CellInfo,
@@ -43,25 +38,17 @@ pub struct SimCell {
     /// Nodes that are held to the table, with where they are (world frame).
     anchored: Vec<(usize, Point3<f64>)>,
     grippers: Vec<Gripper>,
-    camera: DepthCamera,
+    sight: Sight,
     camera_from_world: Isometry3<f64>,
     truth: Truth,
-    triangles: Vec<[usize; 3]>,
-    /// Colour of the object, as a function of where its vertices lie in the scene's own frame.
-    texture: Texture,
-    own: Vec<Point3<f64>>,
     step: f64,
     steps_per_frame: usize,
     frame: u64,
     failure: Option<String>,
     journal: Journal,
-    /// The body beside the object, camera frame.
-    beside: Option<TriangleMesh>,
-    /// Finds the object in images, where there are any to find it in.
-    segmenter: Option<Segmenter>,
     /// The camera's own clock, if it has one, and what was before it when it last ticked.
     clock: Option<FrameClock>,
-    ticked: Option<Snapshot>,
+    ticked: Option<View>,
 }
 
 impl std::fmt::Debug for SimCell {
@@ -74,12 +61,16 @@ impl std::fmt::Debug for SimCell {
     }
 }
 
-/// What was before the camera at an instant.
-struct Snapshot {
-    stamp: f64,
-    /// Surface of the object, camera frame.
-    surface: Vec<Point3<f64>>,
-    arms: Vec<ArmState>,
+/// The object on the table, at rest.
+struct LaidDown {
+    body: Body,
+    /// The same surface as it was placed, world frame.
+    surface: TriangleMesh,
+    /// Where its vertices lie in the scene's own frame.
+    own: Vec<Point3<f64>>,
+    anchored: Vec<(usize, Point3<f64>)>,
+    /// The body beside it, camera frame.
+    beside: Option<TriangleMesh>,
 }
 
 impl SimCell {
@@ -93,78 +84,50 @@ impl SimCell {
             .ceil()
             .max(1.0) as usize;
         let step = 1.0 / (options.camera.rate * steps_per_frame as f64);
-        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
-        let yaw = random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
-        let at = Point3::new(
-            random.random_range(-0.015..0.015),
-            random.random_range(-0.015..0.015),
-            DROP,
-        );
         let height = options.camera.above_table;
         let half_turn = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
         let camera_from_world =
             Isometry3::from_parts(Translation3::new(0.0, 0.0, height), half_turn);
-        let seed_point = options.seed_point.map(|p| camera_from_world.inverse() * p);
-        let (placed, other) = choose(&options.scene, yaw, at, seed_point);
-        let mut body = Body::new(&placed, &options.material, &options.fidelity, step)?;
-        if let Some(other) = &other {
-            body.add_obstacle(&other.surface, options.material.friction)?;
-        }
-        settle(&mut body, step)?;
-        let anchored = options
-            .scene
-            .attachment()
-            .map_or_else(Vec::new, |patch| patch.nodes(&body, &placed));
-        for (node, _) in &anchored {
-            body.pin(*node, true);
-        }
-        let own = placed.own();
-        let surface = placed.surface;
+        let mut random = ChaCha8Rng::seed_from_u64(options.seed);
+        let laid = lay_down(options, &camera_from_world, step, &mut random)?;
+        let clock = match &options.camera.model {
+            CameraModel::Ideal => None,
+            CameraModel::Stereo(stereo) => {
+                Some(FrameClock::new(stereo.rate, random.random_range(0.0..1.0)))
+            }
+        };
 
-        let settled = body
-            .surface()
-            .iter()
-            .map(|p| camera_from_world * p)
-            .collect();
-        let truth = Truth::new(surface.triangles.clone(), settled);
+        let settled = laid.body.surface();
+        let settled = settled.iter().map(|p| camera_from_world * p).collect();
+        let truth = Truth::new(laid.surface.triangles.clone(), settled);
         let arms = arms(options, &camera_from_world);
         let table = Plane {
             normal: -Vector3::z_axis(),
             offset: height,
         };
-        let (segmented, clock) = match &options.camera.model {
-            CameraModel::Ideal => (other.is_some(), None),
-            CameraModel::Stereo(stereo) => {
-                let phase = random.random_range(0.0..1.0);
-                (true, Some(FrameClock::new(stereo.rate, phase)))
-            }
-        };
+        let triangles = laid.surface.triangles;
+        let sight = Sight::new(options, &table, triangles, laid.own, laid.beside)
+            .map_err(|error| SimError::Camera(error.to_string()))?;
         let cell = Self {
-            segmenter: segmented
-                .then(|| Segmenter::new(&options.camera, &table, options.seed_point)),
-            beside: other.map(|other| other.seen_from(&camera_from_world)),
-            clock,
-            ticked: None,
             grippers: arms.iter().cloned().map(Gripper::new).collect(),
             info: CellInfo {
                 arms,
                 table,
                 camera_rate: options.camera.rate,
             },
-            camera: DepthCamera::new(options.camera),
             options: options.clone(),
-            body,
-            anchored,
+            body: laid.body,
+            anchored: laid.anchored,
+            sight,
             camera_from_world,
             truth: truth.clone(),
-            triangles: surface.triangles,
-            texture: Texture::of(options.scene.name(), options.seed),
-            own,
             step,
             steps_per_frame,
             frame: 0,
             failure: None,
             journal: Journal::default(),
+            clock,
+            ticked: None,
         };
         Ok((cell, truth))
     }
@@ -192,7 +155,7 @@ impl SimCell {
             let share = tick.map(|tick| tick / self.step - k as f64);
             let last = k + 1 == self.steps_per_frame;
             let share = share.filter(|s| *s > 0.0 && (*s <= 1.0 || last));
-            let before = share.map(|_| self.snapshot(begun));
+            let before = share.map(|_| self.view(begun));
             self.grippers.iter_mut().for_each(|g| g.advance(self.step));
             let targets: Vec<_> = self
                 .grippers
@@ -205,7 +168,7 @@ impl SimCell {
             self.slip();
             if let Some((before, share)) = before.zip(share) {
                 let stamp = begun + tick.unwrap_or_default();
-                let after = self.snapshot(stamp);
+                let after = self.view(stamp);
                 self.ticked = Some(before.toward(after, share.min(1.0)));
             }
         }
@@ -232,66 +195,15 @@ impl SimCell {
         }
     }
 
-    fn snapshot(&self, stamp: f64) -> Snapshot {
-        Snapshot {
+    /// What is before the camera now.
+    fn view(&self, stamp: f64) -> View {
+        View::of(
+            &self.body,
+            &self.grippers,
+            &self.options.jaw,
+            &self.camera_from_world,
             stamp,
-            surface: self.surface(),
-            arms: self.grippers.iter().map(Gripper::state).collect(),
-        }
-    }
-
-    /// What is before the camera, drawn into its image.
-    fn draw(&mut self, snapshot: &Snapshot) {
-        self.camera.clear();
-        self.camera
-            .draw(&snapshot.surface, &self.triangles, Thing::Object);
-        if let Some(beside) = &self.beside {
-            self.camera
-                .draw(&beside.vertices, &beside.triangles, Thing::Beside);
-        }
-        for (g, arm) in self.grippers.iter().zip(&snapshot.arms) {
-            let opening = g.finger_opening(&self.options.jaw);
-            let (vertices, triangles) = gripper(&arm.camera_from_tip, opening);
-            self.camera.draw(&vertices, &triangles, Thing::Arm);
-        }
-    }
-
-    /// The colour of a pixel of the image that was drawn.
-    fn pixel_colour(&self, snapshot: &Snapshot, pixel: usize) -> [u8; 3] {
-        if self.camera.thing(pixel) != Thing::Object {
-            return GREY;
-        }
-        let hit = self.camera.hit(pixel, &snapshot.surface, &self.triangles);
-        hit.map_or(GREY, |(corners, weights)| {
-            let sum = corners.iter().zip(weights);
-            let at = sum.fold(Vector3::zeros(), |p, (v, w)| p + self.own[*v].coords * w);
-            self.texture.colour(&at.into())
-        })
-    }
-
-    /// The points of the object in the image that was drawn.
-    fn seen(&mut self, snapshot: &Snapshot) -> Result<Seen, CellError> {
-        let (seed, frame) = (self.options.seed, self.frame);
-        let colour = |pixel| self.pixel_colour(snapshot, pixel);
-        let Some(mut segmenter) = self.segmenter.clone() else {
-            return Ok(Seen {
-                points: self.camera.points(seed, frame),
-                colors: self.camera.object_pixels().map(colour).collect(),
-            });
-        };
-        let tools: Vec<_> = self
-            .grippers
-            .iter()
-            .zip(&snapshot.arms)
-            .flat_map(|(g, arm)| {
-                capsules(&arm.camera_from_tip, g.finger_opening(&self.options.jaw))
-            })
-            .collect();
-        let image = self.camera.image(seed, frame);
-        let image = image.map_err(|error| CellError::Failed(error.to_string()))?;
-        let seen = segmenter.points(&image, &tools, colour);
-        self.segmenter = Some(segmenter);
-        Ok(seen)
+        )
     }
 
     fn surface(&self) -> Vec<Point3<f64>> {
@@ -401,15 +313,14 @@ impl Cell for SimCell {
         self.journal.add(Command::Observe);
         self.advance_frame()?;
         let now = self.frame as f64 / self.info.camera_rate;
-        let snapshot = self.ticked.take().unwrap_or_else(|| self.snapshot(now));
-        self.truth.record(&snapshot.surface);
-        self.draw(&snapshot);
-        let seen = self.seen(&snapshot)?;
+        let view = self.ticked.take().unwrap_or_else(|| self.view(now));
+        self.truth.record(&view.surface);
+        let seen = self.sight.see(&view, self.frame)?;
         Ok(Observation {
-            stamp: snapshot.stamp,
+            stamp: view.stamp,
             points: seen.points,
             colors: Some(seen.colors),
-            arms: snapshot.arms,
+            arms: view.arms,
         })
     }
 
@@ -506,22 +417,38 @@ impl Cell for SimCell {
     }
 }
 
-impl Snapshot {
-    /// What was `share` of the way from this one to the next.
-    fn toward(self, next: Self, share: f64) -> Self {
-        let surface = self.surface.iter().zip(&next.surface);
-        let arms = self.arms.into_iter().zip(next.arms);
-        Self {
-            stamp: next.stamp,
-            surface: surface.map(|(a, b)| a + (b - a) * share).collect(),
-            arms: arms
-                .map(|(a, b)| ArmState {
-                    camera_from_tip: between(&a.camera_from_tip, &b.camera_from_tip, share),
-                    ..b
-                })
-                .collect(),
-        }
+/// Drops the object on the table, turned and shifted at random, waits until it lies still, and holds it where it is attached.
+fn lay_down(
+    options: &SimOptions,
+    camera_from_world: &Isometry3<f64>,
+    step: f64,
+    random: &mut ChaCha8Rng,
+) -> Result<LaidDown, SimError> {
+    let yaw = random.random_range(-std::f64::consts::PI..std::f64::consts::PI);
+    let at = Point3::new(
+        random.random_range(-0.015..0.015),
+        random.random_range(-0.015..0.015),
+        DROP,
+    );
+    let seed_point = options.seed_point.map(|p| camera_from_world.inverse() * p);
+    let (placed, beside) = choose(&options.scene, yaw, at, seed_point);
+    let mut body = Body::new(&placed, &options.material, &options.fidelity, step)?;
+    if let Some(beside) = &beside {
+        body.add_obstacle(&beside.surface, options.material.friction)?;
     }
+    settle(&mut body, step)?;
+    let attachment = options.scene.attachment();
+    let anchored = attachment.map_or_else(Vec::new, |patch| patch.nodes(&body, &placed));
+    for (node, _) in &anchored {
+        body.pin(*node, true);
+    }
+    Ok(LaidDown {
+        body,
+        own: placed.own(),
+        surface: placed.surface,
+        anchored,
+        beside: beside.map(|beside| beside.seen_from(camera_from_world)),
+    })
 }
 
 fn settle(body: &mut Body, step: f64) -> Result<(), SimError> {

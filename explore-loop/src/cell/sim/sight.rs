@@ -1,0 +1,155 @@
+//! What the camera sees of the world: everything in view is drawn, and the points of the object are taken from the image.
+//!
+//! ```text
+//! view at an instant ──► z-buffer ──┬─► pixels that show the object                    (an ideal camera with nothing else in view)
+//!                                   └─► depth image ──► the object found in it         (a real camera, or other bodies in view)
+//! ```
+
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::body::Body;
+use super::camera::{DepthCamera, Thing, gripper};
+use super::gripper::{Gripper, between};
+use super::mesh::TriangleMesh;
+use super::options::{CameraModel, JawOptions, SimOptions};
+use super::segment::{Seen, Segmenter, capsules};
+use super::texture::Texture;
+use crate::cell::{ArmState, CellError, Plane};
+
+/// The colour of table, arms and other bodies.
+const GREY: [u8; 3] = [128; 3];
+
+/// What is before the camera at an instant.
+pub(super) struct View {
+    /// Seconds.
+    pub stamp: f64,
+    /// Surface of the object, camera frame.
+    pub surface: Vec<Point3<f64>>,
+    pub arms: Vec<ArmState>,
+    /// How far the fingers of each arm are off its middle, metres.
+    openings: Vec<f64>,
+}
+
+impl View {
+    /// What is there now.
+    pub fn of(
+        body: &Body,
+        grippers: &[Gripper],
+        jaw: &JawOptions,
+        camera_from_world: &Isometry3<f64>,
+        stamp: f64,
+    ) -> Self {
+        let surface = body.surface();
+        Self {
+            stamp,
+            surface: surface.iter().map(|p| camera_from_world * p).collect(),
+            arms: grippers.iter().map(Gripper::state).collect(),
+            openings: grippers.iter().map(|g| g.finger_opening(jaw)).collect(),
+        }
+    }
+
+    /// What was `share` of the way from this one to the next.
+    pub fn toward(self, next: Self, share: f64) -> Self {
+        let surface = self.surface.iter().zip(&next.surface);
+        let arms = self.arms.into_iter().zip(next.arms);
+        Self {
+            surface: surface.map(|(a, b)| a + (b - a) * share).collect(),
+            arms: arms
+                .map(|(a, b)| ArmState {
+                    camera_from_tip: between(&a.camera_from_tip, &b.camera_from_tip, share),
+                    ..b
+                })
+                .collect(),
+            ..next
+        }
+    }
+}
+
+/// The camera, and what it needs to know to show the object.
+pub(super) struct Sight {
+    camera: DepthCamera,
+    seed: u64,
+    /// Triangles of the object.
+    triangles: Vec<[usize; 3]>,
+    /// Colour of the object, as a function of where its vertices lie in the scene's own frame.
+    texture: Texture,
+    own: Vec<Point3<f64>>,
+    /// The body beside the object, camera frame.
+    beside: Option<TriangleMesh>,
+    /// Finds the object in images, where it has to be looked for.
+    segmenter: Option<Segmenter>,
+}
+
+impl Sight {
+    /// Of an object with these triangles, whose vertices lie at `own` in the scene's own frame.
+    pub fn new(
+        options: &SimOptions,
+        table: &Plane,
+        triangles: Vec<[usize; 3]>,
+        own: Vec<Point3<f64>>,
+        beside: Option<TriangleMesh>,
+    ) -> Result<Self, dvrk_io::Error> {
+        let ideal = options.camera.model == CameraModel::Ideal;
+        let segmenter = (!ideal || beside.is_some())
+            .then(|| Segmenter::new(&options.camera, table, options.seed_point));
+        Ok(Self {
+            camera: DepthCamera::new(options.camera),
+            seed: options.seed,
+            triangles,
+            texture: Texture::of(options.scene.name(), options.seed),
+            own,
+            beside,
+            segmenter: segmenter.transpose()?,
+        })
+    }
+
+    /// The points of the object in a view, with the noise of frame `frame`.
+    pub fn see(&mut self, view: &View, frame: u64) -> Result<Seen, CellError> {
+        self.draw(view);
+        let colour = |pixel| self.colour(view, pixel);
+        let Some(segmenter) = &self.segmenter else {
+            return Ok(Seen {
+                points: self.camera.points(self.seed, frame),
+                colors: self.camera.object_pixels().map(colour).collect(),
+            });
+        };
+        let arms = view.arms.iter().zip(&view.openings);
+        let tools: Vec<_> = arms
+            .flat_map(|(arm, opening)| capsules(&arm.camera_from_tip, *opening))
+            .collect();
+        let image = self.camera.image(self.seed, frame);
+        let seen = image.and_then(|image| segmenter.points(&image, &tools, colour));
+        let seen = seen.map_err(|error| CellError::Failed(error.to_string()))?;
+        if let Some(segmenter) = &mut self.segmenter {
+            segmenter.follow(&seen);
+        }
+        Ok(seen)
+    }
+
+    fn draw(&mut self, view: &View) {
+        self.camera.clear();
+        self.camera
+            .draw(&view.surface, &self.triangles, Thing::Object);
+        if let Some(beside) = &self.beside {
+            self.camera
+                .draw(&beside.vertices, &beside.triangles, Thing::Beside);
+        }
+        for (arm, opening) in view.arms.iter().zip(&view.openings) {
+            let (vertices, triangles) = gripper(&arm.camera_from_tip, *opening);
+            self.camera.draw(&vertices, &triangles, Thing::Arm);
+        }
+    }
+
+    /// The colour of a pixel of the image that was drawn.
+    fn colour(&self, view: &View, pixel: usize) -> [u8; 3] {
+        if self.camera.thing(pixel) != Thing::Object {
+            return GREY;
+        }
+        let hit = self.camera.hit(pixel, &view.surface, &self.triangles);
+        hit.map_or(GREY, |(corners, weights)| {
+            let sum = corners.iter().zip(weights);
+            let at = sum.fold(Vector3::zeros(), |p, (v, w)| p + self.own[*v].coords * w);
+            self.texture.colour(&at.into())
+        })
+    }
+}
