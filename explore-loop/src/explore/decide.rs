@@ -61,7 +61,7 @@ impl Explorer<'_> {
             None => vec![false; model.len()],
         };
         let all = visible.clone();
-        let slippery = self.moves.slippery(model, self.options.spacing);
+        let slippery = self.slips.slippery(model, self.options.spacing);
         let both = visible.iter_mut().zip(slippery);
         both.for_each(|(visible, slippery)| *visible &= !slippery);
         let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);

@@ -2,12 +2,11 @@
 //!
 //! ```text
 //! moved(v)   = max over frames with a jaw closed of ‖live(v) − rest(v)‖
-//! reached    = moved of the twentieth of the vertices that moved most
+//! reached    = 95th percentile of moved
 //! held       ⇔ next to at least half of the hidden area  moved ≤ 0.3 · reached,  reached ≥ 6 spacings,
 //!              at most a quarter of the surface is hidden, in one hole, and two manipulations in a row have shown less than 2 % of it
 //! ```
-//! Within ten spacings of a place where a grip has slipped nothing is gripped if there are other places: it may be next to what is held. A
-//! free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
+//! A free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
 
 use super::Explorer;
 use crate::canonical::CanonicalModel;
@@ -16,8 +15,6 @@ use crate::canonical::topology::Topology;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// How near to a place where a grip slipped nothing is gripped, in spacings.
-const SLIPPERY: f64 = 10.0;
 /// Share of the reach below which a place did not give way.
 const STAYED: f64 = 0.3;
 /// How far the body must have been moved, in spacings, for what stayed to mean anything.
@@ -61,10 +58,6 @@ impl std::fmt::Display for Held {
 pub(super) struct Moves {
     /// Rest place of each vertex, by identity, and the farthest it was from there.
     moved: BTreeMap<u64, (Point3<f64>, f64)>,
-    /// What the jaws hold: arm, and place at rest.
-    gripped: Vec<(usize, Point3<f64>)>,
-    /// Places at rest where a grip has slipped.
-    slipped: Vec<Point3<f64>>,
     /// Share that was hidden before each decision.
     hidden: Vec<f64>,
 }
@@ -93,32 +86,12 @@ impl Moves {
                 .all(|w| w[0] - w[1] < GAIN)
     }
 
-    /// How far the twentieth of the vertices that moved most was moved, m, if that is far enough to tell anything.
+    /// The 95th percentile of how far the vertices were moved, m, if that is far enough to tell anything.
     fn reached(&self, spacing: f64) -> Option<f64> {
         let mut sorted: Vec<f64> = self.moved.values().map(|(_, far)| *far).collect();
         sorted.sort_by(f64::total_cmp);
         let reached = *sorted.get(sorted.len() - sorted.len().div_ceil(20))?;
         (reached >= REACHED * spacing).then_some(reached)
-    }
-
-    /// Takes in where the jaws were closed.
-    pub fn grip(&mut self, gripped: Vec<(usize, Point3<f64>)>) {
-        self.gripped = gripped;
-    }
-
-    /// Takes in that the grip of an arm has slipped.
-    pub fn slip(&mut self, arm: usize) {
-        let of = self.gripped.iter().filter(|(held, _)| *held == arm);
-        self.slipped.extend(of.map(|(_, place)| *place));
-    }
-
-    /// The vertices next to where a grip has slipped.
-    pub fn slippery(&self, model: &CanonicalModel, spacing: f64) -> Vec<bool> {
-        let near = |p: &Point3<f64>| {
-            let mut places = self.slipped.iter();
-            places.any(|place| (p - place).norm() < SLIPPERY * spacing)
-        };
-        model.rest.iter().map(near).collect()
     }
 
     /// The hidden part, if it is held to the table.
@@ -226,16 +199,6 @@ mod tests {
     fn a_body_that_was_hardly_moved_tells_nothing() {
         let (model, topology, moves) = strip(|x| 0.1 * x);
         assert_eq!(moves.held(&topology, &model, 0.005), None);
-    }
-
-    #[test]
-    fn nothing_is_gripped_next_to_where_a_grip_has_slipped() {
-        let (model, _, mut moves) = strip(|x| x);
-        moves.grip(vec![(0, model.rest[0]), (1, model.rest[39])]);
-        assert!(!moves.slippery(&model, 0.005).contains(&true));
-        moves.slip(1);
-        let slippery = moves.slippery(&model, 0.005);
-        assert!((0..40).all(|k| slippery[k] == (k > 29)), "{slippery:?}");
     }
 
     #[test]

@@ -17,6 +17,7 @@
 //! | `drive` | how is a motion followed, and what is planned from here? |
 //! | `set_point` | which pose is next, and is it within the limits? |
 //! | `held` | is what is still hidden held to the table? |
+//! | `slips` | where have grips slipped? |
 //! | `guard` | what is wrong with a frame? |
 //! | `watch` | what is done with a frame, and who is told? |
 //! | `trouble` | what is given up, and what ends it all? |
@@ -59,6 +60,7 @@ mod recover;
 mod resume;
 mod set_down;
 mod set_point;
+mod slips;
 mod trouble;
 mod watch;
 
@@ -133,6 +135,8 @@ pub struct Explorer<'a> {
     troubles: Vec<Trouble>,
     /// How far the surface was moved, and what that has shown.
     moves: held::Moves,
+    /// Where grips have slipped.
+    slips: slips::Slips,
     asked_to_stop: Option<Arc<AtomicBool>>,
     mode: Mode,
 }
@@ -254,6 +258,7 @@ impl<'a> Explorer<'a> {
             misses: 0,
             troubles: Vec::new(),
             moves: held::Moves::default(),
+            slips: slips::Slips::default(),
             asked_to_stop: None,
             mode: Mode::Exploring,
         }
@@ -422,7 +427,7 @@ impl<'a> Explorer<'a> {
         let plan = &manipulation.plan;
         self.under_way = Some((plan.motion.clone(), 0.0));
         let places = plan.grips.iter().map(|g| g.arm).zip(&manipulation.at_rest);
-        self.moves
+        self.slips
             .grip(places.map(|(arm, place)| (arm, *place)).collect());
         match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
             // A firm body that is being lowered holds the tips back when it is on the table: it is down.

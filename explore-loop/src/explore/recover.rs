@@ -91,7 +91,7 @@ impl Explorer<'_> {
         match trouble {
             Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
             Trouble::Slipped { arm } => {
-                self.moves.slip(arm);
+                self.slips.slip(arm);
                 self.misses += 1;
             }
             Trouble::NotArriving { .. } => self.misses += 1,

@@ -22,6 +22,7 @@ pub struct SavedState {
     planner: Vec<u8>,
     reconstruction: Vec<u8>,
     moves: super::held::Moves,
+    slips: super::slips::Slips,
 }
 
 impl Explorer<'_> {
@@ -48,6 +49,7 @@ impl Explorer<'_> {
             planner: self.planner.save(),
             reconstruction,
             moves: self.moves.clone(),
+            slips: self.slips.clone(),
         })
     }
 
@@ -81,6 +83,7 @@ impl Explorer<'_> {
         self.closed = saved.closed;
         self.guard = saved.guard;
         self.moves = saved.moves;
+        self.slips = saved.slips;
         Ok(())
     }
 
