@@ -16,10 +16,13 @@ use dvrk_io::arm::{
     ArmOptions, ArmThread, CameraFromRcm, ControlPoint, Dialect, EventKind, LocalPose, Mode,
     ProfileLimits, ReferenceFromRcm, Stop, Tolerance,
 };
+use dvrk_io::cdr::{JointState, PoseStamped};
 use dvrk_io::kinematics::RcmFromTip;
 use dvrk_io::nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use dvrk_io::serve::ServeOptions;
 use dvrk_io::transport::Transport;
+use dvrk_io::transport::{Qos, Reader};
+use proptest::prelude::*;
 
 fn somewhere() -> Isometry3<f64> {
     Isometry3::new(Vector3::new(0.3, -0.2, 0.5), Vector3::new(0.4, -1.0, 2.0))
@@ -210,6 +213,73 @@ fn goals_on_one_line_are_joined_without_a_stop() {
     // 40 mm at 50 mm/s in one go: 0.8 s, 0.25 s to gain and lose speed, and the set-point's way back.
     let time = world.since(start);
     assert!(time < 1.2, "{time}");
+}
+
+/// Changes from one tick to the next: none may be more than `limit`, nor the changes of these more than `gain`.
+fn within(values: &[f64], limit: f64, gain: f64) -> Result<(), TestCaseError> {
+    let steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    for step in &steps {
+        prop_assert!(step.abs() <= limit * (1.0 + 1e-9) + 1e-12, "step {}", step);
+    }
+    // From rest, and to rest.
+    let rest = [0.0];
+    let all: Vec<f64> = rest.iter().chain(&steps).chain(&rest).copied().collect();
+    for pair in all.windows(2) {
+        let change = (pair[1] - pair[0]).abs();
+        // Speed is carried round bends of a thousandth of what a tick allows.
+        prop_assert!(
+            change <= gain * 1.002 + 1e-9,
+            "{} after {}",
+            pair[1],
+            pair[0]
+        );
+    }
+    Ok(())
+}
+
+proptest! {
+    /// Goals that turn round, come nearer or are to be reached more slowly, in mid-motion.
+    #[test]
+    fn goals_at_any_time_keep_the_limits_of_tips_and_jaw(
+        goals in prop::collection::vec((1..40_usize, -0.349..1.396_f64, -0.02..0.02_f64, 0.005..0.06_f64), 1..8),
+        // The slower the arm reports, the further its set-points lag behind what is sent.
+        period in prop::sample::select(vec![0.01, 0.04]),
+    ) {
+        let world = World::new(ServeOptions::default().with_period(seconds(period)));
+        let mut arm = world.ready(ArmOptions::default());
+        let every = Qos { depth: 10_000, ..Qos::COMMAND };
+        let node = world.node();
+        let mut jaws: Reader<JointState> = Reader::new(node.as_ref(), "/PSM1/jaw/servo_jp", every).unwrap();
+        let mut poses: Reader<PoseStamped> = Reader::new(node.as_ref(), "/PSM1/servo_cp", every).unwrap();
+        let start = shifted(&arm, 0.0, 0.0, 0.0);
+        for (ticks, angle, x, speed) in &goals {
+            arm.start_jaw(*angle).unwrap();
+            let mut goal = start;
+            goal.0.translation.x += x;
+            arm.start_line(&goal, *speed).unwrap();
+            for _ in 0..*ticks {
+                world.bus.advance(seconds(0.01));
+                arm.tick();
+            }
+        }
+        arm.wait(seconds(10.0)).unwrap();
+        let (_, angle, x, _) = goals[goals.len() - 1];
+        let mut angles = vec![0.0];
+        while let Some(jaw) = jaws.take().unwrap() {
+            angles.push(jaw.position[0]);
+        }
+        let mut places = vec![start.0.translation.x];
+        let kinematics = classic();
+        while let Some(pose) = poses.take().unwrap() {
+            let wrist = dvrk_io::kinematics::RcmFromWrist(pose.pose.isometry().unwrap());
+            places.push(kinematics.tip_of(&wrist).0.translation.x);
+        }
+        prop_assert!((angles[angles.len() - 1] - angle).abs() < 1e-9);
+        prop_assert!((places[places.len() - 1] - start.0.translation.x - x).abs() < 1e-9);
+        let limits = ArmOptions::default();
+        within(&angles, limits.jaw.speed * 0.01, limits.jaw.acceleration * 1e-4)?;
+        within(&places, limits.motion.speed * 0.01, limits.motion.acceleration * 1e-4)?;
+    }
 }
 
 #[test]

@@ -9,7 +9,7 @@ use super::check::{FrameCheck, Frames, check_frames};
 use super::commands::Commands;
 use super::feedback::{Feedback, MissingStream};
 use super::monitor::Monitor;
-use super::motion::Motion;
+use super::motion::{LastSent, Motion};
 use super::options::{ArmOptions, LocalPose};
 use super::state::{ArmStatus, ControlPoint, Dialect, Event, EventKind, Mode};
 use super::stop::Stop;
@@ -64,6 +64,8 @@ pub struct Arm {
     pub(crate) last_tick: Duration,
     /// When the last set-point was sent.
     pub(crate) last_sent: Duration,
+    /// The last set-points, unless the motion was stopped: what the arm reports lags behind them.
+    pub(crate) sent: LastSent,
     pub(crate) writers_checked: Duration,
     events: std::collections::VecDeque<Event>,
 }
@@ -119,6 +121,7 @@ impl Arm {
             expect_busy: false,
             last_tick: now,
             last_sent: Duration::ZERO,
+            sent: LastSent::default(),
             writers_checked: Duration::ZERO,
             events: std::collections::VecDeque::new(),
             transport,
