@@ -8,20 +8,21 @@
 
 mod bus;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bus::{World, apart, classic, seconds, shifted};
 use dvrk_io::Error;
 use dvrk_io::arm::{
-    ArmOptions, ArmThread, CameraFromRcm, ControlPoint, Dialect, EventKind, LocalPose, Mode,
+    Arm, ArmOptions, ArmThread, CameraFromRcm, ControlPoint, Dialect, EventKind, LocalPose, Mode,
     ProfileLimits, ReferenceFromRcm, Stop, Tolerance,
 };
-use dvrk_io::cdr::{JointState, PoseStamped};
+use dvrk_io::cdr::{Empty, JointState, PoseStamped};
 use dvrk_io::kinematics::RcmFromTip;
 use dvrk_io::nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use dvrk_io::serve::ServeOptions;
-use dvrk_io::transport::Transport;
-use dvrk_io::transport::{Qos, Reader};
+use dvrk_io::transport::{BusNode, Peer, Publisher, Qos, Reader, Subscriber, Topic, Transport};
 use proptest::prelude::*;
 
 fn somewhere() -> Isometry3<f64> {
@@ -429,6 +430,67 @@ fn a_thread_drives_while_its_owner_does_something_else() {
     let tip = driven.lock().tip_setpoint().unwrap().value;
     assert!(apart(&tip.0, &goal.0).0 < 1e-3);
     driven.release();
+}
+
+/// A transport that panics in the thread of the arm.
+struct Breaking {
+    inner: Arc<BusNode>,
+    broken: AtomicBool,
+}
+
+impl Transport for Breaking {
+    fn now(&self) -> Duration {
+        self.inner.now()
+    }
+
+    fn wait(&self, until: Duration) {
+        self.inner.wait(until);
+    }
+
+    fn subscribe(&self, topic: &Topic) -> Result<Box<dyn Subscriber>, Error> {
+        self.inner.subscribe(topic)
+    }
+
+    fn advertise(&self, topic: &Topic) -> Result<Box<dyn Publisher>, Error> {
+        self.inner.advertise(topic)
+    }
+
+    fn writers(&self, name: &str) -> Vec<Peer> {
+        let driver = std::thread::current().name() == Some("PSM1");
+        assert!(
+            !(driver && self.broken.load(Ordering::Relaxed)),
+            "as planned"
+        );
+        self.inner.writers(name)
+    }
+
+    fn readers(&self, name: &str) -> Vec<Peer> {
+        self.inner.readers(name)
+    }
+}
+
+#[test]
+fn a_thread_that_panicked_is_no_arrival() {
+    let world = World::default();
+    let transport = Arc::new(Breaking {
+        inner: world.node(),
+        broken: AtomicBool::new(false),
+    });
+    let shared: Arc<dyn Transport> = Arc::clone(&transport) as _;
+    let mut arm = Arm::connect(shared, "PSM1", ArmOptions::default(), seconds(6.0)).unwrap();
+    arm.enable(seconds(6.0)).unwrap();
+    arm.home(seconds(10.0)).unwrap();
+    let mut holds: Reader<Empty> =
+        Reader::new(world.node().as_ref(), "/PSM1/hold", Qos::COMMAND).unwrap();
+    let goal = shifted(&arm, 0.02, 0.0, 0.0);
+    let thread = ArmThread::spawn(arm).unwrap();
+    thread.lock().start_line(&goal, 0.01).unwrap();
+    transport.broken.store(true, Ordering::Relaxed);
+    let Err(Error::Network { reason, .. }) = thread.wait(seconds(10.0)) else {
+        panic!("it goes on");
+    };
+    assert_eq!(reason, "it panicked");
+    assert!(holds.take().unwrap().is_some(), "the arm is held");
 }
 
 #[test]

@@ -241,13 +241,13 @@ impl Arm {
         } else if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             Some(Stop::Stale { topic, age })
         } else {
-            self.rival()
+            self.other_writer()
         };
         reason.map_or(Ok(()), |reason| Err(self.stopped(reason)))
     }
 
     /// Somebody else who can command this arm, unless that is allowed.
-    pub(crate) fn rival(&self) -> Option<Stop> {
+    pub(crate) fn other_writer(&self) -> Option<Stop> {
         if self.options.other_writers == OtherWriters::Allow {
             return None;
         }

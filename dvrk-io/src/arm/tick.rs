@@ -1,7 +1,7 @@
 //! One tick: take in what came, look whether all is well, send the next set-point.
 //!
 //! ```text
-//! state not ENABLED · hand · teleoperation · error said · silent stream · base moved · set-point elsewhere · blocked · rival
+//! state not ENABLED · hand · teleoperation · error said · silent stream · base moved · set-point elsewhere · blocked · other writer
 //!         any of these    ⇒  the motion ends, the arm is told to hold (see Stop)
 //! else    next pose of the line, next angle of the jaw, both sent now
 //! ```
@@ -19,7 +19,7 @@ use super::state::{EventKind, Mode};
 use super::stop::Stop;
 
 /// Between two looks at who else writes: the list of all writers on the network is walked.
-const RIVALS: Duration = Duration::from_millis(250);
+const OTHER_WRITERS: Duration = Duration::from_millis(250);
 /// How long a robot may take to begin a trajectory.
 const BEGIN: Duration = Duration::from_secs(1);
 /// How far the jaw's set-point may be from what was sent, radians.
@@ -119,9 +119,9 @@ impl Arm {
         if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             return Some(Stop::Stale { topic, age });
         }
-        if now >= self.writers_checked + RIVALS {
+        if now >= self.writers_checked + OTHER_WRITERS {
             self.writers_checked = now;
-            if let Some(stop) = self.rival() {
+            if let Some(stop) = self.other_writer() {
                 return Some(stop);
             }
         }

@@ -1,14 +1,14 @@
-//! ROS 2 on DDS, spoken by RustDDS.
+//! ROS 2 on DDS, by RustDDS.
 //!
 //! ```text
 //! topic    /PSM1/measured_cp                   ⇒  rt/PSM1/measured_cp
 //! type     geometry_msgs/msg/PoseStamped       ⇒  geometry_msgs::msg::dds_::PoseStamped_
 //! payload  encapsulation header and CDR body, as they are
 //! ```
-//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: bytes go to and come from [`cdr`](crate::cdr) unseen.
+//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: the bytes of [`cdr`](crate::cdr) are sent and received unchanged.
 //!
 //! *Limits.* `ros2 topic` sees these readers and writers; `ros2 node list` does not, as they announce no node. Services,
-//! parameters and simulated time (`/clock`) are not spoken.
+//! parameters and simulated time (`/clock`) are not supported.
 
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};

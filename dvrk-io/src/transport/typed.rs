@@ -1,4 +1,4 @@
-//! Ends of a topic that speak messages instead of bytes.
+//! Readers and writers of messages instead of bytes.
 
 use std::fmt;
 use std::marker::PhantomData;
