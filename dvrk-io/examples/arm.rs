@@ -1,6 +1,8 @@
 //! Drives a PSM over ROS 2, real or served: `cargo run --features ros2 --example arm -- --help`.
 #![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
+mod program;
+
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
@@ -35,23 +37,7 @@ struct Settings {
 }
 
 fn main() -> ExitCode {
-    match parse() {
-        Ok(None) => {
-            print!("{HELP}");
-            ExitCode::SUCCESS
-        }
-        Ok(Some(settings)) => match run(&settings) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                println!("{error}");
-                ExitCode::FAILURE
-            }
-        },
-        Err(reason) => {
-            println!("{reason}\n\n{HELP}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(HELP, parse(), run)
 }
 
 /// Nothing when help is asked for.

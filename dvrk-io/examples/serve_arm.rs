@@ -1,6 +1,8 @@
 //! A PSM without a robot, served over ROS 2: `cargo run --features ros2 --example serve_arm -- --help`.
 #![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
+mod program;
+
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -22,23 +24,7 @@ ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured
 ";
 
 fn main() -> ExitCode {
-    match parse() {
-        Ok(None) => {
-            print!("{HELP}");
-            ExitCode::SUCCESS
-        }
-        Ok(Some(settings)) => match serve(&settings) {
-            Ok(()) => ExitCode::SUCCESS,
-            Err(error) => {
-                println!("{error}");
-                ExitCode::FAILURE
-            }
-        },
-        Err(reason) => {
-            println!("{reason}\n\n{HELP}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(HELP, parse(), serve)
 }
 
 struct Settings {

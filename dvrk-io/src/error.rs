@@ -248,7 +248,7 @@ pub enum Error {
         /// Number of depths.
         length: usize,
     },
-    /// The name or value of a network setting means nothing.
+    /// A network setting has a value that it cannot have.
     #[error("{what} is `{value}`: {expected}")]
     BadNetwork {
         /// The setting.

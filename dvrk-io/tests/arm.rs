@@ -8,18 +8,22 @@
 
 mod bus;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bus::{World, apart, classic, seconds, shifted};
 use dvrk_io::Error;
 use dvrk_io::arm::{
-    ArmOptions, ArmThread, CameraFromRcm, ControlPoint, Dialect, EventKind, LocalPose, Mode,
+    Arm, ArmOptions, ArmThread, CameraFromRcm, ControlPoint, Dialect, EventKind, LocalPose, Mode,
     ProfileLimits, ReferenceFromRcm, Stop, Tolerance,
 };
+use dvrk_io::cdr::{Empty, JointState, PoseStamped};
 use dvrk_io::kinematics::RcmFromTip;
 use dvrk_io::nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use dvrk_io::serve::ServeOptions;
-use dvrk_io::transport::Transport;
+use dvrk_io::transport::{BusNode, Peer, Publisher, Qos, Reader, Subscriber, Topic, Transport};
+use proptest::prelude::*;
 
 fn somewhere() -> Isometry3<f64> {
     Isometry3::new(Vector3::new(0.3, -0.2, 0.5), Vector3::new(0.4, -1.0, 2.0))
@@ -212,6 +216,73 @@ fn goals_on_one_line_are_joined_without_a_stop() {
     assert!(time < 1.2, "{time}");
 }
 
+/// Changes from one tick to the next: none may be more than `limit`, nor the changes of these more than `gain`.
+fn within(values: &[f64], limit: f64, gain: f64) -> Result<(), TestCaseError> {
+    let steps: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    for step in &steps {
+        prop_assert!(step.abs() <= limit * (1.0 + 1e-9) + 1e-12, "step {}", step);
+    }
+    // From rest, and to rest.
+    let rest = [0.0];
+    let all: Vec<f64> = rest.iter().chain(&steps).chain(&rest).copied().collect();
+    for pair in all.windows(2) {
+        let change = (pair[1] - pair[0]).abs();
+        // Speed is carried round bends of a thousandth of what a tick allows.
+        prop_assert!(
+            change <= gain * 1.002 + 1e-9,
+            "{} after {}",
+            pair[1],
+            pair[0]
+        );
+    }
+    Ok(())
+}
+
+proptest! {
+    /// Goals that turn round, come nearer or are to be reached more slowly, in mid-motion.
+    #[test]
+    fn goals_at_any_time_keep_the_limits_of_tips_and_jaw(
+        goals in prop::collection::vec((1..40_usize, -0.349..1.396_f64, -0.02..0.02_f64, 0.005..0.06_f64), 1..8),
+        // The slower the arm reports, the further its set-points lag behind what is sent.
+        period in prop::sample::select(vec![0.01, 0.04]),
+    ) {
+        let world = World::new(ServeOptions::default().with_period(seconds(period)));
+        let mut arm = world.ready(ArmOptions::default());
+        let every = Qos { depth: 10_000, ..Qos::COMMAND };
+        let node = world.node();
+        let mut jaws: Reader<JointState> = Reader::new(node.as_ref(), "/PSM1/jaw/servo_jp", every).unwrap();
+        let mut poses: Reader<PoseStamped> = Reader::new(node.as_ref(), "/PSM1/servo_cp", every).unwrap();
+        let start = shifted(&arm, 0.0, 0.0, 0.0);
+        for (ticks, angle, x, speed) in &goals {
+            arm.start_jaw(*angle).unwrap();
+            let mut goal = start;
+            goal.0.translation.x += x;
+            arm.start_line(&goal, *speed).unwrap();
+            for _ in 0..*ticks {
+                world.bus.advance(seconds(0.01));
+                arm.tick();
+            }
+        }
+        arm.wait(seconds(10.0)).unwrap();
+        let (_, angle, x, _) = goals[goals.len() - 1];
+        let mut angles = vec![0.0];
+        while let Some(jaw) = jaws.take().unwrap() {
+            angles.push(jaw.position[0]);
+        }
+        let mut places = vec![start.0.translation.x];
+        let kinematics = classic();
+        while let Some(pose) = poses.take().unwrap() {
+            let wrist = dvrk_io::kinematics::RcmFromWrist(pose.pose.isometry().unwrap());
+            places.push(kinematics.tip_of(&wrist).0.translation.x);
+        }
+        prop_assert!((angles[angles.len() - 1] - angle).abs() < 1e-9);
+        prop_assert!((places[places.len() - 1] - start.0.translation.x - x).abs() < 1e-9);
+        let limits = ArmOptions::default();
+        within(&angles, limits.jaw.speed * 0.01, limits.jaw.acceleration * 1e-4)?;
+        within(&places, limits.motion.speed * 0.01, limits.motion.acceleration * 1e-4)?;
+    }
+}
+
 #[test]
 fn a_move_waits_for_busy_to_rise_and_fall() {
     let world = World::default();
@@ -359,6 +430,67 @@ fn a_thread_drives_while_its_owner_does_something_else() {
     let tip = driven.lock().tip_setpoint().unwrap().value;
     assert!(apart(&tip.0, &goal.0).0 < 1e-3);
     driven.release();
+}
+
+/// A transport that panics in the thread of the arm.
+struct Breaking {
+    inner: Arc<BusNode>,
+    broken: AtomicBool,
+}
+
+impl Transport for Breaking {
+    fn now(&self) -> Duration {
+        self.inner.now()
+    }
+
+    fn wait(&self, until: Duration) {
+        self.inner.wait(until);
+    }
+
+    fn subscribe(&self, topic: &Topic) -> Result<Box<dyn Subscriber>, Error> {
+        self.inner.subscribe(topic)
+    }
+
+    fn advertise(&self, topic: &Topic) -> Result<Box<dyn Publisher>, Error> {
+        self.inner.advertise(topic)
+    }
+
+    fn writers(&self, name: &str) -> Vec<Peer> {
+        let driver = std::thread::current().name() == Some("PSM1");
+        assert!(
+            !(driver && self.broken.load(Ordering::Relaxed)),
+            "as planned"
+        );
+        self.inner.writers(name)
+    }
+
+    fn readers(&self, name: &str) -> Vec<Peer> {
+        self.inner.readers(name)
+    }
+}
+
+#[test]
+fn a_thread_that_panicked_is_no_arrival() {
+    let world = World::default();
+    let transport = Arc::new(Breaking {
+        inner: world.node(),
+        broken: AtomicBool::new(false),
+    });
+    let shared: Arc<dyn Transport> = Arc::clone(&transport) as _;
+    let mut arm = Arm::connect(shared, "PSM1", ArmOptions::default(), seconds(6.0)).unwrap();
+    arm.enable(seconds(6.0)).unwrap();
+    arm.home(seconds(10.0)).unwrap();
+    let mut holds: Reader<Empty> =
+        Reader::new(world.node().as_ref(), "/PSM1/hold", Qos::COMMAND).unwrap();
+    let goal = shifted(&arm, 0.02, 0.0, 0.0);
+    let thread = ArmThread::spawn(arm).unwrap();
+    thread.lock().start_line(&goal, 0.01).unwrap();
+    transport.broken.store(true, Ordering::Relaxed);
+    let Err(Error::Network { reason, .. }) = thread.wait(seconds(10.0)) else {
+        panic!("it goes on");
+    };
+    assert_eq!(reason, "it panicked");
+    assert!(holds.take().unwrap().is_some(), "the arm is held");
 }
 
 #[test]

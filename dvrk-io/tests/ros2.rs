@@ -556,6 +556,46 @@ fn our_client_drives_our_robot() {
     }
 }
 
+/// A writer that keeps its messages for late comers sends them to every reader that it finds; one that asked for new messages
+/// only must not see them: an old error would stop a motion.
+#[test]
+fn a_reader_that_asks_for_new_messages_sees_no_old_ones() {
+    let text = |data: &str| Text {
+        data: data.to_owned(),
+    };
+    let ours = join(16);
+    let mut errors: Writer<Text> = Writer::new(&ours, "/PSM1/error", Qos::EVENT).unwrap();
+    errors.publish(&text("old")).unwrap();
+    std::thread::sleep(seconds(0.2));
+    let theirs = join(16);
+    let from_now = Qos {
+        latched: false,
+        ..Qos::EVENT
+    };
+    let mut new: Reader<Text> = Reader::new(&theirs, "/PSM1/error", from_now).unwrap();
+    let mut all: Reader<Text> = Reader::new(&theirs, "/PSM1/error", Qos::EVENT).unwrap();
+    let (mut seen_new, mut seen_all) = (Vec::new(), Vec::new());
+    let end = theirs.now() + seconds(5.0);
+    let mut told = false;
+    while theirs.now() < end {
+        if !told && theirs.now() + seconds(1.0) > end {
+            errors.publish(&text("new")).unwrap();
+            told = true;
+        }
+        theirs.wait(theirs.now() + seconds(0.1));
+        while let Some(message) = new.take().unwrap() {
+            seen_new.push(message.data);
+        }
+        while let Some(message) = all.take().unwrap() {
+            seen_all.push(message.data);
+        }
+    }
+    assert_eq!(
+        (seen_new.join(" "), seen_all.join(" ")),
+        ("new".to_owned(), "old new".to_owned())
+    );
+}
+
 // -------------------------------------------------------------------------------------------------------------------- clouds
 
 #[test]

@@ -6,7 +6,7 @@
 //! as others are left. Only corners of the polygon are used: neighbours that share its edges stay joined.
 //!
 //! *Guarantees*: `n − 2` triangles that use every edge of the polygon once. *Limits*: a polygon that crosses itself has no inside, and is cut
-//! in some way. O(n²) for `n` corners.
+//! in some way. O(n²) for `n` corners, O(n³) where it crosses itself.
 
 use nalgebra::{Point2, Point3, Vector3};
 

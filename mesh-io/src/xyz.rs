@@ -21,82 +21,11 @@ use crate::{Error, Format, Mesh, Place};
 /// Reads a file.
 pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     is_single_byte(bytes, Format::Xyz)?;
-    let mut lines = Lines::new(bytes);
-    let mut names: Option<Vec<String>> = None;
-    let mut count: Option<usize> = None;
-    let mut rows: Vec<f64> = Vec::new();
-    let mut places = Vec::new();
-    let mut width = 0;
-    while let Some(line) = lines.next_filled() {
-        let place = lines.place();
-        let remark = line.trim_ascii_start();
-        let remark = remark
-            .strip_prefix(b"#")
-            .or_else(|| remark.strip_prefix(b"//"));
-        let cells: Vec<&[u8]> = cells(remark.unwrap_or(line)).collect();
-        if places.is_empty() && names.is_none() && is_heading(&cells) {
-            names = Some(cells.iter().map(|c| column_name(c)).collect());
-            continue;
-        }
-        if remark.is_some() || cells.is_empty() {
-            continue;
-        }
-        if places.is_empty() && count.is_none() && cells.len() == 1 {
-            count = Some(whole(cells[0]).ok_or_else(|| {
-                syntax(
-                    place,
-                    format!(
-                        "{:?} is neither a point nor the number of points",
-                        shown(line)
-                    ),
-                )
-            })?);
-            continue;
-        }
-        if places.is_empty() {
-            width = names.as_ref().map_or(cells.len(), Vec::len);
-        }
-        if cells.len() != width {
-            return Err(syntax(
-                place,
-                format!("{} values, but there are {width} columns", cells.len()),
-            ));
-        }
-        for (k, cell) in cells.iter().enumerate() {
-            let value = number(cell).ok_or_else(|| {
-                syntax(
-                    place,
-                    format!("value {}: {:?} is no number", k + 1, shown(cell)),
-                )
-            })?;
-            rows.push(value);
-        }
-        places.push(lines.number());
-    }
-    if let Some(promised) = count.filter(|count| *count != places.len()) {
-        let found = places.len();
-        return Err(syntax(
-            lines.place(),
-            format!("{promised} points are promised, there are {found}"),
-        ));
-    }
-    if places.is_empty() {
+    let text = Text::read(bytes)?;
+    if text.lines.is_empty() {
         return Ok(Raw::default());
     }
-    let guessed = names.is_none();
-    let names = match names {
-        Some(names) => names,
-        None => guess(&rows, width).ok_or_else(|| {
-            let wanted =
-                "3, 4, 6, 7 or 9 numbers are wanted, or a first line that names the columns";
-            syntax(
-                Place::Line(places[0]),
-                format!("{width} numbers a line: {wanted}"),
-            )
-        })?,
-    };
-    let shares = !guessed && colours_are_shares(&names, &rows);
-    let shade = if shares { Shade::Share } else { Shade::Byte };
+    let (names, shade) = text.columns()?;
     let list: Vec<Column> = names.iter().map(|name| column(name, shade)).collect();
     let mut columns = Columns::new(&list);
     if let Some(name) = columns.missing() {
@@ -106,12 +35,108 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
         ));
     }
     let mut raw = Raw::default();
-    for (row, line) in rows.chunks_exact(width).zip(places) {
+    for (row, line) in text.rows.chunks_exact(text.width).zip(text.lines) {
         finite(&columns.point(row), raw.points.len(), Place::Line(line))?;
         columns.add(row, &mut raw);
     }
     columns.finish(&mut raw);
     Ok(raw)
+}
+
+/// The numbers of a file, before it is known what they mean.
+#[derive(Default)]
+struct Text {
+    /// As the heading has them.
+    names: Option<Vec<String>>,
+    /// How many points the first line promises.
+    count: Option<usize>,
+    /// Row after row.
+    rows: Vec<f64>,
+    /// Numbers of a row.
+    width: usize,
+    /// Line of each row.
+    lines: Vec<usize>,
+}
+
+impl Text {
+    fn read(bytes: &[u8]) -> Result<Self, Error> {
+        let (mut text, mut lines) = (Self::default(), Lines::new(bytes));
+        while let Some(line) = lines.next_filled() {
+            text.line(line, lines.number())?;
+        }
+        let found = text.lines.len();
+        match text.count {
+            Some(promised) if promised != found => Err(syntax(
+                lines.place(),
+                format!("{promised} points are promised, there are {found}"),
+            )),
+            _ => Ok(text),
+        }
+    }
+
+    fn line(&mut self, line: &[u8], number: usize) -> Result<(), Error> {
+        let remark = line.trim_ascii_start();
+        let remark = remark
+            .strip_prefix(b"#")
+            .or_else(|| remark.strip_prefix(b"//"));
+        let cells: Vec<&[u8]> = cells(remark.unwrap_or(line)).collect();
+        let first = self.lines.is_empty();
+        if first && self.names.is_none() && is_heading(&cells) {
+            self.names = Some(cells.iter().map(|c| column_name(c)).collect());
+            return Ok(());
+        }
+        if remark.is_some() || cells.is_empty() {
+            return Ok(());
+        }
+        let error = |reason| syntax(Place::Line(number), reason);
+        if first && self.count.is_none() && cells.len() == 1 {
+            let count = whole(cells[0]).ok_or_else(|| {
+                let line = shown(line);
+                error(format!(
+                    "{line:?} is neither a point nor the number of points"
+                ))
+            })?;
+            self.count = Some(count);
+            return Ok(());
+        }
+        if first {
+            self.width = self.names.as_ref().map_or(cells.len(), Vec::len);
+        }
+        if cells.len() != self.width {
+            let (found, width) = (cells.len(), self.width);
+            return Err(error(format!(
+                "{found} values, but there are {width} columns"
+            )));
+        }
+        for (k, cell) in cells.iter().enumerate() {
+            let value = self::number(cell)
+                .ok_or_else(|| error(format!("value {}: {:?} is no number", k + 1, shown(cell))))?;
+            self.rows.push(value);
+        }
+        self.lines.push(number);
+        Ok(())
+    }
+
+    /// Names of the columns, and how colours are written.
+    fn columns(&self) -> Result<(Vec<String>, Shade), Error> {
+        if let Some(names) = &self.names {
+            let shares = colours_are_shares(names, &self.rows);
+            return Ok((
+                names.clone(),
+                if shares { Shade::Share } else { Shade::Byte },
+            ));
+        }
+        let names = guess(&self.rows, self.width).ok_or_else(|| {
+            let width = self.width;
+            let wanted =
+                "3, 4, 6, 7 or 9 numbers are wanted, or a first line that names the columns";
+            syntax(
+                Place::Line(self.lines[0]),
+                format!("{width} numbers a line: {wanted}"),
+            )
+        })?;
+        Ok((names, Shade::Byte))
+    }
 }
 
 fn column(name: &str, shade: Shade) -> Column<'_> {

@@ -210,6 +210,13 @@ fn ply_refusals_name_line_and_reason() {
             "line 2: not a format of version 1.0",
         ),
         (
+            has(
+                "element face",
+                "element vertex 1\nproperty double x\nelement face",
+            ),
+            "line 7: a second element vertex: \"element vertex 1\"",
+        ),
+        (
             has("double y", "real y"),
             "line 5: not a property of an element: \"property real y\"",
         ),

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use super::driver::Arm;
 use super::line::Line;
-use super::motion::{JawMotion, LineMotion, Motion, MoveMotion, Next};
+use super::motion::{JawMotion, LastSent, LineMotion, Motion, MoveMotion, NextLine, in_flight};
 use super::options::OtherWriters;
 use super::profile::{Profile, ProfileLimits};
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
+use super::tick::JAW;
 use crate::Error;
 use crate::kinematics::{RcmFromTip, Unreachable};
 
@@ -19,8 +20,9 @@ const SAME_LINE: f64 = 1e-3;
 
 impl Arm {
     /// Starts a straight motion of the tips (translation and slerp together) with the speed of the fastest point of the jaws,
-    /// m/s, and returns; [`Arm::tick`] or [`Arm::wait`] drive it. A new goal replaces the one under way: on the same
-    /// straight line without a stop, else the arm comes to rest first.
+    /// m/s, and returns; [`Arm::tick`] or [`Arm::wait`] drive it. A new goal replaces the one under way: without a stop if it
+    /// lies ahead on the same straight line, far enough to stop there, and is not to be reached more slowly; else the arm comes
+    /// to rest first.
     ///
     /// The whole line is looked at before it starts: the goal with [margins](super::ArmOptions::margins), the way within joint
     /// limits.
@@ -43,17 +45,21 @@ impl Arm {
         let here = line.line.pose(line.profile.travelled());
         let direct = Line::new(&here, &goal.0);
         let way = line.profile.speed();
-        if way > 0.0 && !self.is_same_line(&line.line, &direct, way) {
+        let profile = Profile::new(direct.length(), self.tick_seconds(), limits)?;
+        let goes_on = way == 0.0 || self.is_same_line(&line.line, &direct, way);
+        if goes_on && let Some(profile) = profile.continuing(way) {
+            self.check_line(&direct, &line.joints)?;
+            (line.line, line.profile, line.next) = (direct, profile, None);
+        } else {
             line.profile.brake();
             let rest = line.line.pose(line.profile.length());
-            self.check_line(&Line::new(&rest, &goal.0), &line.joints)?;
-            line.next = Some(Next { goal: *goal, speed });
-        } else {
-            self.check_line(&direct, &line.joints)?;
-            let profile = Profile::new(direct.length(), self.tick_seconds(), limits)?;
-            line.profile = profile.with_speed(way);
-            line.line = direct;
-            line.next = None;
+            let next = Line::new(&rest, &goal.0);
+            self.check_line(&next, &line.joints)?;
+            let profile = Profile::new(next.length(), self.tick_seconds(), limits)?;
+            line.next = Some(NextLine {
+                line: next,
+                profile,
+            });
         }
         self.begin(Motion::Line {
             line,
@@ -63,7 +69,9 @@ impl Arm {
         Ok(())
     }
 
-    /// Starts to open or close the jaw to an angle, radians; a motion of the tips goes on, its set-points in the same ticks.
+    /// Starts to open or close the jaw to an angle, radians; a motion of the tips goes on, its set-points in the same ticks. A
+    /// new angle replaces the one under way; where the jaw has to turn round, or is too fast to stop there, it comes to rest
+    /// first.
     ///
     /// # Errors
     /// See [`Arm::start_line`]; [`Error::OutOfRange`] for an angle outside
@@ -82,7 +90,12 @@ impl Arm {
         let (tick, limits) = (self.tick_seconds(), self.options.jaw);
         let next = match (jaw, self.jaw()) {
             (Some(jaw), _) => jaw.towards(angle, tick, limits)?,
-            (None, Some(now)) => JawMotion::new(now.value.setpoint, angle, tick, limits)?,
+            (None, Some(now)) => {
+                let reported = now.value.setpoint;
+                let sent = in_flight(self.sent.jaw, self.transport.now());
+                let start = sent.filter(|sent| (sent - reported).abs() <= JAW);
+                JawMotion::new(start.unwrap_or(reported), angle, tick, limits)?
+            }
             (None, None) => {
                 return Err(self.stopped(Stop::Stale {
                     topic: self.names.of(super::topics::JAW_MEASURED_JS),
@@ -110,6 +123,7 @@ impl Arm {
         let now = self.transport.now();
         let pose = frames.command(&self.options.kinematics, goal);
         self.feedback.forget_goal();
+        self.sent.tip = None;
         self.commands.move_to(now, &frames.reference, &pose)?;
         let states = self.feedback.said().states;
         self.begin(Motion::Move(MoveMotion {
@@ -203,6 +217,9 @@ impl Arm {
         }
         self.motion = None;
         self.monitor.clear();
+        if stop != Stop::Arrived {
+            self.sent = LastSent::default();
+        }
         self.last_stop = Some(stop.clone());
         self.event(now, EventKind::Stopped(stop));
     }
@@ -224,13 +241,13 @@ impl Arm {
         } else if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             Some(Stop::Stale { topic, age })
         } else {
-            self.rival()
+            self.other_writer()
         };
         reason.map_or(Ok(()), |reason| Err(self.stopped(reason)))
     }
 
     /// Somebody else who can command this arm, unless that is allowed.
-    pub(crate) fn rival(&self) -> Option<Stop> {
+    pub(crate) fn other_writer(&self) -> Option<Stop> {
         if self.options.other_writers == OtherWriters::Allow {
             return None;
         }
@@ -258,7 +275,13 @@ impl Arm {
             let (distance, angle) = behind;
             return Err(self.stopped(Stop::Blocked { distance, angle }));
         }
-        let start = frames.tip(&self.options.kinematics, &setpoint.value.pose);
+        let reported = frames.tip(&self.options.kinematics, &setpoint.value.pose);
+        let near = |sent: &RcmFromTip| {
+            let apart = super::line::apart(&sent.0, &reported.0);
+            self.options.divergence.holds(apart)
+        };
+        let start = in_flight(self.sent.tip, now).filter(near);
+        let start = start.unwrap_or(reported);
         let near = self.joints().map_or([0.0; 6], |joints| joints.value);
         let kinematics = &self.options.kinematics;
         let reach = kinematics.inverse_near(&kinematics.wrist_of(&start), &near)?;

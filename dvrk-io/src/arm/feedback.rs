@@ -65,7 +65,7 @@ impl Feedback {
     ) -> Result<Self, Error> {
         let pose = |topic| Stream::new(transport, names.of(topic), options.stale);
         let joints = |topic| Stream::new(transport, names.of(topic), options.stale);
-        // What was said before we came is none of our business: an old error must not stop a new motion.
+        // Messages from before we connected do not count: an old error must not stop a new motion.
         let from_now = Qos {
             latched: false,
             ..Qos::EVENT
@@ -162,7 +162,7 @@ impl Feedback {
         self.said.goal = None;
     }
 
-    /// Which dialect is spoken: simulators stamp their errors.
+    /// Robot or simulator: simulators put stamps on their errors.
     pub(crate) fn dialect(&self, transport: &dyn Transport) -> Dialect {
         let writers = transport.writers(&self.error_topic);
         if writers

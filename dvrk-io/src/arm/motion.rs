@@ -6,16 +6,31 @@ use nalgebra::Isometry3;
 
 use super::check::FrameCheck;
 use super::line::Line;
+use super::monitor::WINDOW;
 use super::profile::{Profile, ProfileLimits};
 use super::state::ControlPoint;
 use crate::Error;
 use crate::kinematics::{Kinematics, RcmFromTip, RcmFromWrist};
 
+/// The last set-points of tips and jaw, and when each was sent. A motion that starts before the arm reports them starts from
+/// them, as one from an older set-point would begin with a jump back.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct LastSent {
+    pub(crate) tip: Option<(Duration, RcmFromTip)>,
+    pub(crate) jaw: Option<(Duration, f64)>,
+}
+
+/// The value, if the arm may not report it yet.
+pub(crate) fn in_flight<T>(sent: Option<(Duration, T)>, now: Duration) -> Option<T> {
+    let (time, value) = sent?;
+    (now <= time + WINDOW).then_some(value)
+}
+
 /// The next line, when the present one has come to rest.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Next {
-    pub(crate) goal: RcmFromTip,
-    pub(crate) speed: f64,
+pub(crate) struct NextLine {
+    pub(crate) line: Line,
+    pub(crate) profile: Profile,
 }
 
 /// Set-points of the tips, tick by tick.
@@ -23,17 +38,55 @@ pub(crate) struct Next {
 pub(crate) struct LineMotion {
     pub(crate) line: Line,
     pub(crate) profile: Profile,
-    pub(crate) next: Option<Next>,
+    pub(crate) next: Option<NextLine>,
     /// Joint values of the last set-point: the next must be near.
     pub(crate) joints: [f64; 6],
+}
+
+impl LineMotion {
+    /// One tick on; the pose of the tips.
+    pub(crate) fn advance(&mut self) -> RcmFromTip {
+        if self.profile.is_at_rest()
+            && let Some(next) = self.next.take()
+        {
+            (self.line, self.profile) = (next.line, next.profile);
+        }
+        RcmFromTip(self.line.pose(self.profile.advance()))
+    }
+
+    pub(crate) fn is_done(&self) -> bool {
+        self.profile.is_at_rest() && self.next.is_none()
+    }
+}
+
+/// A motion of the jaw from one angle to another.
+#[derive(Debug, Clone, Copy)]
+struct Swing {
+    start: f64,
+    sign: f64,
+    profile: Profile,
+}
+
+impl Swing {
+    fn new(start: f64, goal: f64, tick: f64, limits: ProfileLimits) -> Result<Self, Error> {
+        Ok(Self {
+            start,
+            sign: if goal < start { -1.0 } else { 1.0 },
+            profile: Profile::new((goal - start).abs(), tick, limits)?,
+        })
+    }
+
+    fn angle(&self, way: f64) -> f64 {
+        self.start + self.sign * way
+    }
 }
 
 /// Set-points of the jaw, tick by tick.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct JawMotion {
-    start: f64,
-    sign: f64,
-    profile: Profile,
+    now: Swing,
+    /// The next motion, when the present one has come to rest.
+    next: Option<Swing>,
 }
 
 impl JawMotion {
@@ -44,39 +97,54 @@ impl JawMotion {
         limits: ProfileLimits,
     ) -> Result<Self, Error> {
         Ok(Self {
-            start,
-            sign: if goal < start { -1.0 } else { 1.0 },
-            profile: Profile::new((goal - start).abs(), tick, limits)?,
+            now: Swing::new(start, goal, tick, limits)?,
+            next: None,
         })
     }
 
     pub(crate) fn angle(&self) -> f64 {
-        self.start + self.sign * self.profile.travelled()
+        self.now.angle(self.now.profile.travelled())
     }
 
+    /// One tick on; the angle of the jaw.
     pub(crate) fn advance(&mut self) -> f64 {
-        self.profile.advance();
+        if self.now.profile.is_at_rest()
+            && let Some(next) = self.next.take()
+        {
+            self.now = next;
+        }
+        self.now.profile.advance();
         self.angle()
     }
 
     pub(crate) fn is_done(&self) -> bool {
-        self.profile.is_done()
+        self.now.profile.is_at_rest() && self.next.is_none()
     }
 
-    /// Another goal from here on. What moves towards it keeps its speed; what does not stops within what its limits allow in a
-    /// tick or two, as a jaw has little mass.
+    /// Another goal from here on. The speed is kept where the goal lies ahead and it can still stop there; else the jaw comes
+    /// to rest first.
     pub(crate) fn towards(
         &self,
         goal: f64,
         tick: f64,
         limits: ProfileLimits,
     ) -> Result<Self, Error> {
-        let next = Self::new(self.angle(), goal, tick, limits)?;
-        let same = next.sign * self.sign > 0.0;
-        let speed = if same { self.profile.speed() } else { 0.0 };
+        let mut direct = Swing::new(self.angle(), goal, tick, limits)?;
+        let speed = self.now.profile.speed();
+        let ahead = speed == 0.0 || direct.sign * self.now.sign > 0.0;
+        if ahead && let Some(profile) = direct.profile.continuing(speed) {
+            direct.profile = profile;
+            return Ok(Self {
+                now: direct,
+                next: None,
+            });
+        }
+        let mut now = self.now;
+        now.profile.brake();
+        let rest = now.angle(now.profile.length());
         Ok(Self {
-            profile: next.profile.with_speed(speed),
-            ..next
+            now,
+            next: Some(Swing::new(rest, goal, tick, limits)?),
         })
     }
 }

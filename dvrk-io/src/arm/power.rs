@@ -5,8 +5,8 @@
 //! home           ENABLED  ⇒ busy ⇒ homed and not busy;   needs an instrument
 //! clear_fault    FAULT    ⇒ enable (robot) or clear_fault (simulator)
 //! ```
-//! A robot reads the last command only, and none that was sent before it has found the sender: a command that shows no effect is
-//! sent again every second. A command that the state does not allow is answered with a warning.
+//! A robot reads the last command only, and none that was sent before DDS has connected it with the sender: a command that shows
+//! no effect is sent again every second. A command that the state does not allow is answered with a warning.
 
 use std::time::Duration;
 
@@ -60,7 +60,7 @@ impl Arm {
         })
     }
 
-    /// Leaves a fault, and waits until the arm is enabled. Somebody should have looked at why. Does nothing to an arm that is
+    /// Leaves a fault, and waits until the arm is enabled. Call it only after a person has found out why. Does nothing to an arm that is
     /// in none.
     ///
     /// # Errors

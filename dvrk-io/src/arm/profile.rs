@@ -102,6 +102,12 @@ impl Profile {
         }
     }
 
+    /// Starts with this speed, unless that would break a limit: it is too fast, or the end too near to stop there.
+    pub(crate) fn continuing(self, speed: f64) -> Option<Self> {
+        let profile = self.with_speed(speed);
+        (profile.speed >= speed).then_some(profile)
+    }
+
     /// Units a second, in the last tick.
     pub fn speed(&self) -> f64 {
         self.speed
@@ -120,6 +126,11 @@ impl Profile {
     /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
         self.travelled >= self.length
+    }
+
+    /// Whether the end is reached, and the last tick did not move: the last tick of a motion still has some speed.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.is_done() && self.speed == 0.0
     }
 
     /// Gives up the rest, except for what it takes to stop.

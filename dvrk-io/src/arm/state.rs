@@ -15,7 +15,7 @@ pub enum Mode {
     Enabled,
     /// Powered, takes no commands.
     Paused,
-    /// Power is off for a reason that somebody has to look at.
+    /// The arm has stopped and switched its power off because of an error; a person has to find out why.
     Fault,
     /// A state that the protocol does not have.
     Unknown,

@@ -79,7 +79,7 @@ pub enum Stop {
 }
 
 impl Stop {
-    /// Whether the arm should be told to hold: not where somebody else has it in hand, nor where it is off.
+    /// Whether the arm should be told to hold: not where somebody else controls it, nor where it is not enabled.
     pub(crate) fn holds(&self) -> bool {
         !matches!(
             self,

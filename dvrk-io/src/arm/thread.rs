@@ -77,12 +77,20 @@ impl ArmThread {
     /// Waits until the motion under way has ended.
     ///
     /// # Errors
-    /// See [`Arm::wait`].
+    /// See [`Arm::wait`]; [`Error::Network`] when the thread has ended by a panic (of a transport): the arm is told to hold.
     pub fn wait(&self, timeout: Duration) -> Result<(), Error> {
         let end = self.transport.now() + timeout;
         loop {
             {
-                let arm = self.lock();
+                let mut arm = self.lock();
+                if self.thread.as_ref().is_none_or(JoinHandle::is_finished) {
+                    // Nothing is sent or watched any more.
+                    arm.hold();
+                    return Err(Error::Network {
+                        what: "thread of the arm",
+                        reason: "it panicked".to_owned(),
+                    });
+                }
                 if !arm.is_moving() {
                     return arm.outcome();
                 }

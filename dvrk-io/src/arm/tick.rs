@@ -1,7 +1,7 @@
 //! One tick: take in what came, look whether all is well, send the next set-point.
 //!
 //! ```text
-//! state not ENABLED · hand · teleoperation · error said · silent stream · base moved · set-point elsewhere · blocked · rival
+//! state not ENABLED · hand · teleoperation · error said · silent stream · base moved · set-point elsewhere · blocked · other writer
 //!         any of these    ⇒  the motion ends, the arm is told to hold (see Stop)
 //! else    next pose of the line, next angle of the jaw, both sent now
 //! ```
@@ -12,20 +12,18 @@ use std::time::Duration;
 
 use super::drive::unreachable;
 use super::driver::Arm;
-use super::line::{Line, apart};
+use super::line::apart;
 use super::monitor::WINDOW;
 use super::motion::{JawMotion, LineMotion, Motion, MoveMotion};
-use super::profile::Profile;
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
-use crate::kinematics::RcmFromTip;
 
 /// Between two looks at who else writes: the list of all writers on the network is walked.
-const RIVALS: Duration = Duration::from_millis(250);
+const OTHER_WRITERS: Duration = Duration::from_millis(250);
 /// How long a robot may take to begin a trajectory.
 const BEGIN: Duration = Duration::from_secs(1);
 /// How far the jaw's set-point may be from what was sent, radians.
-const JAW: f64 = 0.02;
+pub(super) const JAW: f64 = 0.02;
 
 impl Arm {
     /// Takes in what came, and drives the motion under way. Call it once a [period](super::ArmOptions::period), or let
@@ -63,11 +61,13 @@ impl Arm {
             return Some(stop);
         }
         if let Some(jaw) = jaw {
-            let sent = self.commands.jaw(now, jaw.advance());
+            let angle = jaw.advance();
+            self.sent.jaw = Some((now, angle));
+            let sent = self.commands.jaw(now, angle);
             self.note(now, sent);
         }
         let jaw_done = jaw.as_ref().is_none_or(JawMotion::is_done);
-        if !(line.profile.is_done() && line.next.is_none() && jaw_done) {
+        if !(line.is_done() && jaw_done) {
             return None;
         }
         let since = *done.get_or_insert(now);
@@ -119,9 +119,9 @@ impl Arm {
         if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             return Some(Stop::Stale { topic, age });
         }
-        if now >= self.writers_checked + RIVALS {
+        if now >= self.writers_checked + OTHER_WRITERS {
             self.writers_checked = now;
-            if let Some(stop) = self.rival() {
+            if let Some(stop) = self.other_writer() {
                 return Some(stop);
             }
         }
@@ -149,22 +149,7 @@ impl Arm {
 
     /// Sends the next set-point of the line.
     fn advance(&mut self, now: Duration, motion: &mut LineMotion) -> Option<Stop> {
-        // The last tick of a line has some speed left: one tick of rest before the next.
-        if motion.profile.is_done()
-            && motion.profile.speed() == 0.0
-            && let Some(next) = motion.next.take()
-        {
-            let rest = motion
-                .line
-                .pose(motion.line.length().min(motion.profile.travelled()));
-            motion.line = Line::new(&rest, &next.goal.0);
-            let limits = self.limits_at(next.speed);
-            match Profile::new(motion.line.length(), self.tick_seconds(), limits) {
-                Ok(profile) => motion.profile = profile,
-                Err(error) => return Some(unreachable(error)),
-            }
-        }
-        let tip = RcmFromTip(motion.line.pose(motion.profile.advance()));
+        let tip = motion.advance();
         let kinematics = &self.options.kinematics;
         let wrist = kinematics.wrist_of(&tip);
         let joints = match kinematics.inverse_near(&wrist, &motion.joints) {
@@ -184,6 +169,7 @@ impl Arm {
         let pose = frames.command(kinematics, &tip);
         self.monitor.sent(now, pose);
         self.last_sent = now;
+        self.sent.tip = Some((now, tip));
         let sent = self.commands.servo(now, &frames.reference, &pose);
         self.note(now, sent);
         None

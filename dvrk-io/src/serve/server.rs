@@ -351,7 +351,7 @@ impl<A: ServedArm> ArmServer<A> {
     }
 
     fn publish_periodic(&mut self, now: Duration) {
-        // A robot without power knows nothing of its joints: poses of zero joints, stamp 0.
+        // A robot without power does not measure its joints: it publishes the poses of zero joints, with stamp 0.
         let powered = self.machine.is_powered();
         let (measured, setpoint) = if powered {
             (self.measured(), self.joints)

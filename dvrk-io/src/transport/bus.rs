@@ -4,7 +4,7 @@
 //! wait(until)    until the end is reached or a message arrives:
 //!                    now ← next full millisecond;  run every task that is due
 //! ```
-//! Tasks stand for the other processes: a robot that publishes, a rival that commands. As they run in the order in which
+//! Tasks stand for the other processes: a robot that publishes, a second client that commands. As they run in the order in which
 //! they were added, at times that are multiples of a millisecond, a run is the same every time.
 
 use std::collections::VecDeque;

@@ -1,14 +1,14 @@
-//! ROS 2 on DDS, spoken by RustDDS.
+//! ROS 2 on DDS, by RustDDS.
 //!
 //! ```text
 //! topic    /PSM1/measured_cp                   ⇒  rt/PSM1/measured_cp
 //! type     geometry_msgs/msg/PoseStamped       ⇒  geometry_msgs::msg::dds_::PoseStamped_
 //! payload  encapsulation header and CDR body, as they are
 //! ```
-//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: bytes go to and come from [`cdr`](crate::cdr) unseen.
+//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: the bytes of [`cdr`](crate::cdr) are sent and received unchanged.
 //!
 //! *Limits.* `ros2 topic` sees these readers and writers; `ros2 node list` does not, as they announce no node. Services,
-//! parameters and simulated time (`/clock`) are not spoken.
+//! parameters and simulated time (`/clock`) are not supported.
 
 use std::fmt::Display;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -18,7 +18,8 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use rustdds::bytes::Bytes;
 use rustdds::no_key::{
-    DataWriter, Decode, DefaultDecoder, DeserializerAdapter, SerializerAdapter, SimpleDataReader,
+    DataWriter, Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter,
+    SerializerAdapter, SimpleDataReader,
 };
 use rustdds::policy::{Durability, History, Reliability};
 use rustdds::{
@@ -39,8 +40,8 @@ const HEADER: usize = 4;
 /// One participant in a network of ROS 2. Clones are the same participant; every thread that waits should have its own.
 pub struct Participant {
     shared: Arc<Shared>,
-    /// Rings that this clone has waited for.
-    heard: AtomicU64,
+    /// How many arrivals this clone has woken up for.
+    seen: AtomicU64,
 }
 
 impl std::fmt::Debug for Participant {
@@ -53,27 +54,27 @@ struct Shared {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
-    bell: Arc<Bell>,
+    arrivals: Arc<Arrivals>,
     start: (Instant, Duration),
 }
 
-/// Counts messages that came in, and wakes whoever waits.
+/// Counts how often messages came in, and wakes whoever waits.
 #[derive(Default)]
-struct Bell {
-    rings: Mutex<u64>,
-    rung: Condvar,
+struct Arrivals {
+    count: Mutex<u64>,
+    changed: Condvar,
 }
 
-impl Bell {
-    fn rings(&self) -> MutexGuard<'_, u64> {
-        self.rings.lock().unwrap_or_else(PoisonError::into_inner)
+impl Arrivals {
+    fn count(&self) -> MutexGuard<'_, u64> {
+        self.count.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Wake for Bell {
+impl Wake for Arrivals {
     fn wake(self: Arc<Self>) {
-        *self.rings() += 1;
-        self.rung.notify_all();
+        *self.count() += 1;
+        self.changed.notify_all();
     }
 }
 
@@ -114,10 +115,10 @@ impl Participant {
                 participant,
                 publisher,
                 subscriber,
-                bell: Arc::default(),
+                arrivals: Arc::default(),
                 start,
             }),
-            heard: AtomicU64::new(0),
+            seen: AtomicU64::new(0),
         })
     }
 
@@ -154,7 +155,7 @@ impl Clone for Participant {
     fn clone(&self) -> Self {
         Self {
             shared: Arc::clone(&self.shared),
-            heard: AtomicU64::new(0),
+            seen: AtomicU64::new(0),
         }
     }
 }
@@ -166,21 +167,22 @@ impl Transport for Participant {
     }
 
     fn wait(&self, until: Duration) {
-        let bell = &self.shared.bell;
-        let mut rings = bell.rings();
-        while *rings == self.heard.load(Ordering::Relaxed) {
+        let arrivals = &self.shared.arrivals;
+        let mut count = arrivals.count();
+        while *count == self.seen.load(Ordering::Relaxed) {
             let left = until.saturating_sub(self.now());
             if left.is_zero() {
                 return;
             }
-            let waited = bell.rung.wait_timeout(rings, left);
-            rings = waited.unwrap_or_else(PoisonError::into_inner).0;
+            let waited = arrivals.changed.wait_timeout(count, left);
+            count = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
-        self.heard.store(*rings, Ordering::Relaxed);
+        self.seen.store(*count, Ordering::Relaxed);
     }
 
     fn subscribe(&self, topic: &Topic) -> Result<Box<dyn Subscriber>, Error> {
         let (created, qos) = self.topic(topic)?;
+        let start = rustdds::Timestamp::now();
         let reader = self
             .shared
             .subscriber
@@ -188,7 +190,10 @@ impl Transport for Participant {
             .map_err(|error| refused("reader", error))?;
         Ok(Box::new(DdsReader {
             reader,
-            waker: Arc::clone(&self.shared.bell).into(),
+            waker: Arc::clone(&self.shared.arrivals).into(),
+            shared: Arc::clone(&self.shared),
+            start,
+            new_only: topic.qos.reliable && !topic.qos.latched,
         }))
     }
 
@@ -210,8 +215,8 @@ impl Transport for Participant {
             .map(|data| {
                 // Where nothing is said, writers are reliable and volatile.
                 let reliable = data.reliability != Some(Reliability::BestEffort);
-                let volatile = matches!(data.durability, None | Some(Durability::Volatile));
-                self.peer(data.key, &data.type_name, reliable, !volatile)
+                let latched = !is_volatile(data.durability);
+                self.peer(data.key, &data.type_name, reliable, latched)
             })
             .collect()
     }
@@ -223,8 +228,8 @@ impl Transport for Participant {
         data.filter(|data| data.topic_name() == &name)
             .map(|data| {
                 let qos = data.qos();
-                let volatile = matches!(qos.durability(), None | Some(Durability::Volatile));
-                self.peer(data.key(), data.type_name(), qos.is_reliable(), !volatile)
+                let latched = !is_volatile(qos.durability());
+                self.peer(data.key(), data.type_name(), qos.is_reliable(), latched)
             })
             .collect()
     }
@@ -233,22 +238,44 @@ impl Transport for Participant {
 struct DdsReader {
     reader: SimpleDataReader<Vec<u8>, Raw>,
     waker: Waker,
+    shared: Arc<Shared>,
+    /// When it began to listen.
+    start: rustdds::Timestamp,
+    /// Whether it asked for new messages only, and lost ones are sent to it again.
+    new_only: bool,
 }
 
 impl DdsReader {
     fn next(&self) -> Result<Option<Vec<u8>>, Error> {
         self.reader.drain_read_notifications();
-        let change = self.reader.try_take_one();
-        change
-            .map(|change| change.map(rustdds::no_key::DeserializedCacheChange::into_value))
-            .map_err(|error| refused("message", error))
+        loop {
+            let change = self.reader.try_take_one();
+            match change.map_err(|error| refused("message", error))? {
+                Some(change) if self.is_history(&change) => {}
+                change => return Ok(change.map(DeserializedCacheChange::into_value)),
+            }
+        }
+    }
+
+    /// Whether a writer kept the message for late comers, though this reader is none of those who ask for that: `RustDDS`
+    /// writers send what they keep to every reliable reader. By the clock of the writer; only writers that keep messages are
+    /// suspected, so that one whose clock is behind is still heard.
+    fn is_history(&self, change: &DeserializedCacheChange<Vec<u8>>) -> bool {
+        let before = |time: rustdds::Timestamp| time < self.start;
+        if !self.new_only || !change.source_timestamp().is_some_and(before) {
+            return false;
+        }
+        let writers = self.shared.participant.discovered_writers();
+        let data = writers.iter().map(|writer| &writer.publication_topic_data);
+        let mut sender = data.filter(|data| data.key == change.writer_guid());
+        sender.any(|data| !is_volatile(data.durability))
     }
 }
 
 impl Subscriber for DdsReader {
     fn take(&mut self) -> Result<Option<Vec<u8>>, Error> {
         match self.next() {
-            // The bell rings once: it is hung up again, and what came meanwhile is looked for.
+            // A waker wakes once: it is set again, and what came meanwhile is looked for.
             Ok(None) => {
                 self.reader.set_waker(Some(self.waker.clone()));
                 self.next()
@@ -332,6 +359,11 @@ impl SerializerAdapter<Vec<u8>> for Raw {
             )),
         }
     }
+}
+
+/// Where nothing is said, it is.
+fn is_volatile(durability: Option<Durability>) -> bool {
+    matches!(durability, None | Some(Durability::Volatile))
 }
 
 fn policies(qos: Qos) -> QosPolicies {

@@ -3,12 +3,12 @@
 //! ```text
 //! topic      name · type · quality of service                    /PSM1/servo_cp · geometry_msgs/msg/PoseStamped · reliable
 //! match      a reader hears a writer of the same name and type if the writer offers what the reader asks for:
-//!            reliable ≥ best effort,  latched ≥ volatile         otherwise nothing arrives, and nobody says so
+//!            reliable ≥ best effort,  latched ≥ volatile         otherwise nothing arrives, without an error
 //! clock      now() counts from the epoch, as stamps do, and never goes back
 //! ```
 //! [`Transport`] carries whole messages as bytes, so that one decoder, that of [`cdr`](crate::cdr), reads all of them.
-//! What logic is built on it does not know the time but from [`Transport::now`], and does not sleep but in
-//! [`Transport::wait`]: on [`Bus`] it runs in simulated time and does the same in every run.
+//! Code built on it takes the time only from [`Transport::now`] and sleeps only in [`Transport::wait`]: on [`Bus`] it runs in
+//! simulated time and does the same in every run.
 //!
 //! | transport | use |
 //! |---|---|

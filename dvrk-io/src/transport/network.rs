@@ -38,7 +38,7 @@ impl Network {
     /// What the environment variables of ROS 2 say.
     ///
     /// # Errors
-    /// [`Error::BadNetwork`]: a variable with a value that means nothing, or a discovery that is switched off.
+    /// [`Error::BadNetwork`]: a variable with a value that it cannot have, or a discovery that is switched off.
     pub fn from_env() -> Result<Self, Error> {
         Self::from_vars(|name| std::env::var(name).ok())
     }

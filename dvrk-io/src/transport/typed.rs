@@ -1,23 +1,52 @@
-//! Ends of a topic that speak messages instead of bytes.
+//! Readers and writers of messages instead of bytes.
 
+use std::fmt;
 use std::marker::PhantomData;
 
 use super::{Publisher, Qos, Subscriber, Topic, Transport};
 use crate::Error;
 use crate::cdr::{Endian, Message, decode, encode};
 
+/// One end of a topic, and what bytes it takes or gives.
+struct End<T: ?Sized> {
+    topic: Topic,
+    inner: Box<T>,
+}
+
+impl<T: ?Sized> End<T> {
+    fn open<M: Message>(
+        name: impl Into<String>,
+        qos: Qos,
+        open: impl FnOnce(&Topic) -> Result<Box<T>, Error>,
+    ) -> Result<Self, Error> {
+        let topic = Topic::new::<M>(name, qos);
+        let inner = open(&topic)?;
+        Ok(Self { topic, inner })
+    }
+
+    fn on_topic(&self, source: Error) -> Error {
+        Error::OnTopic {
+            topic: self.topic.name.clone(),
+            source: Box::new(source),
+        }
+    }
+
+    fn debug(&self, name: &str, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct(name)
+            .field("topic", &self.topic)
+            .finish_non_exhaustive()
+    }
+}
+
 /// Reads messages `M` of one topic.
 pub struct Reader<M> {
-    topic: Topic,
-    inner: Box<dyn Subscriber>,
+    end: End<dyn Subscriber>,
     message: PhantomData<fn() -> M>,
 }
 
-impl<M> std::fmt::Debug for Reader<M> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Reader")
-            .field("topic", &self.topic)
-            .finish_non_exhaustive()
+impl<M> fmt::Debug for Reader<M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.end.debug("Reader", f)
     }
 }
 
@@ -31,18 +60,15 @@ impl<M: Message> Reader<M> {
         name: impl Into<String>,
         qos: Qos,
     ) -> Result<Self, Error> {
-        let topic = Topic::new::<M>(name, qos);
-        let inner = transport.subscribe(&topic)?;
         Ok(Self {
-            topic,
-            inner,
+            end: End::open::<M>(name, qos, |topic| transport.subscribe(topic))?,
             message: PhantomData,
         })
     }
 
     /// What it listens to.
     pub fn topic(&self) -> &Topic {
-        &self.topic
+        &self.end.topic
     }
 
     /// The next message, if there is one.
@@ -50,11 +76,11 @@ impl<M: Message> Reader<M> {
     /// # Errors
     /// [`Error::OnTopic`]: a message that came and cannot be read. The next call looks at the one behind it.
     pub fn take(&mut self) -> Result<Option<M>, Error> {
-        let message = self.inner.take().and_then(|bytes| {
+        let message = self.end.inner.take().and_then(|bytes| {
             let message = bytes.map(|bytes| decode(&bytes));
             message.transpose()
         });
-        message.map_err(|source| on(&self.topic, source))
+        message.map_err(|source| self.end.on_topic(source))
     }
 
     /// The last message that came since the last call; those before it are passed over unread.
@@ -64,29 +90,28 @@ impl<M: Message> Reader<M> {
     pub fn newest(&mut self) -> Result<Option<M>, Error> {
         let mut last = None;
         let taken = loop {
-            match self.inner.take() {
+            match self.end.inner.take() {
                 Ok(Some(bytes)) => last = Some(bytes),
                 Ok(None) => break Ok(()),
                 Err(error) => break Err(error),
             }
         };
         let message = last.map(|bytes| decode(&bytes)).transpose();
-        taken.and(message).map_err(|source| on(&self.topic, source))
+        taken
+            .and(message)
+            .map_err(|source| self.end.on_topic(source))
     }
 }
 
 /// Writes messages `M` of one topic.
 pub struct Writer<M> {
-    topic: Topic,
-    inner: Box<dyn Publisher>,
+    end: End<dyn Publisher>,
     message: PhantomData<fn(M)>,
 }
 
-impl<M> std::fmt::Debug for Writer<M> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Writer")
-            .field("topic", &self.topic)
-            .finish_non_exhaustive()
+impl<M> fmt::Debug for Writer<M> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.end.debug("Writer", f)
     }
 }
 
@@ -100,18 +125,15 @@ impl<M: Message> Writer<M> {
         name: impl Into<String>,
         qos: Qos,
     ) -> Result<Self, Error> {
-        let topic = Topic::new::<M>(name, qos);
-        let inner = transport.advertise(&topic)?;
         Ok(Self {
-            topic,
-            inner,
+            end: End::open::<M>(name, qos, |topic| transport.advertise(topic))?,
             message: PhantomData,
         })
     }
 
     /// What it writes to.
     pub fn topic(&self) -> &Topic {
-        &self.topic
+        &self.end.topic
     }
 
     /// Sends a message.
@@ -121,14 +143,7 @@ impl<M: Message> Writer<M> {
     pub fn publish(&mut self, message: &M) -> Result<(), Error> {
         let bytes = encode(message, Endian::Little);
         bytes
-            .and_then(|bytes| self.inner.publish(bytes))
-            .map_err(|source| on(&self.topic, source))
-    }
-}
-
-fn on(topic: &Topic, source: Error) -> Error {
-    Error::OnTopic {
-        topic: topic.name.clone(),
-        source: Box::new(source),
+            .and_then(|bytes| self.end.inner.publish(bytes))
+            .map_err(|source| self.end.on_topic(source))
     }
 }

@@ -74,11 +74,19 @@ impl Header {
                     })?);
                 }
                 [b"format", ..] => return Err(complain("not a format of version 1.0")),
-                [b"element", name, count] => elements.push(Element {
-                    name: String::from_utf8_lossy(name).into_owned(),
-                    count: whole(count).ok_or_else(|| complain("not a number of elements"))?,
-                    properties: Vec::new(),
-                }),
+                [b"element", name, count] => {
+                    let name = String::from_utf8_lossy(name).into_owned();
+                    // Two tables of vertices may have different columns: one mesh cannot hold both.
+                    let again = |known: &Element| known.name == "vertex" && name == "vertex";
+                    if elements.iter().any(again) {
+                        return Err(complain("a second element vertex"));
+                    }
+                    elements.push(Element {
+                        name,
+                        count: whole(count).ok_or_else(|| complain("not a number of elements"))?,
+                        properties: Vec::new(),
+                    });
+                }
                 [b"property", ref kind @ .., name] => {
                     let (Some((count, scalar)), Some(element)) = (types(kind), elements.last_mut())
                     else {
