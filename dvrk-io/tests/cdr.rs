@@ -416,12 +416,12 @@ proptest! {
     fn colours_come_back_with_their_points(
         rows in prop::collection::vec((prop::array::uniform3(-1e3..1e3), any::<[u8; 3]>()), 0..20),
     ) {
-        let (points, colors): (Vec<[f64; 3]>, Vec<_>) = rows.into_iter().unzip();
+        let (points, colours): (Vec<[f64; 3]>, Vec<_>) = rows.into_iter().unzip();
         let points: Vec<Point3<f64>> = points.into_iter().map(Point3::from).collect();
-        let cloud = PointCloud2::from_colored_points(header(), &points, &colors)?;
+        let cloud = PointCloud2::from_coloured_points(header(), &points, &colours)?;
         prop_assert_eq!(cloud.points()?, PointCloud2::from_points(header(), &points)?.points()?);
-        prop_assert_eq!(cloud.colors()?, Some(colors.clone()));
-        prop_assert!(PointCloud2::from_colored_points(header(), &points, &[&colors[..], &[[0; 3]]].concat()).is_err());
+        prop_assert_eq!(cloud.colours()?, Some(colours.clone()));
+        prop_assert!(PointCloud2::from_coloured_points(header(), &points, &[&colours[..], &[[0; 3]]].concat()).is_err());
     }
 
     #[test]

@@ -384,7 +384,7 @@ fn millimetres_and_missing_depths() {
     let camera = Intrinsics::new(2, 2, [2.0, 4.0], [0.0; 2]).unwrap();
     let scan = Scan::from_image(&metres, &camera).unwrap();
     assert_eq!(scan.unit(), (LengthUnit::Metres, UnitSource::Given));
-    assert_eq!((scan.columns(), scan.colors()), (Some(2), None));
+    assert_eq!((scan.columns(), scan.colours()), (Some(2), None));
     assert!(scan.points()[0].iter().all(|value| value.is_nan()));
     assert_eq!(scan.points()[1], Point3::new(0.25, 0.0, 0.5));
     let far = f64::from(65.535_f32);

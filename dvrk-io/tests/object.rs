@@ -52,11 +52,11 @@ fn every_message_gives_the_same_object() {
         assert_eq!(scan.unit(), (unit, UnitSource::Range));
         assert_eq!(scan.columns().is_some(), organised);
         let object = find(&scan).unwrap();
-        let colors = object.colors.as_ref().unwrap();
+        let colours = object.colours.as_ref().unwrap();
         assert!(
-            colors.iter().all(|color| *color == [121, 81, 41]),
+            colours.iter().all(|colour| *colour == [121, 81, 41]),
             "{:?}",
-            colors[0]
+            colours[0]
         );
         objects.push(object);
     }

@@ -64,7 +64,7 @@ fn frame(size: f64, turned: u32, holding: bool) -> Observation {
     Observation {
         stamp: 0.0,
         points: render(size, &at),
-        colors: None,
+        colours: None,
         arms: arms.into(),
     }
 }

@@ -383,7 +383,7 @@ fn picture(path: &Path, truth: &Truth, observation: &Observation) -> Result<(), 
             );
         }
         for arm in &observation.arms {
-            let color = if arm.holding {
+            let colour = if arm.holding {
                 [20, 140, 30]
             } else {
                 [30, 30, 160]
@@ -398,7 +398,7 @@ fn picture(path: &Path, truth: &Truth, observation: &Observation) -> Result<(), 
                         at + Vector3::new(0.0, 3.0, 0.0),
                     ]
                     .map(|p| Point3::new(p.x, p.y, -1.0)),
-                    color,
+                    colour,
                 );
             }
         }
@@ -424,7 +424,7 @@ impl Image {
     const WIDTH: usize = 560;
     const HEIGHT: usize = 700;
 
-    fn triangle(&mut self, c: [Point3<f64>; 3], color: [u8; 3]) {
+    fn triangle(&mut self, c: [Point3<f64>; 3], colour: [u8; 3]) {
         let side = |a: usize, b: usize, p: Point3<f64>| (c[b] - c[a]).xy().perp(&(p - c[a]).xy());
         let area = side(0, 1, c[2]);
         let low = c[0].inf(&c[1]).inf(&c[2]);
@@ -441,7 +441,7 @@ impl Image {
                 let at = y * Self::WIDTH + x;
                 if w.iter().all(|&w| w >= 0.0) && z < self.depth[at] {
                     self.depth[at] = z;
-                    self.pixels[at] = color;
+                    self.pixels[at] = colour;
                 }
             }
         }

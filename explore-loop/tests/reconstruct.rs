@@ -90,7 +90,7 @@ fn frame(turned: u32, holding: bool, number: u32) -> Observation {
     Observation {
         stamp: 0.1 * f64::from(number),
         points: render(&at, u64::from(number)),
-        colors: None,
+        colours: None,
         arms: arms(&at, holding),
     }
 }
@@ -346,7 +346,7 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
         let moved = Observation {
             stamp: 0.6,
             points: render(&at, 6),
-            colors: None,
+            colours: None,
             arms: arms(&at, false),
         };
         let report = reconstructor.process(&moved, &table()).unwrap();

@@ -108,13 +108,13 @@ impl PointCloud2 {
     ///
     /// # Errors
     /// Another number of colours than of points, and those of [`Self::from_points`].
-    pub fn from_colored_points(
+    pub fn from_coloured_points(
         header: Header,
         points: &[Point3<f64>],
-        colors: &[[u8; 3]],
+        colours: &[[u8; 3]],
     ) -> Result<Self, Error> {
-        if points.len() != colors.len() {
-            let reason = format!("{} colours for {} points", colors.len(), points.len());
+        if points.len() != colours.len() {
+            let reason = format!("{} colours for {} points", colours.len(), points.len());
             return Err(Error::BadCloud { reason });
         }
         let plain = Self::from_points(header, points)?;
@@ -128,7 +128,7 @@ impl PointCloud2 {
         })?;
         let mut data = Vec::with_capacity(bytes);
         let rows = plain.data.chunks_exact(plain.point_step as usize);
-        for (row, [red, green, blue]) in rows.zip(colors) {
+        for (row, [red, green, blue]) in rows.zip(colours) {
             data.extend_from_slice(row);
             data.extend([*blue, *green, *red, 0]);
         }
@@ -188,7 +188,7 @@ impl PointCloud2 {
     ///
     /// # Errors
     /// Another data type, a field outside the point, or fewer bytes than the sizes say.
-    pub fn colors(&self) -> Result<Option<Vec<[u8; 3]>>, Error> {
+    pub fn colours(&self) -> Result<Option<Vec<[u8; 3]>>, Error> {
         let mut fields = self.fields.iter();
         let Some(field) = fields.find(|field| field.name == "rgb" || field.name == "rgba") else {
             return Ok(None);
@@ -201,11 +201,11 @@ impl PointCloud2 {
         }
         self.check_fits(field, 4)?;
         self.check_size()?;
-        let color = |point| {
+        let colour = |point| {
             let [blue, green, red, _] = self.little_endian(point, field.offset as usize);
             [red, green, blue]
         };
-        Ok(Some(self.rows().flatten().map(color).collect()))
+        Ok(Some(self.rows().flatten().map(colour).collect()))
     }
 
     /// The bytes of each point, row by row; only behind [`Self::check_size`].

@@ -27,7 +27,7 @@ pub struct Object {
     /// Towards the camera, one a point.
     pub normals: Vec<UnitVector3<f64>>,
     /// Mean red, green and blue, one a point, if the message has colours.
-    pub colors: Option<Vec<[u8; 3]>>,
+    pub colours: Option<Vec<[u8; 3]>>,
     /// For each point of the scan, the entry of `points` that it is joined in; `None` if it was removed. Tells the pixels of
     /// the object in an aligned image.
     pub point_of: Vec<Option<usize>>,
@@ -96,11 +96,13 @@ pub fn find_object(
         return Err(nothing(&account));
     }
     account.kept = oriented.len();
-    let color = |(voxel, _): &(Voxel, _)| voxel.color;
+    let colour = |(voxel, _): &(Voxel, _)| voxel.colour;
     Ok(Object {
         points: oriented.iter().map(|(voxel, _)| voxel.point).collect(),
         normals: oriented.iter().map(|(_, normal)| *normal).collect(),
-        colors: scan.colors().map(|_| oriented.iter().map(color).collect()),
+        colours: scan
+            .colours()
+            .map(|_| oriented.iter().map(colour).collect()),
         point_of: point_of(account.total, &left, &voxel_of, &oriented),
         table,
         unit: scan.unit(),
@@ -194,12 +196,12 @@ fn above(
 /// Voxels of the points that are left, and the number of the voxel of each.
 fn voxels_of(scan: &Scan, left: &[usize], size: f64) -> (Vec<Voxel>, Vec<usize>) {
     let points: Vec<_> = left.iter().map(|&index| scan.points()[index]).collect();
-    let colors = scan.colors().unwrap_or_default();
-    let colors: Vec<_> = left
+    let colours = scan.colours().unwrap_or_default();
+    let colours: Vec<_> = left
         .iter()
-        .filter_map(|&index| colors.get(index).copied())
+        .filter_map(|&index| colours.get(index).copied())
         .collect();
-    voxels(&points, &colors, size)
+    voxels(&points, &colours, size)
 }
 
 /// The voxels that have a normal, with it.

@@ -54,7 +54,7 @@ const MILLIMETRES_FROM: f64 = 20.0;
 pub struct Scan {
     /// In the order of the message; NaN where nothing was measured.
     points: Vec<Point3<f64>>,
-    colors: Option<Vec<[u8; 3]>>,
+    colours: Option<Vec<[u8; 3]>>,
     /// Columns; 0 for points without rows.
     width: usize,
     unit: LengthUnit,
@@ -65,11 +65,11 @@ impl Scan {
     /// Takes in a cloud; `unit` is told by its range unless it is given.
     ///
     /// # Errors
-    /// See [`PointCloud2::points`] and [`PointCloud2::colors`].
+    /// See [`PointCloud2::points`] and [`PointCloud2::colours`].
     pub fn from_cloud(cloud: &PointCloud2, unit: Option<LengthUnit>) -> Result<Self, Error> {
         Ok(Self::of(
             cloud.points()?,
-            cloud.colors()?,
+            cloud.colours()?,
             [cloud.width as usize, cloud.height as usize],
             unit.map(|unit| (unit, UnitSource::Given)),
         ))
@@ -152,7 +152,7 @@ impl Scan {
 
     fn of(
         mut points: Vec<Point3<f64>>,
-        colors: Option<Vec<[u8; 3]>>,
+        colours: Option<Vec<[u8; 3]>>,
         [width, height]: [usize; 2],
         unit: Option<(LengthUnit, UnitSource)>,
     ) -> Self {
@@ -167,7 +167,7 @@ impl Scan {
         }
         Self {
             points,
-            colors,
+            colours,
             width: if height > 1 { width } else { 0 },
             unit,
             unit_source,
@@ -180,8 +180,8 @@ impl Scan {
     }
 
     /// Red, green and blue of each point, if the message has them.
-    pub fn colors(&self) -> Option<&[[u8; 3]]> {
-        self.colors.as_deref()
+    pub fn colours(&self) -> Option<&[[u8; 3]]> {
+        self.colours.as_deref()
     }
 
     /// Columns, if neighbours in the message are neighbours in the image.

@@ -60,22 +60,22 @@ pub(super) struct Voxel {
     pub(super) number: usize,
     pub(super) first: Point3<f64>,
     pub(super) point: Point3<f64>,
-    pub(super) color: [u8; 3],
+    pub(super) colour: [u8; 3],
     pub(super) count: usize,
 }
 
-/// The mean of the points in each cell of edge `size`, and the number of the voxel of each point. `colors` has as many
+/// The mean of the points in each cell of edge `size`, and the number of the voxel of each point. `colours` has as many
 /// entries as `points`, or none.
 pub(super) fn voxels(
     points: &[Point3<f64>],
-    colors: &[[u8; 3]],
+    colours: &[[u8; 3]],
     size: f64,
 ) -> (Vec<Voxel>, Vec<usize>) {
     #[derive(Clone, Copy, Default)]
     struct Sum {
         count: usize,
         offset: Vector3<f64>,
-        color: [usize; 3],
+        colour: [usize; 3],
     }
     let mut indices: Cells<usize> = Cells::default();
     let mut sums: Vec<(Point3<f64>, Sum)> = Vec::new();
@@ -90,8 +90,8 @@ pub(super) fn voxels(
         sum.count += 1;
         // From the first point of the cell on: exact for one point, and small numbers for many.
         sum.offset += *point - *first;
-        let color = colors.get(index).copied().unwrap_or_default();
-        for (sum, value) in sum.color.iter_mut().zip(color) {
+        let colour = colours.get(index).copied().unwrap_or_default();
+        for (sum, value) in sum.colour.iter_mut().zip(colour) {
             *sum += usize::from(value);
         }
     }
@@ -99,8 +99,8 @@ pub(super) fn voxels(
         number,
         first,
         point: first + sum.offset / sum.count as f64,
-        color: sum
-            .color
+        colour: sum
+            .colour
             .map(|value| ((value + sum.count / 2) / sum.count) as u8),
         count: sum.count,
     };
@@ -230,11 +230,11 @@ mod tests {
     #[test]
     fn voxels_hold_every_point_once() {
         let points = cloud(3, 1000);
-        let colors = vec![[10, 20, 255]; 1000];
-        let (found, voxel_of) = voxels(&points, &colors, 0.1);
+        let colours = vec![[10, 20, 255]; 1000];
+        let (found, voxel_of) = voxels(&points, &colours, 0.1);
         assert_eq!(found.iter().map(|voxel| voxel.count).sum::<usize>(), 1000);
         for voxel in &found {
-            assert_eq!(voxel.color, [10, 20, 255]);
+            assert_eq!(voxel.colour, [10, 20, 255]);
             let inside: Vec<_> = points
                 .iter()
                 .filter(|point| key(point, 0.1) == key(&voxel.point, 0.1))

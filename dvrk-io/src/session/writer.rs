@@ -124,13 +124,13 @@ impl SessionWriter {
     ///
     /// # Errors
     /// Another number of colours than of points, and those of [`Self::points`].
-    pub fn colored_points(
+    pub fn coloured_points(
         &mut self,
         stamp: f64,
         points: &[Point3<f64>],
-        colors: &[[u8; 3]],
+        colours: &[[u8; 3]],
     ) -> Result<(), Error> {
-        let cloud = PointCloud2::from_colored_points(header(stamp)?, points, colors)?;
+        let cloud = PointCloud2::from_coloured_points(header(stamp)?, points, colours)?;
         self.flush()?;
         self.write(&Role::Points, cloud.header.stamp, &cloud)
     }

@@ -144,9 +144,9 @@ pub fn adds_up(object: &Object) {
     assert_eq!(a.kept, object.normals.len());
     assert!(
         object
-            .colors
+            .colours
             .as_ref()
-            .is_none_or(|colors| colors.len() == a.kept)
+            .is_none_or(|colours| colours.len() == a.kept)
     );
     assert!(
         object
@@ -224,8 +224,8 @@ pub fn cloud(scene: &Scene, organised: bool, scale: f64) -> PointCloud2 {
             continue;
         }
         let point = ray * (depth * scale);
-        let color = [40_u8, 80, 120, 0].map(|value| value + scene.hit(&ray).1 as u8);
-        data.extend(color.iter().rev());
+        let colour = [40_u8, 80, 120, 0].map(|value| value + scene.hit(&ray).1 as u8);
+        data.extend(colour.iter().rev());
         for value in [point.z, point.x, point.y] {
             data.extend(value.to_be_bytes());
         }

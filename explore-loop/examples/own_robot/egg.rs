@@ -193,7 +193,7 @@ impl Cell for EggCell {
         Ok(Observation {
             stamp: f64::from(self.frame) / RATE,
             points: self.look(),
-            colors: None,
+            colours: None,
             arms: self.arms.iter().map(|a| a.state.clone()).collect(),
         })
     }

@@ -104,7 +104,7 @@ pub struct Observation {
     /// Points on the visible surface of the object, unordered, at least one every half spacing of the model.
     pub points: Vec<Point3<f64>>,
     /// Red, green and blue of each point, if the camera has colours. A list of another length than the points is no colours.
-    pub colors: Option<Vec<[u8; 3]>>,
+    pub colours: Option<Vec<[u8; 3]>>,
     /// The arms, in the order of [`CellInfo::arms`].
     pub arms: Vec<ArmState>,
 }
@@ -112,15 +112,15 @@ pub struct Observation {
 impl Observation {
     /// The colours of the points, if each has one.
     pub fn colours(&self) -> Option<&[[u8; 3]]> {
-        let colors = self.colors.as_deref();
-        colors.filter(|colors| colors.len() == self.points.len())
+        let colours = self.colours.as_deref();
+        colours.filter(|colours| colours.len() == self.points.len())
     }
 
     /// Keeps the points that `keep` says, with their colours.
     pub fn retain(&mut self, keep: impl Fn(&Point3<f64>) -> bool) {
-        if let Some(colors) = self.colors.take().filter(|c| c.len() == self.points.len()) {
-            let both = colors.into_iter().zip(&self.points);
-            self.colors = Some(both.filter(|(_, p)| keep(p)).map(|(c, _)| c).collect());
+        if let Some(colours) = self.colours.take().filter(|c| c.len() == self.points.len()) {
+            let both = colours.into_iter().zip(&self.points);
+            self.colours = Some(both.filter(|(_, p)| keep(p)).map(|(c, _)| c).collect());
         }
         self.points.retain(keep);
     }

@@ -144,7 +144,7 @@ impl Cell for ReplayCell {
         Ok(Observation {
             stamp: frame.stamp,
             points: frame.points,
-            colors: None,
+            colours: None,
             arms: self.last.clone(),
         })
     }

@@ -232,7 +232,7 @@ impl Cell for FakeCell {
         Ok(Observation {
             stamp: world.frame as f64 * PERIOD,
             points: world.seen(),
-            colors: None,
+            colours: None,
             arms: world.arms.iter().map(state).collect(),
         })
     }

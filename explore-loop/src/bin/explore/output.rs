@@ -169,7 +169,7 @@ pub struct FinalMesh {
     normals: Vec<UnitVector3<f64>>,
     triangles: Vec<[u32; 3]>,
     /// Red, green and blue of each vertex, where the camera has colours; grey where none is known.
-    colors: Option<Vec<[u8; 3]>>,
+    colours: Option<Vec<[u8; 3]>>,
 }
 
 /// Said in the header of every mesh.
@@ -193,8 +193,8 @@ impl FinalMesh {
     /// As it is written.
     fn written(&self) -> Result<Mesh, mesh::Error> {
         let mut mesh = oriented(&self.vertices, &self.normals, &self.triangles)?;
-        if let Some(colors) = &self.colors {
-            mesh = mesh.with_colours(colors.clone())?;
+        if let Some(colours) = &self.colours {
+            mesh = mesh.with_colours(colours.clone())?;
         }
         self.further.iter().try_fold(mesh, |mesh, (name, values)| {
             mesh.with_property(Property::new(name, values.clone()))
@@ -208,7 +208,7 @@ impl FinalMesh {
         let colour = |(p, n): (&Point3<f64>, &UnitVector3<f64>)| {
             model.colours.at(p, n, spacing).unwrap_or([128; 3])
         };
-        mesh.colors = (!model.colours.is_empty()).then(|| places.map(colour).collect());
+        mesh.colours = (!model.colours.is_empty()).then(|| places.map(colour).collect());
         mesh
     }
 
@@ -219,14 +219,14 @@ impl FinalMesh {
                 vertices: surface.vertices.clone(),
                 normals: surface.normals.clone(),
                 triangles: surface.triangles.clone(),
-                colors: None,
+                colours: None,
             },
             None => Self {
                 further: Vec::new(),
                 vertices: model.rest.clone(),
                 normals: model.rest_normals.clone(),
                 triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
-                colors: None,
+                colours: None,
             },
         }
     }

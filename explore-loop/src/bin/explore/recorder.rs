@@ -197,7 +197,7 @@ impl<'a> Recorder<'a> {
         };
         let (stamp, points) = (observation.stamp, &observation.points);
         match observation.colours() {
-            Some(colors) => session.colored_points(stamp, points, colors)?,
+            Some(colours) => session.coloured_points(stamp, points, colours)?,
             None => session.points(stamp, points)?,
         }
         for (name, arm) in self.arm_names.iter().zip(&observation.arms) {

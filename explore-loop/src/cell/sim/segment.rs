@@ -68,7 +68,7 @@ impl Segmenter {
             match find_object(&scan, arms, &options) {
                 Ok(object) => {
                     return Ok(Seen {
-                        colors: mean_colors(&object, colour),
+                        colours: mean_colours(&object, colour),
                         points: object.points,
                     });
                 }
@@ -89,11 +89,11 @@ impl Segmenter {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Seen {
     pub points: Vec<Point3<f64>>,
-    pub colors: Vec<[u8; 3]>,
+    pub colours: Vec<[u8; 3]>,
 }
 
 /// Mean colour of the pixels that each point is made of.
-fn mean_colors(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 3]> {
+fn mean_colours(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 3]> {
     let mut sums = vec![([0_u32; 3], 0_u32); object.points.len()];
     for (pixel, point) in object.point_of.iter().enumerate() {
         if let Some(point) = *point {

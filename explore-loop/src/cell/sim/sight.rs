@@ -110,7 +110,7 @@ impl Sight {
         let Some(segmenter) = &self.segmenter else {
             return Ok(Seen {
                 points: self.camera.points(self.seed, frame),
-                colors: self.camera.object_pixels().map(colour).collect(),
+                colours: self.camera.object_pixels().map(colour).collect(),
             });
         };
         let arms = view.arms.iter().zip(&view.openings);

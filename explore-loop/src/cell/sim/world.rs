@@ -319,7 +319,7 @@ impl Cell for SimCell {
         Ok(Observation {
             stamp: view.stamp,
             points: seen.points,
-            colors: Some(seen.colors),
+            colours: Some(seen.colours),
             arms: view.arms,
         })
     }

@@ -209,7 +209,7 @@ mod tests {
         let observation = Observation {
             stamp: 0.1 * f64::from(frame),
             points: model.rest.clone(),
-            colors: None,
+            colours: None,
             arms: Vec::new(),
         };
         let report = FrameReport {
