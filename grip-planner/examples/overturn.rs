@@ -17,7 +17,7 @@ fn main() -> Result<(), grip_planner::Error> {
         model.points.len(),
         missing_vector_area(&model).as_slice()
     );
-    for t in turns(&model, &scene)? {
+    for t in turns(&model, &scene, 0.0)? {
         println!(
             "turn about {:.2?}: lift {:.2?}, span {:.3} m, {:.0}°, gain {:.2}",
             t.axis.as_slice(),

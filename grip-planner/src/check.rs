@@ -5,10 +5,10 @@
 //!
 //! ```text
 //! lies still                camera_from_body = constant
-//! carried by a tip          camera_from_body = T(p(t)) · R(a, θ(t)) · T(−p(0))
+//! carried by a tip          camera_from_body = T(p(t)) · R(t) · T(−p(0))
 //! ```
 //!
-//! with `p` the tip of that tool, or the middle of the lifting tips for a tool that does not hold. A soft body hangs lower than that, away from the
+//! with `R` how far the body is turned and `p` the tip of that tool, or the middle of the lifting tips for a tool that does not hold. A soft body hangs lower than that, away from the
 //! tools, but where a tool holds it there is tissue whatever the rest does. The poses of the tools are taken back into the frame of the body at
 //! rest, so the obstacle is built once.
 
@@ -29,10 +29,9 @@ pub(crate) enum Carried<'a> {
         grasps: &'a [Point3<f64>],
         approach: f64,
     },
-    /// It is held, and turned about `axis` by so much at every key frame.
+    /// It is held, and turned by so much at every key frame.
     Turned {
-        axis: UnitVector3<f64>,
-        angles: &'a [f64],
+        turned: &'a [UnitQuaternion<f64>],
         /// A supporting tool is still leaving its grip within this distance of where it let go.
         leaving: f64,
     },
@@ -164,18 +163,14 @@ impl<'a> Surroundings<'a> {
                 let inside = grasps.iter().any(near);
                 (*body_from_camera, if inside { self.jaws } else { 0.0 })
             }
-            Carried::Turned {
-                axis,
-                angles,
-                leaving,
-            } => {
+            Carried::Turned { turned, leaving } => {
                 let holds = path.role == Role::Lift || moment.time <= path.release;
                 let let_go = path.at(path.release).unwrap_or_else(Isometry3::identity);
                 let let_go = Point3::from(let_go.translation.vector);
                 let near = holds || (let_go - tool.tip).norm() <= *leaving;
                 // What a tool lets go lies where it was let go.
                 let by = near.then_some((path, if holds { tool.tip } else { let_go }));
-                let body = carried_by(motion, by, moment, turned(axis, angles, moment));
+                let body = carried_by(motion, by, moment, turned_at(turned, moment));
                 (body.inverse(), if near { self.jaws } else { 0.0 })
             }
         };
@@ -215,10 +210,11 @@ fn carried_by(
     Translation3::from(to) * turned * Translation3::from(-from)
 }
 
-fn turned(axis: &UnitVector3<f64>, angles: &[f64], moment: Moment) -> UnitQuaternion<f64> {
-    let angle = |frame: usize| angles.get(frame).or(angles.last()).copied().unwrap_or(0.0);
-    let (a, b) = (angle(moment.frame), angle(moment.frame + 1));
-    UnitQuaternion::from_axis_angle(axis, a + moment.share * (b - a))
+fn turned_at(turned: &[UnitQuaternion<f64>], moment: Moment) -> UnitQuaternion<f64> {
+    let at = |frame: usize| turned.get(frame).or(turned.last()).copied();
+    let [a, b] = [moment.frame, moment.frame + 1].map(|k| at(k).unwrap_or_default());
+    // Way points are a few degrees apart, where slerp is defined.
+    a.try_slerp(&b, moment.share, 1e-9).unwrap_or(a)
 }
 
 /// Where the body lies after a motion that turned it by `angle` about `axis`: with the middle of the lifting tips.

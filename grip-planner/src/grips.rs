@@ -4,7 +4,7 @@
 //! score(g) = (NSC(g) / max NSC)^(1−ω) · (suitability(g) · gain)^ω
 //! ```
 //!
-//! over all pairs of candidates and all four turns, `ω` = [`Options::turning_weight`]. Coverage alone (`ω = 0`) would like to hold a body by two
+//! over all pairs of candidates and all turns, `ω` = [`Options::turning_weight`]. Coverage alone (`ω = 0`) would like to hold a body by two
 //! opposite corners, and nobody can turn it over like that; suitability alone forgets what the grips are to
 //! move. A geometric mean lets neither be zero. Sets without any suitability are left out whatever `ω` is.
 //!
@@ -213,7 +213,7 @@ pub(crate) fn rank(
     }
     let vertices: Vec<u32> = candidates.accepted.iter().map(|c| c.vertex).collect();
     let coverage = Coverage::new(model, &scene.table, &vertices, &options.coverage)?;
-    let turns = turns(model, scene)?;
+    let turns = turns(model, scene, options.tilt)?;
     let ranking = Ranking {
         scene,
         options,

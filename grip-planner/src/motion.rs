@@ -25,6 +25,8 @@ pub enum Stage {
     Reach,
     /// First quarter of a turn: the lifted side goes up, the slack is taken up.
     Lift,
+    /// The hanging body is tilted to one side and to the other: its ends are shown.
+    Tilt,
     /// Second quarter: the body is retracted and laid down on its other side.
     Lower,
     /// The sides of a hole are pulled apart.
@@ -42,6 +44,7 @@ impl fmt::Display for Stage {
         f.write_str(match self {
             Self::Reach => "reach",
             Self::Lift => "lift",
+            Self::Tilt => "tilt",
             Self::Lower => "lower",
             Self::Pull => "pull",
             Self::Hold => "hold",

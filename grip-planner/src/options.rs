@@ -50,6 +50,8 @@ pub struct Options {
     pub turning_weight: f64,
     /// Where the distance of two lifting grips should be, as a share of the box along the axis. Default 0.4 to 0.8.
     pub spread: [f64; 2],
+    /// How far a hanging body may be tilted to either side, so that its ends are seen too, radians, at most 60°. Default 30°; 0 never tilts.
+    pub tilt: f64,
     /// At most so many sets are returned. Default 24.
     pub max_sets: usize,
     /// Lift only the side that lies in this direction. Default: whichever is best.
@@ -71,6 +73,7 @@ impl Default for Options {
             outline_weight: 0.8,
             turning_weight: 0.5,
             spread: [0.4, 0.8],
+            tilt: 30f64.to_radians(),
             max_sets: 24,
             lift: None,
             support: Support::Hold,
@@ -119,6 +122,8 @@ impl Options {
             1.0,
             "between 0 and 1",
         )?;
+        let most = std::f64::consts::FRAC_PI_3;
+        within("tilt", self.tilt, 0.0, most, "between 0 and 60 degrees")?;
         positive("spread[0]", self.spread[0])?;
         within(
             "spread[1]",

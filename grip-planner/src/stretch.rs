@@ -291,8 +291,7 @@ pub(crate) fn pull(
             retreat(&pose(k, options.keep, 0.0), scene, options.retreat_distance);
     }
     let carried = Carried::Turned {
-        axis: scene.table.normal,
-        angles: &[0.0],
+        turned: &[],
         leaving: options.retreat_distance,
     };
     around.check(&motion, &carried)?;

@@ -19,14 +19,23 @@
 //! that were never seen take the place of both ([`Model::hidden`]): the boundary of a small hole faces all ways but that of the hole. The gain is multiplied by `length/longest side`: when `m` points straight down
 //! all four turns show it equally well and the one about the longer side, which lifts least, is meant to win.
 //!
+//! The ends of the body, which face along the axis, stay edge-on however far it is turned. A turn that would leave more than [`LEFT`] of the surface
+//! unseen for that reason is also offered with a **tilt**: while the body hangs, its axis is tilted by `τ` to one side and then to the
+//! other. For a direction `d` turned by a quarter it shows the best moment between `−τ` and `τ` about `l`, and the gain of `d` is the larger of the two:
+//!
+//! ```text
+//! not shown:  max over the way of cos(d, camera) < cos 80°
+//! ```
+//!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
 //! 40 to 80 % of the length apart, level with the axis, and balanced about the middle. Grips that are close together let a soft body hang like
 //! a handkerchief; it then comes down on any side.
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, UnitVector3, Vector3};
 
+use crate::scene::within;
 use crate::{Error, Model, Scene, agent_box, missing_vector_area};
 
 /// Missing vector area below this share of the known area is sampling noise and has no direction.
@@ -35,6 +44,10 @@ const NOISE: f64 = 0.01;
 const ONE_WAY: f64 = 0.5;
 /// A body lower than this share of its span does not stand on its side.
 const STANDS: f64 = 0.7;
+/// Cosine to the direction of the camera under which surface is seen too nearly edge-on.
+const EDGE_ON: f64 = 0.17;
+/// Share of the surface that may be left unseen by a turn before a tilt is worth its time.
+const LEFT: f64 = 0.005;
 
 /// A turn about one side of the agent box.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,6 +69,8 @@ pub struct Turn {
     pub thickness: f64,
     /// How far to turn, radians.
     pub angle: f64,
+    /// How far the axis is tilted to either side while the body hangs, radians; 0 where it is not.
+    pub tilt: f64,
     /// How much of the missing area faces the camera after it, 0 to 1.
     pub gain: f64,
 }
@@ -73,6 +88,11 @@ impl Turn {
             + self.axis.as_ref() * local.x
             + self.lifted.as_ref() * local.y
             + self.up.as_ref() * local.z
+    }
+
+    /// Rotating about it by a positive angle raises what lies farther along [`Self::axis`].
+    pub(crate) fn tilt_axis(&self) -> UnitVector3<f64> {
+        -self.lifted
     }
 
     /// The point reflected to the other side of the box: about where a grip ends when the body is turned on the spot.
@@ -123,13 +143,15 @@ impl Turn {
     }
 }
 
-/// The four turns about the sides of the agent box, best gain first.
+/// The four turns about the sides of the agent box, and those that leave less unseen when the body is tilted by `tilt` (radians) to either
+/// side while it hangs; best gain first.
 ///
 /// # Errors
-/// A model or scene that is not usable.
-pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
+/// A model or scene that is not usable; a tilt outside 0 to 60°.
+pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error> {
     model.check()?;
     scene.check()?;
+    within("tilt", tilt, 0.0, FRAC_PI_3, "between 0 and 60 degrees")?;
     let outline = agent_box(model.points, &scene.table)?;
     let up = scene.table.normal;
     let thickness = model
@@ -148,8 +170,6 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
             .table
             .foot(&(outline.center - lifted.as_ref() * (0.5 * span)));
         let angle = hidden.angle(&axis, &view, thickness < STANDS * span);
-        let gain = hidden.gain(&axis, &view, angle);
-        let long = length / (2.0 * outline.half_extents.x).max(f64::MIN_POSITIVE);
         Turn {
             axis,
             lifted,
@@ -159,31 +179,43 @@ pub fn turns(model: &Model, scene: &Scene) -> Result<[Turn; 4], Error> {
             length,
             thickness,
             angle,
-            gain: gain * long,
+            tilt: 0.0,
+            gain: 0.0,
         }
     };
-    let mut all = [about(0, 1.0), about(0, -1.0), about(1, 1.0), about(1, -1.0)];
+    let straight = [about(0, 1.0), about(0, -1.0), about(1, 1.0), about(1, -1.0)];
+    let tilted = straight.map(|turn| Turn { tilt, ..turn });
+    let tilted = tilted.iter().filter(|turn| hidden.wants_tilt(turn, &view));
+    let longest = (2.0 * outline.half_extents.x).max(f64::MIN_POSITIVE);
+    let gained = |turn: &Turn| Turn {
+        gain: hidden.gain(turn, &view) * turn.length / longest,
+        ..*turn
+    };
+    let mut all: Vec<Turn> = straight.iter().chain(tilted).map(gained).collect();
     all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     Ok(all)
 }
 
 /// Where hidden surface faces: vectors whose lengths are areas.
 struct Hidden {
+    /// Area that is known, m².
+    known: f64,
     missing: Option<Vector3<f64>>,
     directions: Vec<Vector3<f64>>,
 }
 
 impl Hidden {
     fn new(model: &Model, up: &UnitVector3<f64>) -> Self {
+        let known: f64 = model.areas.iter().sum();
         if !model.hidden.is_empty() {
             let sum: Vector3<f64> = model.hidden.iter().sum();
             let all: f64 = model.hidden.iter().map(Vector3::norm).sum();
             return Self {
+                known,
                 missing: Some(sum).filter(|m| m.norm() > ONE_WAY * all),
                 directions: model.hidden.to_vec(),
             };
         }
-        let known: f64 = model.areas.iter().sum();
         let rim = (0..model.points.len()).filter(|&v| model.boundary[v]);
         let mut directions: Vec<_> = rim
             .map(|v| model.normals[v].as_ref() * model.areas[v])
@@ -195,6 +227,7 @@ impl Hidden {
             directions.push(-up.into_inner());
         }
         Self {
+            known,
             missing,
             directions,
         }
@@ -208,17 +241,81 @@ impl Hidden {
         }
     }
 
-    /// Mean over the vectors of the share that a turn by `angle` shows.
-    fn gain(&self, axis: &UnitVector3<f64>, view: &Vector3<f64>, angle: f64) -> f64 {
+    /// Mean over the vectors of the share that a turn shows.
+    fn gain(&self, turn: &Turn, view: &Vector3<f64>) -> f64 {
         let (mut shown, mut all) = (0.0, 0.0);
         for d in &self.directions {
-            let wanted = toward(axis, d, view);
+            let wanted = toward(&turn.axis, d, view);
             let faces = |turned: f64| 0.5 * (1.0 + (wanted - turned).cos());
-            shown += axis.cross(d).norm() * 0.5 * (faces(angle) + faces(wanted.min(PI)));
+            let turned =
+                turn.axis.cross(d).norm() * 0.5 * (faces(turn.angle) + faces(wanted.min(PI)));
+            shown += if turn.tilt > 0.0 {
+                let end = UnitQuaternion::from_axis_angle(&turn.axis, turn.angle) * d;
+                let tilted = d.norm() + 0.5 * (along(&end, view) + best_of_tilt(turn, d, view));
+                turned.max(0.5 * tilted)
+            } else {
+                turned
+            };
             all += d.norm();
         }
         if all > 0.0 { shown / all } else { 0.0 }
     }
+
+    /// Whether so much would stay edge-on all the way that the body has to be tilted, and whether that helps.
+    fn wants_tilt(&self, turn: &Turn, view: &Vector3<f64>) -> bool {
+        let hidden: f64 = self.directions.iter().map(Vector3::norm).sum();
+        let (mut without, mut with) = (0.0, 0.0);
+        for d in &self.directions {
+            let shown = EDGE_ON * d.norm();
+            if best_of_turn(turn, d, view) < shown {
+                without += d.norm();
+                if best_of_tilt(turn, d, view) < shown {
+                    with += d.norm();
+                }
+            }
+        }
+        turn.tilt > 0.0
+            && turn.length >= turn.span
+            && without > LEFT * (self.known + hidden)
+            && with < 0.5 * without
+    }
+}
+
+/// Length of a vector along the direction of `view`.
+fn along(d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
+    d.dot(view) / view.norm()
+}
+
+/// The most of `d` that faces the camera at any moment of the turn.
+fn best_of_turn(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
+    let wanted = toward(&turn.axis, d, view);
+    let best = if wanted <= turn.angle {
+        wanted
+    } else if wanted - turn.angle < 2.0 * PI - wanted {
+        turn.angle
+    } else {
+        0.0
+    };
+    along(
+        &(UnitQuaternion::from_axis_angle(&turn.axis, best) * d),
+        view,
+    )
+}
+
+/// The most of `d` that faces the camera while the hanging body is tilted to either side.
+fn best_of_tilt(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
+    let hanging = UnitQuaternion::from_axis_angle(&turn.axis, FRAC_PI_2) * d;
+    let wanted = toward(&turn.tilt_axis(), &hanging, view);
+    let nearest = if wanted > PI {
+        wanted - 2.0 * PI
+    } else {
+        wanted
+    };
+    let best = nearest.clamp(-turn.tilt, turn.tilt);
+    along(
+        &(UnitQuaternion::from_axis_angle(&turn.tilt_axis(), best) * hanging),
+        view,
+    )
 }
 
 /// Angle of the turn about `axis` that takes `d` toward `view`, between 0 and a whole turn.

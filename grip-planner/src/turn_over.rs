@@ -8,7 +8,16 @@
 //! retract, lower  θ = ¼ … ½ turn:    (s, h) = R(θ)(s₀, h₀ − t) − (t, 0)      about the next edge (−t, 0)
 //! ```
 //!
-//! which is how a block tumbles over two of its edges. A soft body adds to it:
+//! which is how a block tumbles over two of its edges. Where [`Turn::tilt`] asks for it, the body is tilted in between, while it hangs at a quarter
+//! turn: a grip that is `x` from the middle `x₀` of the grips along the axis goes, with `φ = 0 … τ … −τ … 0`,
+//!
+//! ```text
+//! tilt            (x − x₀, h) = (cos φ, sin φ)(x − x₀) + (0, ρ)
+//! ```
+//!
+//! and turns with the body; `ρ` up to `sin τ` times the farther end of the box keeps the lower end off the table.
+//!
+//! A soft body adds to it:
 //! - it sags, so the tips rise by `slack` of the lever more until it hangs, and give it back while it is laid down;
 //! - it would end `span + t` away from where it began. [`Recentre::Stay`] moves the whole arc the other way by `D(1 − cos θ)` during
 //!   the lift: the tips then rise nearly straight up, pull the body under them, where it hangs, and lay it
@@ -60,8 +69,8 @@ pub(crate) fn turn_in(
     let scene = around.scene;
     check_grips(scene, set)?;
     let arc = Arc::new(scene, set, options);
-    let angles = arc.angles();
-    let paths: Vec<_> = set.grips.iter().map(|g| arc.path(g, &angles)).collect();
+    let way = arc.way();
+    let paths: Vec<_> = set.grips.iter().map(|g| arc.path(g, &way)).collect();
     let limit = set
         .grips
         .iter()
@@ -75,10 +84,10 @@ pub(crate) fn turn_in(
             turn_rate: options.turn_rate,
         },
     );
-    let motion = arc.motion(&paths, &times, &angles, &set.grips);
+    let motion = arc.motion(&paths, &times, &way, &set.grips);
+    let turned: Vec<_> = way.iter().map(|at| at.rotation(&set.turn)).collect();
     let carried = Carried::Turned {
-        axis: set.turn.axis,
-        angles: &angles,
+        turned: &turned,
         leaving: 1.5 * options.retreat_distance,
     };
     around.check(&motion, &carried)?;
@@ -98,6 +107,27 @@ fn check_grips(scene: &Scene, set: &GripSet) -> Result<(), Refusal> {
         2 => Ok(()),
         lifting => Err(Refusal::CannotLift { lifting }),
     }
+}
+
+/// How far the body is turned and tilted at a way point.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    /// About the axis, radians.
+    angle: f64,
+    /// Of the axis, radians, positive with its end up.
+    tilt: f64,
+    /// Higher than without a tilt, as a share of what the tilt needs.
+    raised: f64,
+}
+
+impl Way {
+    fn rotation(&self, turn: &Turn) -> UnitQuaternion<f64> {
+        tilted(turn, self.tilt) * UnitQuaternion::from_axis_angle(&turn.axis, self.angle)
+    }
+}
+
+fn tilted(turn: &Turn, tilt: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&turn.tilt_axis(), tilt)
 }
 
 struct Arc<'a> {
@@ -148,12 +178,40 @@ impl<'a> Arc<'a> {
         }
     }
 
-    #[allow(clippy::cast_sign_loss, reason = "at least 2")]
-    fn angles(&self) -> Vec<f64> {
-        let count = (self.end / self.options.step).ceil().max(2.0) as usize;
-        (0..=count)
-            .map(|k| self.end * k as f64 / count as f64)
-            .collect()
+    /// Up to where it hangs, tilted to both sides, and down.
+    fn way(&self) -> Vec<Way> {
+        let straight = |k: usize, count: usize| Way {
+            angle: self.end * k as f64 / count as f64,
+            tilt: 0.0,
+            raised: 0.0,
+        };
+        let count = steps(self.end, self.options.step);
+        let mut way: Vec<Way> = (0..=count).map(|k| straight(k, count)).collect();
+        let hangs = standing(&way);
+        let lowered = way.split_off(hangs + 1);
+        way.extend(self.tilts(way[hangs].angle));
+        way.extend(lowered);
+        way
+    }
+
+    /// To one side, to the other and back, at `angle`; nothing when the turn has no tilt.
+    fn tilts(&self, angle: f64) -> Vec<Way> {
+        let most = self.turn.tilt;
+        if most <= 0.0 {
+            return Vec::new();
+        }
+        let count = steps(4.0 * most, self.options.step);
+        let at = |k: usize| {
+            let share = k as f64 / count as f64;
+            let [begun, left] = [share, 1.0 - share].map(|share| ramp(4.0 * share));
+            let swing = (PI * (2.0 * share - 0.5).clamp(0.0, 1.0)).cos();
+            Way {
+                angle,
+                tilt: most * swing * begun * left,
+                raised: begun * left,
+            }
+        };
+        (1..=count).map(at).collect()
     }
 
     /// `(s, h)` of a point of the tumbling block after `angle`, its lever shortened by `retract` once it is laid down.
@@ -167,8 +225,9 @@ impl<'a> Arc<'a> {
         [s * cos - (h - t) * sin - t, s * sin + (h - t) * cos]
     }
 
-    /// Where a tip that starts at `local` is after `angle`.
-    fn position(&self, role: Role, local: &Vector3<f64>, angle: f64) -> Vector3<f64> {
+    /// Where a tip that starts at `local` is at a way point.
+    fn position(&self, role: Role, local: &Vector3<f64>, at: &Way) -> Vector3<f64> {
+        let angle = at.angle;
         let [mut s, mut h] = self.tumbled(local.y, local.z, angle, self.options.retract);
         s += self.shift * (1.0 - angle.min(FRAC_PI_2).cos());
         let mut x = local.x;
@@ -179,6 +238,7 @@ impl<'a> Arc<'a> {
             h += self.options.slack * local.y.hypot(local.z) * taken;
             let apart = (local.x - self.middle).signum();
             x += 0.5 * self.options.stretch * apart * ramp(angle / FRAC_PI_2);
+            [x, h] = self.tilt([x, h], at);
         }
         // The release height is approached in the second quarter, so that the way down is smooth.
         let release = self.options.release_height * ramp((angle - FRAC_PI_2) / FRAC_PI_2);
@@ -188,6 +248,18 @@ impl<'a> Arc<'a> {
             .max(self.floor * ramp(angle / FRAC_PI_2))
             .max(release);
         Vector3::new(x, s, h.max(floor))
+    }
+
+    /// `(x, h)` of a tip of the hanging body after it was tilted.
+    fn tilt(&self, [x, h]: [f64; 2], at: &Way) -> [f64; 2] {
+        let (sin, cos) = at.tilt.sin_cos();
+        let from_middle = x - self.middle;
+        let end = 0.5 * self.turn.length + self.middle.abs();
+        let raised = at.raised * end * self.turn.tilt.sin();
+        [
+            self.middle + cos * from_middle,
+            h + sin * from_middle + raised,
+        ]
     }
 
     /// How far a tip turns with the body: until its tool leans over to the far side as much as it may.
@@ -205,22 +277,40 @@ impl<'a> Arc<'a> {
         (PI - least - lean).clamp(0.0, self.end)
     }
 
-    fn pose(&self, grip: &Grip, local: &Vector3<f64>, angle: f64, turned: f64) -> Isometry3<f64> {
+    /// How far a tip that has turned by `turned` is tilted with the body: until its tool leans over as much as it may.
+    fn tilt_of_tool(&self, grasp: &Isometry3<f64>, turned: f64, tilt: f64) -> f64 {
         let turn = UnitQuaternion::from_axis_angle(&self.turn.axis, turned);
-        let tip = self.turn.point(&self.position(grip.role, local, angle));
+        let back = turn * (grasp.rotation * -Vector3::z());
+        let (up, along) = (self.turn.up.dot(&back), self.turn.axis.dot(&back));
+        let least = self.options.min_elevation.sin();
+        // up·cos φ + along·sin φ ≥ least, and never more than it is without.
+        let middle = along.atan2(up);
+        let about = (least / up.hypot(along)).min(1.0).acos();
+        tilt.clamp((middle - about).min(0.0), (middle + about).max(0.0))
+    }
+
+    /// The tip at a way point, turned by at most `most` about the axis.
+    fn pose(&self, grip: &Grip, local: &Vector3<f64>, at: &Way, most: f64) -> Isometry3<f64> {
+        let turned = at.angle.min(most);
+        let mut turn = UnitQuaternion::from_axis_angle(&self.turn.axis, turned);
+        if at.tilt != 0.0 {
+            let tilt = self.tilt_of_tool(&grip.camera_from_tip, turned, at.tilt);
+            turn = tilted(&self.turn, tilt) * turn;
+        }
+        let tip = self.turn.point(&self.position(grip.role, local, at));
         Isometry3::from_parts(
             Translation3::from(tip.coords),
             turn * grip.camera_from_tip.rotation,
         )
     }
 
-    fn path(&self, grip: &Grip, angles: &[f64]) -> Vec<Isometry3<f64>> {
+    fn path(&self, grip: &Grip, way: &[Way]) -> Vec<Isometry3<f64>> {
         let local = self.turn.local(&grip.tip());
         let most = self.largest_turn(&grip.camera_from_tip);
-        let held = |angle: f64| self.pose(grip, &local, angle, angle.min(most));
+        let held = |at: &Way| self.pose(grip, &local, at, most);
         match grip.role {
-            Role::Lift => angles.iter().map(|&a| held(a)).collect(),
-            Role::Support => self.support_path(grip, angles, held),
+            Role::Lift => way.iter().map(held).collect(),
+            Role::Support => self.support_path(grip, way, held),
         }
     }
 
@@ -228,17 +318,17 @@ impl<'a> Arc<'a> {
     fn support_path(
         &self,
         grip: &Grip,
-        angles: &[f64],
-        held: impl Fn(f64) -> Isometry3<f64>,
+        way: &[Way],
+        held: impl Fn(&Way) -> Isometry3<f64>,
     ) -> Vec<Isometry3<f64>> {
-        let last = self.support_ends(angles);
-        let released = held(angles[last]);
+        let last = self.support_ends(way);
+        let released = held(&way[last]);
         let away = retreat(&released, self.scene, self.options.retreat_distance);
         let home = self.scene.arms[grip.arm].home;
-        let rest = (angles.len() - 1 - last).max(1) as f64;
-        let pose = |(k, &angle): (usize, &f64)| {
+        let rest = (way.len() - 1 - last).max(1) as f64;
+        let pose = |(k, at): (usize, &Way)| {
             if k <= last {
-                return held(angle);
+                return held(at);
             }
             let share = (k - last) as f64 / rest;
             if share < 0.2 {
@@ -247,12 +337,11 @@ impl<'a> Arc<'a> {
                 between(&away, &home, (share - 0.2) / 0.8)
             }
         };
-        angles.iter().enumerate().map(pose).collect()
+        way.iter().enumerate().map(pose).collect()
     }
 
-    fn support_ends(&self, angles: &[f64]) -> usize {
-        angles
-            .partition_point(|&a| a <= self.options.support_until)
+    fn support_ends(&self, way: &[Way]) -> usize {
+        way.partition_point(|at| at.angle <= self.options.support_until)
             .saturating_sub(1)
     }
 
@@ -260,17 +349,19 @@ impl<'a> Arc<'a> {
         &self,
         paths: &[Vec<Isometry3<f64>>],
         times: &[f64],
-        angles: &[f64],
+        way: &[Way],
         grips: &[Grip],
     ) -> Motion {
-        let standing = angles
-            .partition_point(|&a| a <= FRAC_PI_2)
-            .saturating_sub(1);
+        let hangs = standing(way);
+        let lifted = way.iter().position(|at| at.raised > 0.0);
         let legs = [
-            (Stage::Lift, times[standing]),
+            (Stage::Lift, times[lifted.map_or(hangs, |k| k - 1)]),
+            (Stage::Tilt, times[hangs]),
             (Stage::Lower, times.last().copied().unwrap_or(0.0)),
         ];
-        let legs = legs.map(|(stage, until)| Leg { stage, until }).into();
+        let wanted = |(stage, _): &(Stage, f64)| *stage != Stage::Tilt || self.turn.tilt > 0.0;
+        let legs = legs.into_iter().filter(wanted);
+        let legs = legs.map(|(stage, until)| Leg { stage, until }).collect();
         let mut motion = assemble(grips, paths, times, legs);
         for (path, poses) in motion.arms.iter_mut().zip(paths) {
             let end = poses[poses.len() - 1];
@@ -279,11 +370,23 @@ impl<'a> Arc<'a> {
                 Role::Support => end,
             };
             if path.role == Role::Support {
-                path.release = times[self.support_ends(angles)];
+                path.release = times[self.support_ends(way)];
             }
         }
         motion
     }
+}
+
+/// The last way point before the body is laid down.
+fn standing(way: &[Way]) -> usize {
+    way.partition_point(|at| at.angle <= FRAC_PI_2)
+        .saturating_sub(1)
+}
+
+/// Steps of at most `step` radians, at least two.
+#[allow(clippy::cast_sign_loss, reason = "at least 2")]
+fn steps(angle: f64, step: f64) -> usize {
+    (angle / step).ceil().max(2.0) as usize
 }
 
 /// Smooth from 0 at 0 to 1 at 1, constant outside.

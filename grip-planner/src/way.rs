@@ -133,8 +133,7 @@ pub fn carry(
     let motion = assemble(&grips, &paths, &times, vec![Leg { stage, until }]);
     let obstacle = Body::new(body, scene.tool_radius());
     let carried = Carried::Turned {
-        axis: scene.table.normal,
-        angles: &[0.0],
+        turned: &[],
         leaving: 0.0,
     };
     Surroundings::new(scene, &obstacle).check(&motion, &carried)?;
@@ -158,7 +157,7 @@ pub fn put_down(scene: &Scene, motion: &Motion, time: f64) -> Result<Motion, Ref
     }
     let mut down = match motion.stage_at(time) {
         Stage::Lower | Stage::Ease | Stage::Withdraw => motion.onward(time),
-        Stage::Reach | Stage::Lift | Stage::Pull | Stage::Hold => motion.back(time),
+        Stage::Reach | Stage::Lift | Stage::Tilt | Stage::Pull | Stage::Hold => motion.back(time),
     };
     let stays = |arm: usize| {
         let of = motion.arms.iter().find(|p| p.arm == arm);
@@ -172,8 +171,7 @@ pub fn put_down(scene: &Scene, motion: &Motion, time: f64) -> Result<Motion, Ref
     }
     let obstacle = Body::new(&[], scene.tool_radius());
     let carried = Carried::Turned {
-        axis: scene.table.normal,
-        angles: &[0.0],
+        turned: &[],
         leaving: 0.0,
     };
     Surroundings::new(scene, &obstacle).check(&down, &carried)?;

@@ -9,7 +9,7 @@ use fixture::Body;
 use grip_planner::nalgebra::{
     Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3,
 };
-use grip_planner::{Model, Plane, agent_box, missing_vector_area, turns};
+use grip_planner::{Model, Plane, Scene, Turn, agent_box, missing_vector_area, turns};
 use proptest::prelude::*;
 
 fn plane() -> impl Strategy<Value = Plane> {
@@ -111,7 +111,7 @@ proptest! {
             body.normals[last] = -body.normals[last];
         }
         let arms = fixture::arms(2);
-        let best = turns(&body.model(), &fixture::scene(&arms)).unwrap()[0];
+        let best = turns(&body.model(), &fixture::scene(&arms), 0.0).unwrap()[0];
         prop_assert!(best.axis.dot(&sideways).abs() < 0.2);
         if lean.abs() > 0.1 {
             prop_assert!(best.lifted.dot(&lean_to) > 0.9, "{} {:?}", lean, best);
@@ -125,7 +125,7 @@ proptest! {
 fn a_flat_body_seen_from_above_is_turned_about_its_longer_side() {
     let arms = fixture::arms(2);
     let body = fixture::usual(2000);
-    let all = turns(&body.model(), &fixture::scene(&arms)).unwrap();
+    let all = turns(&body.model(), &fixture::scene(&arms), 0.0).unwrap();
     assert!(all[0].axis.x.abs() > 0.999);
     assert!((all[0].angle - PI).abs() < 1e-12);
     assert!((all[0].span - 0.12).abs() < 2e-3 && (all[0].length - 0.2).abs() < 2e-3);
@@ -164,14 +164,79 @@ fn what_is_left_at_the_ends_is_shown_by_a_turn_about_the_shorter_side() {
         }
     }
     assert!(missing_vector_area(&body.model()).norm() < 1e-4);
-    let best = turns(&body.model(), &fixture::scene(&arms)).unwrap()[0];
+    let best = turns(&body.model(), &fixture::scene(&arms), 0.0).unwrap()[0];
     assert!(best.lifted.x.abs() > 0.999, "{best:?}");
     // With the boundary along the long sides it is the longer side again.
     for v in 0..body.points.len() {
         body.boundary[v] = body.points[v].y.abs() >= 0.05;
     }
-    let best = turns(&body.model(), &fixture::scene(&arms)).unwrap()[0];
+    let best = turns(&body.model(), &fixture::scene(&arms), 0.0).unwrap()[0];
     assert!(best.lifted.y.abs() > 0.999, "{best:?}");
+}
+
+/// The most of a direction that faces the camera straight above on a way of turns and tilts, by trying a thousand of each.
+fn shown(turn: &Turn, d: &Vector3<f64>, tilt: f64) -> [f64; 2] {
+    let facing = |d: Vector3<f64>| d.dot(&turn.up);
+    let share = |k: i32| f64::from(k) / 1000.0;
+    let turned = |angle: f64| UnitQuaternion::from_axis_angle(&turn.axis, angle) * d;
+    let tilted = |by: f64| UnitQuaternion::from_axis_angle(&turn.lifted, by) * turned(PI / 2.0);
+    let by_turn = (0..=1000).map(|k| facing(turned(share(k) * turn.angle)));
+    let by_tilt = (-1000..=1000).map(|k| facing(tilted(share(k) * tilt)));
+    [by_turn.fold(-1.0, f64::max), by_tilt.fold(-1.0, f64::max)]
+}
+
+proptest! {
+    #[test]
+    fn a_tilt_is_offered_where_a_turn_leaves_something_edge_on(towards in prop::array::uniform3(-1.0..1.0), tilt in 0.1..1.0) {
+        let Some(d) = UnitVector3::try_new(Vector3::from(towards), 0.1) else { return Ok(()) };
+        let arms = fixture::arms(2);
+        // So far away that it looks straight down.
+        let scene = Scene { camera: Point3::new(0.0, 0.0, -1e6), ..fixture::scene(&arms) };
+        let body = Body::ellipsoid([0.1, 0.06, 0.025], 2000, -1.0, 0.0);
+        let hidden = [1e-3 * d.into_inner()];
+        let model = Model { hidden: &hidden, ..body.model() };
+        let all = turns(&model, &scene, tilt).unwrap();
+        let straight: Vec<_> = all.iter().filter(|t| t.tilt == 0.0).collect();
+        prop_assert_eq!(straight.len(), 4);
+        for turn in straight {
+            let offered = all.iter().find(|t| t.tilt > 0.0 && t.lifted == turn.lifted);
+            let [by_turn, by_tilt] = shown(turn, &d, tilt);
+            let edge_on = (80f64).to_radians().cos();
+            if (by_turn - edge_on).abs() > 0.01 && (by_tilt - edge_on).abs() > 0.01 {
+                let wanted = turn.length > turn.span && by_turn < edge_on && by_tilt > edge_on;
+                prop_assert_eq!(offered.is_some(), wanted, "{} {}", by_turn, by_tilt);
+            }
+            if let Some(offered) = offered {
+                prop_assert!(offered.gain >= turn.gain && offered.tilt == tilt);
+            }
+        }
+    }
+}
+
+#[test]
+fn both_ends_are_shown_by_one_turn_with_a_tilt() {
+    let arms = fixture::arms(2);
+    let body = Body::ellipsoid([0.1, 0.06, 0.025], 4000, -1.0, 0.0);
+    let scene = fixture::scene(&arms);
+    let hidden = [1.0, -1.0].map(|x| Vector3::new(2e-4 * x, 0.0, 0.0));
+    let model = Model {
+        hidden: &hidden,
+        ..body.model()
+    };
+    let tilt = 30f64.to_radians();
+    let best = turns(&model, &scene, tilt).unwrap()[0];
+    assert!(best.tilt == tilt && best.lifted.y.abs() > 0.999, "{best:?}");
+    // Without a tilt it has to stand on one end and then on the other.
+    let best = turns(&model, &scene, 0.0).unwrap()[0];
+    assert!(best.tilt == 0.0 && best.lifted.x.abs() > 0.999, "{best:?}");
+    // Where only the underside is missing nothing is tilted.
+    let usual = fixture::usual(2000);
+    let all = turns(&usual.model(), &scene, tilt).unwrap();
+    assert!(all.iter().all(|t| t.tilt == 0.0) && all.len() == 4);
+    for bad in [-0.1, f64::NAN, 1.1] {
+        let refused = turns(&model, &scene, bad).unwrap_err();
+        assert!(refused.to_string().contains("tilt"), "{refused}");
+    }
 }
 
 #[test]
@@ -189,16 +254,16 @@ fn the_pieces_known_to_be_hidden_decide_and_their_end_is_lifted() {
             hidden: &hidden,
             ..body.model()
         };
-        let best = turns(&model, &scene).unwrap()[0];
+        let best = turns(&model, &scene, 0.0).unwrap()[0];
         assert!(best.lifted.dot(&end) > 0.999, "{best:?}");
     }
-    let guessed = turns(&body.model(), &scene).unwrap()[0];
+    let guessed = turns(&body.model(), &scene, 0.0).unwrap()[0];
     assert!(guessed.lifted.y.abs() > 0.999, "without them: {guessed:?}");
     let hidden = [Vector3::new(0.0, f64::NAN, 0.0)];
     let model = Model {
         hidden: &hidden,
         ..body.model()
     };
-    let refused = turns(&model, &scene).unwrap_err();
+    let refused = turns(&model, &scene, 0.0).unwrap_err();
     assert!(refused.to_string().contains("hidden piece 0"), "{refused}");
 }

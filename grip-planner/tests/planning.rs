@@ -104,7 +104,44 @@ fn along_tool(
     straight.chain(link).collect()
 }
 
-/// No tool in the body: turned by an even share of the angle at every key frame and held by each lifting tip; at rest on the way to the grips.
+/// How the body is turned at a key frame: by an even share of the angle at every one of them, and tilted like the line between the lifting tips.
+fn turned(plan: &Plan, frame: usize) -> UnitQuaternion<f64> {
+    let (turn, motion) = (plan.turn.unwrap(), &plan.motion);
+    let keys = &motion.arms[0].keyframes;
+    let until = |stage: Stage| {
+        motion
+            .legs
+            .iter()
+            .find(|l| l.stage == stage)
+            .map(|l| l.until)
+    };
+    let hangs = until(Stage::Lift).unwrap();
+    let shown = until(Stage::Tilt).unwrap_or(hangs);
+    let tilting = |k: &usize| keys[*k].time > hangs && keys[*k].time <= shown;
+    let straight = (1..keys.len()).filter(|k| !tilting(k)).count();
+    let before = (1..=frame).filter(|k| !tilting(k)).count();
+    let turned =
+        UnitQuaternion::from_axis_angle(&turn.axis, turn.angle * before as f64 / straight as f64);
+    let line = |k: usize| {
+        let tip = |arm: usize| {
+            turn.local(&Point3::from(
+                motion.arms[arm].keyframes[k]
+                    .camera_from_tip
+                    .translation
+                    .vector,
+            ))
+        };
+        let along = tip(1) - tip(0);
+        (along.z * along.x.signum()).atan2(along.x.abs())
+    };
+    if !tilting(&frame) {
+        return turned;
+    }
+    let begun = (0..frame).rev().find(|k| !tilting(k)).unwrap();
+    UnitQuaternion::from_axis_angle(&-turn.lifted, line(frame) - line(begun)) * turned
+}
+
+/// No tool in the body, which is held by each lifting tip; at rest on the way to the grips.
 fn keeps_out_of_the_body(plan: &Plan, body: &Body, scene: &Scene) -> Result<(), TestCaseError> {
     // Samples of a segment are never nearer than the segment itself.
     let free = |tool: &[Point3<f64>], body: &[Point3<f64>]| {
@@ -114,18 +151,16 @@ fn keeps_out_of_the_body(plan: &Plan, body: &Body, scene: &Scene) -> Result<(), 
         };
         body.iter().all(apart)
     };
-    let (turn, jaws) = (plan.turn.unwrap(), 2.5 * scene.jaw_radius);
+    let jaws = 2.5 * scene.jaw_radius;
     for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
         let base = &scene.arms[grip.arm].base;
-        let last = path.keyframes.len() - 1;
         let held = path
             .keyframes
             .iter()
             .enumerate()
             .filter(|(_, k)| k.time <= path.release);
         for (k, frame) in held.step_by(5) {
-            let turned =
-                UnitQuaternion::from_axis_angle(&turn.axis, turn.angle * k as f64 / last as f64);
+            let turned = turned(plan, k);
             let tip = Point3::from(frame.camera_from_tip.translation.vector);
             let moved: Vec<_> = body
                 .points
@@ -310,6 +345,44 @@ proptest! {
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &TurnOptions { stretch, ..Default::default() }) else { return Ok(()) };
         let apart = |time: f64| set.turn.axis.dot(&(motion.arms[0].at(time).unwrap().translation.vector - motion.arms[1].at(time).unwrap().translation.vector)).abs();
         prop_assert!((apart(motion.duration) - apart(0.0) - stretch).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_tilt_shows_both_ends_and_drags_neither(body in body(), tilt in 0.05..0.6) {
+        let arms = fixture::arms(2);
+        let scene = fixture::scene(&arms);
+        let straight = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
+        let mut set = straight.clone();
+        set.turn.tilt = tilt;
+        let options = TurnOptions::default();
+        let (Ok(without), Ok(motion)) = (turn_over(&body.model(), &scene, &straight, &options), turn_over(&body.model(), &scene, &set, &options)) else { return Ok(()) };
+        keeps_its_promises(&motion, &scene, options.speed)?;
+        let stages: Vec<_> = motion.legs.iter().map(|l| l.stage).collect();
+        prop_assert_eq!(stages, [Stage::Lift, Stage::Tilt, Stage::Lower]);
+        let [hangs, shown] = [0, 1].map(|k| motion.legs[k].until);
+        let tip = |m: &Motion, k: usize, time: f64| set.turn.local(&Point3::from(m.arms[k].at(time).unwrap().translation.vector));
+        let tilted = |time: f64| {
+            let [a, b] = [0, 1].map(|k| tip(&motion, k, time));
+            let (a, b) = if a.x < b.x { (a, b) } else { (b, a) };
+            (b.z - a.z).atan2(b.x - a.x)
+        };
+        let times = (0..=400).map(|k| hangs + (shown - hangs) * f64::from(k) / 400.0);
+        let level = tilted(hangs);
+        let (mut most, mut least) = (0.0_f64, 0.0_f64);
+        for time in times {
+            let by = tilted(time) - level;
+            (most, least) = (most.max(by), least.min(by));
+            // The lower end of the box, which hangs from the middle of the grips, is no lower than it hung.
+            let [now, before] = [time, hangs].map(|t| 0.5 * (tip(&motion, 0, t) + tip(&motion, 1, t)));
+            let end = 0.5 * set.turn.length + now.x.abs();
+            prop_assert!(now.z - before.z >= end * by.abs().sin() - 2e-3, "{} {}", by, now.z - before.z);
+        }
+        prop_assert!((most - tilt).abs() < 2e-2 && (least + tilt).abs() < 2e-2, "{} {}", most, least);
+        // Before and after it the motion is the one without a tilt.
+        for k in 0..2 {
+            let ends = [(tip(&motion, k, hangs), tip(&without, k, without.legs[0].until)), (tip(&motion, k, motion.duration), tip(&without, k, without.duration))];
+            prop_assert!(ends.iter().all(|(a, b)| (a - b).norm() < 1e-9));
+        }
     }
 }
 

@@ -108,7 +108,7 @@ impl Planner for RandomPlanner {
             let rejected = Vec::new();
             return Ok(Err(NoPlan::NoGrips { accepted, rejected }));
         }
-        let turns = grip_planner::turns(&model, &scene)?;
+        let turns = grip_planner::turns(&model, &scene, self.options.grips.tilt)?;
         let vertices: Vec<u32> = found.iter().map(|c| c.vertex).collect();
         let stiffness = &self.options.grips.coverage;
         let coverage = Coverage::new(&model, &scene.table, &vertices, stiffness)?;
