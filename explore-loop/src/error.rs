@@ -35,7 +35,7 @@ pub enum Error {
     Complex(#[from] cech_complex::Error),
     /// The planner refused its input.
     #[error("planning: {0}")]
-    Plan(#[from] grip_planner::Error),
+    Plan(#[from] grip_planner::Refusal),
     /// No closed surface could be drawn.
     #[error("surface: {0}")]
     Surface(#[from] ClosedSurfaceError),
@@ -73,4 +73,9 @@ pub enum Error {
         /// What the system said.
         source: std::io::Error,
     },
+}
+impl From<grip_planner::Error> for Error {
+    fn from(error: grip_planner::Error) -> Self {
+        Self::Plan(error.into())
+    }
 }

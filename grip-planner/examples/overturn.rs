@@ -8,7 +8,7 @@ mod fixture;
 
 use grip_planner::{Action, PlanOptions, missing_vector_area, plan, turns};
 
-fn main() -> Result<(), grip_planner::Error> {
+fn main() -> Result<(), grip_planner::Refusal> {
     let body = fixture::usual(4000);
     let arms = fixture::arms(3);
     let (model, scene) = (body.model(), fixture::scene(&arms));

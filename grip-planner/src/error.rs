@@ -1,10 +1,6 @@
 //! What can be wrong with an input, said with the index and the value.
 
-use crate::plan::RefusedSet;
-use crate::reason::tally;
-use crate::{Reason, Refusal};
-
-/// Why nothing was computed.
+/// An input that nothing can be computed from. Why something could not be planned is a [`crate::Refusal`].
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -117,33 +113,4 @@ pub enum Error {
         /// Their weighted prior variance.
         total: f64,
     },
-    /// No set of grips can turn the body.
-    #[error(
-        "no grips: {accepted} candidates were accepted, none of their sets can be used; rejected: {}",
-        tally(rejected)
-    )]
-    NoGrips {
-        /// Number of accepted candidates.
-        accepted: usize,
-        /// The other vertices that were looked at, with their reasons.
-        rejected: Vec<(u32, Reason)>,
-    },
-    /// The hole cannot be used.
-    #[error("the hole: {reason}")]
-    BadHole {
-        /// Why.
-        reason: Box<Refusal>,
-    },
-    /// Every set of grips has a motion that was refused.
-    #[error("all {} sets of grips were refused; the best: {}", refused.len(), first_reason(refused))]
-    AllRefused {
-        /// Each set with the reason.
-        refused: Vec<RefusedSet>,
-    },
-}
-
-fn first_reason(refused: &[RefusedSet]) -> String {
-    refused
-        .first()
-        .map_or_else(String::new, |r| r.reason.to_string())
 }

@@ -187,7 +187,7 @@ pub struct Ranked {
 ///
 /// # Complexity
 /// `m` candidates: one factorisation, `m` solves, `4·m²/2` pair scores.
-pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ranked, Error> {
+pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ranked, Refusal> {
     rank(model, scene, options, None)
 }
 
@@ -197,14 +197,13 @@ pub(crate) fn rank(
     scene: &Scene,
     options: &Options,
     hole: Option<&Hole>,
-) -> Result<Ranked, Error> {
+) -> Result<Ranked, Refusal> {
     if scene.arms.len() < 2 {
-        return Err(Error::TooFewArms {
-            count: scene.arms.len(),
-        });
+        let count = scene.arms.len();
+        return Err(Error::TooFewArms { count }.into());
     }
     let candidates = candidates(model, scene, options)?;
-    let none = |candidates: Candidates| Error::NoGrips {
+    let none = |candidates: Candidates| Refusal::NoGrips {
         accepted: candidates.accepted.len(),
         rejected: candidates.rejected,
     };

@@ -127,14 +127,13 @@ pub fn plan(
     scene: &Scene,
     action: Action,
     options: &PlanOptions,
-) -> Result<Plan, Error> {
+) -> Result<Plan, Refusal> {
     model.check()?;
     scene.check()?;
     options.check()?;
     if scene.arms.len() < 2 {
-        return Err(Error::TooFewArms {
-            count: scene.arms.len(),
-        });
+        let count = scene.arms.len();
+        return Err(Error::TooFewArms { count }.into());
     }
     let body = Body::new(model.points, scene.tool_radius());
     let planner = Planner {
@@ -146,9 +145,7 @@ pub fn plan(
     match action {
         Action::TurnOver => planner.turn(None),
         Action::Stretch { hole } => planner.stretch(hole),
-        Action::TurnAndStretch { hole } => {
-            planner.turn(Some(&Hole::new(model, scene, hole).map_err(bad_hole)?))
-        }
+        Action::TurnAndStretch { hole } => planner.turn(Some(&Hole::new(model, scene, hole)?)),
     }
 }
 
@@ -204,7 +201,7 @@ struct Trial<'a> {
 }
 
 impl Planner<'_> {
-    fn turn(&self, hole: Option<&Hole>) -> Result<Plan, Error> {
+    fn turn(&self, hole: Option<&Hole>) -> Result<Plan, Refusal> {
         let ranked = rank(self.model, self.scene, &self.options.grips, hole)?;
         let mut refused = Vec::new();
         for set in &ranked.sets {
@@ -217,7 +214,7 @@ impl Planner<'_> {
                 }
             }
         }
-        Err(Error::AllRefused { refused })
+        Err(Refusal::AllRefused { refused })
     }
 
     fn turn_with(
@@ -243,9 +240,9 @@ impl Planner<'_> {
         self.complete(&trial, options.speed, &go, &lies)
     }
 
-    fn stretch(&self, boundary: &[u32]) -> Result<Plan, Error> {
+    fn stretch(&self, boundary: &[u32]) -> Result<Plan, Refusal> {
         let (scene, options) = (self.scene, self.options);
-        let hole = Hole::new(self.model, scene, boundary).map_err(bad_hole)?;
+        let hole = Hole::new(self.model, scene, boundary)?;
         let beside = beside(
             self.model,
             scene,
@@ -253,8 +250,7 @@ impl Planner<'_> {
             &hole,
             &options.grips,
             &options.stretch,
-        )
-        .map_err(bad_hole)?;
+        )?;
         let found = &beside.found.accepted;
         let vertices: Vec<u32> = found.iter().map(|c| c.vertex).collect();
         let coverage = Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
@@ -277,7 +273,7 @@ impl Planner<'_> {
                 }
             }
         }
-        Err(Error::AllRefused { refused })
+        Err(Refusal::AllRefused { refused })
     }
 
     fn stretch_with(&self, trial: &Trial, hole: &Hole) -> Result<Plan, Refusal> {
@@ -368,14 +364,5 @@ fn refusal(grips: &[Grip], score: f64, reason: Refusal) -> Result<RefusedSet, Er
             score,
             reason,
         }),
-    }
-}
-
-fn bad_hole(reason: Refusal) -> Error {
-    match reason {
-        Refusal::Input(error) => error,
-        reason => Error::BadHole {
-            reason: Box::new(reason),
-        },
     }
 }

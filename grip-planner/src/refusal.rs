@@ -1,8 +1,10 @@
-//! Why a motion was not planned.
+//! Why there is no plan.
 
-use crate::{Error, Stage};
+use crate::plan::RefusedSet;
+use crate::reason::tally;
+use crate::{Error, Reason, Stage};
 
-/// Why a motion was not planned.
+/// Why there are no grips, or a motion was not planned.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -94,4 +96,27 @@ pub enum Refusal {
         /// Vertices of the loop.
         vertices: usize,
     },
+    /// No set of grips can turn the body.
+    #[error(
+        "no grips: {accepted} candidates were accepted, none of their sets can be used; rejected: {}",
+        tally(rejected)
+    )]
+    NoGrips {
+        /// Number of accepted candidates.
+        accepted: usize,
+        /// The other vertices that were looked at, with their reasons.
+        rejected: Vec<(u32, Reason)>,
+    },
+    /// Every set of grips has a motion that was refused.
+    #[error("all {} sets of grips were refused; the best: {}", refused.len(), first_reason(refused))]
+    AllRefused {
+        /// Each set with the reason.
+        refused: Vec<RefusedSet>,
+    },
+}
+
+fn first_reason(refused: &[RefusedSet]) -> String {
+    refused
+        .first()
+        .map_or_else(String::new, |r| r.reason.to_string())
 }

@@ -252,11 +252,11 @@ proptest! {
         let plan = match plan(&body.model(), &scene, Action::TurnOver, &options) {
             Ok(plan) => plan,
             // A tight workspace may leave nothing; then every set has its reason.
-            Err(Error::AllRefused { refused }) => {
+            Err(Refusal::AllRefused { refused }) => {
                 prop_assert!(!refused.is_empty() && refused.iter().all(|r| !r.reason.to_string().is_empty()));
                 return Ok(());
             }
-            Err(Error::NoGrips { rejected, .. }) => {
+            Err(Refusal::NoGrips { rejected, .. }) => {
                 prop_assert!(!rejected.is_empty());
                 return Ok(());
             }
@@ -682,7 +682,7 @@ fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
     };
     assert!(matches!(
         plan(&body.model(), &scene, Action::TurnOver, &strict),
-        Err(Error::NoGrips { accepted: 0, .. })
+        Err(Refusal::NoGrips { accepted: 0, .. })
     ));
 }
 
@@ -700,7 +700,7 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
             ..a
         })
         .collect();
-    let Err(Error::AllRefused { refused }) = plan(
+    let Err(Refusal::AllRefused { refused }) = plan(
         &body.model(),
         &fixture::scene(&low),
         Action::TurnOver,
@@ -716,7 +716,7 @@ fn motions_that_cannot_be_done_are_refused_with_the_reason() {
     // Arms that come from the same place.
     let mut near = fixture::arms(2);
     near[1].base = near[0].base + Vector3::new(0.0, 0.004, 0.0);
-    let Err(Error::AllRefused { refused }) = plan(
+    let Err(Refusal::AllRefused { refused }) = plan(
         &body.model(),
         &fixture::scene(&near),
         Action::TurnOver,
@@ -804,23 +804,38 @@ fn bad_input_is_named() {
     b.points[7].x = f64::NAN;
     assert!(matches!(
         run(&b),
-        Err(Error::NonFinitePoint { index: 7, .. })
+        Err(Refusal::Input(Error::NonFinitePoint { index: 7, .. }))
     ));
     let mut b = good.clone();
     b.areas[3] = -1.0;
-    assert!(matches!(run(&b), Err(Error::BadArea { index: 3, .. })));
+    assert!(matches!(
+        run(&b),
+        Err(Refusal::Input(Error::BadArea { index: 3, .. }))
+    ));
     let mut b = good.clone();
     b.edges[2] = [0, 4000];
-    assert!(matches!(run(&b), Err(Error::BadEdge { index: 2, .. })));
+    assert!(matches!(
+        run(&b),
+        Err(Refusal::Input(Error::BadEdge { index: 2, .. }))
+    ));
     let mut b = good.clone();
     b.visible.pop();
-    assert!(matches!(run(&b), Err(Error::LengthMismatch { .. })));
+    assert!(matches!(
+        run(&b),
+        Err(Refusal::Input(Error::LengthMismatch { .. }))
+    ));
     let mut b = good.clone();
     b.normals[5] = UnitVector3::new_unchecked(Vector3::new(f64::NAN, 0.0, 0.0));
-    assert!(matches!(run(&b), Err(Error::NonFiniteNormal { index: 5 })));
+    assert!(matches!(
+        run(&b),
+        Err(Refusal::Input(Error::NonFiniteNormal { index: 5 }))
+    ));
     let mut b = good.clone();
     b.areas.fill(0.0);
-    assert!(matches!(run(&b), Err(Error::NoTarget { .. })));
+    assert!(matches!(
+        run(&b),
+        Err(Refusal::Input(Error::NoTarget { .. }))
+    ));
     let one = fixture::arms(1);
     let alone = plan(
         &good.model(),
@@ -828,7 +843,10 @@ fn bad_input_is_named() {
         Action::TurnOver,
         &PlanOptions::default(),
     );
-    assert!(matches!(alone, Err(Error::TooFewArms { count: 1 })));
+    assert!(matches!(
+        alone,
+        Err(Refusal::Input(Error::TooFewArms { count: 1 }))
+    ));
     let turn = TurnOptions {
         speed: -1.0,
         ..Default::default()
@@ -842,7 +860,10 @@ fn bad_input_is_named() {
             ..Default::default()
         },
     );
-    assert!(matches!(slow, Err(Error::BadSetting { name: "speed", .. })));
+    assert!(matches!(
+        slow,
+        Err(Refusal::Input(Error::BadSetting { name: "speed", .. }))
+    ));
 }
 
 #[test]

@@ -43,12 +43,14 @@ impl Planner for CoveragePlanner {
             for action in actions(hole) {
                 match grip_planner::plan(&model, &scene, action, &options) {
                     Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),
-                    Err(grip_planner::Error::AllRefused { refused: more }) => refused.extend(more),
+                    Err(Refusal::AllRefused { refused: more }) => refused.extend(more),
                     // This hole cannot be opened; the body may be turned over all the same.
                     Err(
-                        grip_planner::Error::NoGrips { .. } | grip_planner::Error::BadHole { .. },
+                        Refusal::NoGrips { .. }
+                        | Refusal::NotAHole { .. }
+                        | Refusal::NoGripBesideHole { .. },
                     ) => {}
-                    Err(error) => return Err(error.into()),
+                    Err(refusal) => return Err(refusal.into()),
                 }
             }
         }
@@ -77,10 +79,10 @@ impl CoveragePlanner {
         let Ranked { sets, coverage, .. } =
             match grip_planner::plan_grips(model, scene, &options.grips) {
                 Ok(ranked) => ranked,
-                Err(grip_planner::Error::NoGrips { accepted, rejected }) => {
+                Err(Refusal::NoGrips { accepted, rejected }) => {
                     return Ok(Err(NoPlan::NoGrips { accepted, rejected }));
                 }
-                Err(error) => return Err(error.into()),
+                Err(refusal) => return Err(refusal.into()),
             };
         for set in self.in_order(&sets) {
             for set in [set.clone(), set.without_support()] {
