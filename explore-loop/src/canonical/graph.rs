@@ -8,8 +8,9 @@
 //! so that a crowd of vertices does not stiffen the filter.
 
 use super::CanonicalModel;
+use super::tangent::widest_gap;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::Point3;
 use std::num::NonZero;
 
 /// How far a neighbour may be, in spacings.
@@ -104,21 +105,6 @@ pub fn adjacency(count: usize, edges: &[[u32; 2]]) -> Vec<Vec<u32>> {
 /// Widest angle between the directions to the neighbours, seen along the normal, that a vertex within the surface has: at a
 /// straight edge of the surface it is half a turn.
 const WIDEST: f64 = 140.0 / 180.0 * std::f64::consts::PI;
-
-/// The widest gap between directions around `normal`, radians; a full turn for fewer than three.
-pub fn widest_gap(
-    normal: &UnitVector3<f64>,
-    directions: impl Iterator<Item = Vector3<f64>>,
-) -> f64 {
-    let (u, v) = super::surface::tangents(normal);
-    let mut angles: Vec<f64> = directions.map(|d| d.dot(&v).atan2(d.dot(&u))).collect();
-    if angles.len() < 3 {
-        return std::f64::consts::TAU;
-    }
-    angles.sort_by(f64::total_cmp);
-    let wrap = angles[0] + std::f64::consts::TAU - angles[angles.len() - 1];
-    angles.windows(2).map(|w| w[1] - w[0]).fold(wrap, f64::max)
-}
 
 /// Which vertices lie at the frontier: where the known surface ends and may grow.
 pub fn frontier(model: &CanonicalModel) -> Vec<bool> {

@@ -12,6 +12,7 @@
 //! | [`genus`] | how many handles may it have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
+//! | [`tangent`] | what lies in the plane of a normal, and how it spreads round it |
 //! | [`closed_surface`] | which closed surface do the points describe, and what of it was seen? |
 
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
@@ -22,6 +23,7 @@ pub mod cut;
 pub mod genus;
 pub mod graph;
 pub mod surface;
+pub mod tangent;
 pub mod topology;
 
 /// The canonical model of the object: parallel arrays, one entry a vertex.

@@ -6,6 +6,7 @@
 //! free, and small remaining gaps are closed by a fan. Every edge ends with at most two triangles, all oriented outward.
 
 use super::graph;
+use super::tangent::tangents;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 use std::collections::BTreeMap;
@@ -112,22 +113,6 @@ fn star(
         }
     }
     triangles
-}
-
-/// Two unit vectors that span the plane orthogonal to `normal`.
-pub fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let axis = if normal.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let u = normal.cross(&axis).normalize();
-    (u, normal.cross(&u))
-}
-
-/// How far `offset` leads away from the line along `normal`, metres.
-pub fn aside(normal: &UnitVector3<f64>, offset: &Vector3<f64>) -> f64 {
-    (offset - normal.into_inner() * normal.dot(offset)).norm()
 }
 
 struct Mesh<'a> {

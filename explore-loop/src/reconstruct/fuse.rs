@@ -15,7 +15,7 @@ use super::keyframe::Keyframe;
 use super::matching::Posed;
 use super::track::{Track, cell_tree, to_rest};
 use crate::canonical::closed_surface::{ClosedSurfaceOptions, closed_surface};
-use crate::canonical::{NewVertex, graph, surface};
+use crate::canonical::{NewVertex, graph, tangent};
 use crate::cell::Plane;
 use crate::visibility::{behind_arm, facing};
 use kiddo::ImmutableKdTree;
@@ -189,7 +189,7 @@ fn peak(
             .filter(|s| s.normal.dot(&vertex.normal) > 0.5)
             .filter_map(|s| {
                 let offset = s.place - vertex.place;
-                let beside = surface::aside(&vertex.normal, &offset) < 0.9 * spacing;
+                let beside = tangent::aside(&vertex.normal, &offset) < 0.9 * spacing;
                 beside.then(|| (vertex.normal.dot(&offset), s))
             })
             .collect();
@@ -259,7 +259,7 @@ impl Shape {
                 agree > 0.2
                     && (offset.norm() < 0.85 * eps
                         || (agree > 0.5
-                            && surface::aside(normal, &offset) < 0.75 * eps
+                            && tangent::aside(normal, &offset) < 0.75 * eps
                             && normal.dot(&offset).abs() < 3.0 * eps))
             })
     }

@@ -6,7 +6,7 @@
 
 use super::track::Track;
 use super::view::FrameView;
-use crate::canonical::{NewVertex, graph, surface};
+use crate::canonical::{NewVertex, graph, tangent};
 use crate::cell::Plane;
 use crate::visibility::{DepthGrid, facing};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -116,7 +116,7 @@ fn known(
         .filter(|(i, d)| *d < 2.0 * spacing && model.rest_normals[*i].dot(normal) > 0.0)
         .map(|(i, _)| model.rest[*i] - place)
         .collect();
-    let within = graph::widest_gap(normal, directions.into_iter()) < WITHIN;
+    let within = tangent::widest_gap(normal, directions.into_iter()) < WITHIN;
     let room = spacing * if within { APART_WITHIN } else { APART };
     close.iter().any(|(i, d)| {
         let agree = model.rest_normals[*i].dot(normal);
@@ -124,7 +124,7 @@ fn known(
         agree > 0.3
             && (*d < room
                 || (agree > 0.5
-                    && surface::aside(normal, &offset) < BESIDE * spacing
+                    && tangent::aside(normal, &offset) < BESIDE * spacing
                     && normal.dot(&offset).abs() < BEFORE * spacing))
     })
 }

@@ -40,7 +40,7 @@ pub(super) fn filled(
     fill: Fill,
 ) -> Result<(Lattice, Vec<Foot>), Error> {
     let normal = table.normal;
-    let (u, v) = crate::canonical::surface::tangents(&normal);
+    let (u, v) = crate::canonical::tangent::tangents(&normal);
     let matrix = nalgebra::Matrix3::from_columns(&[u, v, normal.into_inner()]);
     let axes = Rotation3::from_matrix_unchecked(matrix);
     let sum: nalgebra::Vector3<f64> = view.points.iter().map(|p| p.coords).sum();
