@@ -11,9 +11,9 @@
 //!         span
 //! ```
 //!
-//! The **gain** says how much of what is missing comes to face the camera: for a direction `d` in which hidden surface faces, `|d⊥|` times the mean of
-//! `(1 + cos(α − θ))/2` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted). The
-//! directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
+//! The **gain** says how much of what is missing comes to face the camera: for a direction `d` in which hidden surface faces, `|d|` times the mean of
+//! `max(0, cos(d, camera) − e)/(1 − e)` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted); what
+//! stays nearly edge-on, `e = cos 80°`, is not shown. The directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
 //! next to a boundary faces about the same way. While the underside is missing `m` decides; what is left at last, a
 //! band round the body whose vector area is nearly zero, is found by its boundary. Where the caller has drawn a whole surface, the pieces of it
 //! that were never seen take the place of both ([`Model::hidden`]): the boundary of a small hole faces all ways but that of the hole. The gain is multiplied by `length/longest side`: when `m` points straight down
@@ -21,11 +21,7 @@
 //!
 //! The ends of the body, which face along the axis, stay edge-on however far it is turned. A turn that would leave more than [`LEFT`] of the surface
 //! unseen for that reason is also offered with a **tilt**: while the body hangs, its axis is tilted by `τ` to one side and then to the
-//! other. For a direction `d` turned by a quarter it shows the best moment between `−τ` and `τ` about `l`, and the gain of `d` is the larger of the two:
-//!
-//! ```text
-//! not shown:  max over the way of cos(d, camera) < cos 80°
-//! ```
+//! other; the best moment may then be one of those.
 //!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
 //! 40 to 80 % of the length apart, level with the axis, and balanced about the middle. Grips that are close together let a soft body hang like
@@ -245,18 +241,18 @@ impl Hidden {
     fn gain(&self, turn: &Turn, view: &Vector3<f64>) -> f64 {
         let (mut shown, mut all) = (0.0, 0.0);
         for d in &self.directions {
-            let wanted = toward(&turn.axis, d, view);
-            let faces = |turned: f64| 0.5 * (1.0 + (wanted - turned).cos());
-            let turned =
-                turn.axis.cross(d).norm() * 0.5 * (faces(turn.angle) + faces(wanted.min(PI)));
-            shown += if turn.tilt > 0.0 {
-                let end = UnitQuaternion::from_axis_angle(&turn.axis, turn.angle) * d;
-                let tilted = d.norm() + 0.5 * (along(&end, view) + best_of_tilt(turn, d, view));
-                turned.max(0.5 * tilted)
-            } else {
-                turned
-            };
-            all += d.norm();
+            let size = d.norm();
+            let end = along(
+                &(UnitQuaternion::from_axis_angle(&turn.axis, turn.angle) * d),
+                view,
+            );
+            let mut best = best_of_turn(turn, d, view);
+            if turn.tilt > 0.0 {
+                best = best.max(best_of_tilt(turn, d, view));
+            }
+            let faces = |facing: f64| (facing - EDGE_ON * size).max(0.0) / (1.0 - EDGE_ON);
+            shown += 0.5 * (faces(end) + faces(best));
+            all += size;
         }
         if all > 0.0 { shown / all } else { 0.0 }
     }
