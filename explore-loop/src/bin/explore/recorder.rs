@@ -1,6 +1,8 @@
 //! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
+use crate::live::LiveView;
 use crate::output::{FinalMesh, OutputFolder, command_line, mm};
+use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
 use crate::{Failure, Grips, RunArgs};
 use dvrk_io::session::SessionWriter;
@@ -32,6 +34,9 @@ pub(crate) struct Recorder<'a> {
     truth: Truth,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
+    live: Option<LiveView>,
+    doing: &'static str,
+    pace: Pace,
     started: Instant,
     interrupted: Arc<AtomicBool>,
     pub so_far: SoFar,
@@ -77,6 +82,9 @@ impl<'a> Recorder<'a> {
             truth,
             measurer: None,
             bar,
+            live: args.live.open(info, args.spacing * 1e-3)?,
+            doing: "",
+            pace: Pace::default(),
             started: Instant::now(),
             interrupted,
             so_far: SoFar::default(),
@@ -148,11 +156,8 @@ impl<'a> Recorder<'a> {
 
     /// A line of progress: above the bar on a terminal, plainly where there is none.
     fn say(&self, line: &str) {
-        if self.args.quiet {
-            return;
-        }
         if self.bar.is_hidden() {
-            eprintln!("{line}");
+            self.args.output().note(line);
         } else {
             self.bar.println(line);
         }
@@ -256,6 +261,9 @@ impl<'a> Recorder<'a> {
     /// Closes the session file; what was recorded stays readable whatever happened before.
     pub fn finish(mut self) -> Result<Self, Failure> {
         self.bar.finish_and_clear();
+        if let Some(live) = self.live.take() {
+            live.finish()?;
+        }
         if let Some(session) = self.session.take() {
             session.finish()?;
         }
@@ -333,9 +341,14 @@ impl<'a> Recorder<'a> {
 impl Watcher for Recorder<'_> {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
         self.stop_if_asked()?;
+        if let Some(live) = &mut self.live {
+            live.event(event, model)?;
+        }
         match event {
             Event::Phase(phase) => {
                 self.bar.set_message(phase_words(phase));
+                self.pace.phase(phase, self.so_far.last_stamp);
+                self.doing = phase_words(phase);
                 self.so_far.report.phase(phase);
             }
             Event::Observed(observation) => self.record(observation)?,
@@ -355,6 +368,11 @@ impl Watcher for Recorder<'_> {
                 self.so_far
                     .report
                     .frame(observation, report, model, &errors);
+                if let Some(left) = self.pace.left(observation.stamp) {
+                    let doing = self.doing;
+                    self.bar
+                        .set_message(format!("{doing}, {left:.0} s left of this motion"));
+                }
                 self.bar.tick();
             }
             Event::Topology(topology) => {
@@ -364,6 +382,7 @@ impl Watcher for Recorder<'_> {
             Event::Missed(arm) => self.note(format!("arm {arm} closed on nothing")),
             Event::Planned(plan) => {
                 let what = words(plan);
+                self.pace.planned(plan);
                 self.say(&format!("        {what}"));
                 self.so_far.report.planned(what, plan, model);
             }
