@@ -60,7 +60,8 @@ const fn takes_long(name: &'static str, call: &'static [&'static str]) -> Progra
 }
 
 const fn with_feature(name: &'static str, feature: &'static str) -> Program {
-    let (call, input, long, feature) = (&[][..], None, true, Some(feature));
+    let call: &[&str] = &[];
+    let (input, long, feature) = (None, true, Some(feature));
     Program {
         name,
         call,

@@ -25,10 +25,15 @@ fn seen(frame: u64) -> Vec<Point3<f64>> {
     let mut noise = 0x9E37_79B9_7F4A_7C15u64.wrapping_mul(frame + 1);
     let mut points = Vec::new();
     for k in 0..40 * 40 {
-        let (x, y) = (0.004 * f64::from(k % 40) - 0.078, 0.004 * f64::from(k / 40) - 0.078);
+        let (x, y) = (
+            0.004 * f64::from(k % 40) - 0.078,
+            0.004 * f64::from(k / 40) - 0.078,
+        );
         let rest = 1.0 - (x / 0.05).powi(2) - (y / 0.035).powi(2);
         if rest > 0.02 {
-            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            noise = noise
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             let off = 6e-4 * ((noise >> 40) as f64 / (1u64 << 24) as f64 - 0.5);
             points.push(Point3::new(x, y, 0.525 - 0.025 * rest.sqrt() + off));
         }
@@ -146,7 +151,14 @@ fn replay(name: &str, bytes: &[u8], more: &[&str]) -> Answer {
 
 /// The figures by which two replays of the same clouds are the same.
 fn figures(answer: &Answer) -> Value {
-    let keys = ["frames", "failed_frames", "vertices", "betti", "unsupported", "mesh"];
+    let keys = [
+        "frames",
+        "failed_frames",
+        "vertices",
+        "betti",
+        "unsupported",
+        "mesh",
+    ];
     keys.iter().map(|key| answer.metrics[key].clone()).collect()
 }
 
@@ -155,7 +167,10 @@ fn plain() -> Answer {
     assert_eq!((answer.code, answer.said.as_str()), (Some(0), ""));
     let metrics = &answer.metrics;
     assert_eq!(metrics["betti"], serde_json::json!([1, 0, 0]));
-    assert_eq!((&metrics["frames"], &metrics["failed_frames"]), (&FRAMES.into(), &0.into()));
+    assert_eq!(
+        (&metrics["frames"], &metrics["failed_frames"]),
+        (&FRAMES.into(), &0.into())
+    );
     answer
 }
 
@@ -165,7 +180,12 @@ fn is_the_same(plain: &Answer, name: &str, file: &[u8], words: &[&str]) {
     let answer = replay(name, file, &[]);
     assert_eq!(answer.code, Some(0), "{name}: {}", answer.said);
     assert_eq!(figures(&answer), figures(plain), "{name}: {}", answer.said);
-    assert_eq!(words.is_empty(), answer.said.is_empty(), "{name}: {}", answer.said);
+    assert_eq!(
+        words.is_empty(),
+        answer.said.is_empty(),
+        "{name}: {}",
+        answer.said
+    );
     for word in words {
         assert!(answer.said.contains(word), "{name}: {}", answer.said);
     }
@@ -191,7 +211,11 @@ fn is_refused(name: &str, file: &[u8], words: &[&str]) {
     let answer = replay(name, file, &[]);
     assert_eq!(answer.code, Some(1), "{name}: {}", answer.metrics);
     for word in words {
-        assert!(answer.said.contains(word), "{name}: no {word} in {}", answer.said);
+        assert!(
+            answer.said.contains(word),
+            "{name}: no {word} in {}",
+            answer.said
+        );
     }
 }
 
@@ -209,7 +233,10 @@ fn containers_of_every_kind_hold_the_same_recording() {
     for (name, file) in [
         ("chunked", chunk("", &records)),
         ("zstd", chunk("zstd", &stored)),
-        ("empty_zstd_last", mcap::file(&[records.clone(), empty].concat(), "ros2")),
+        (
+            "empty_zstd_last",
+            mcap::file(&[records.clone(), empty].concat(), "ros2"),
+        ),
         ("ros2idl", mcap::file(&idl, "ros2")),
         ("no_profile", mcap::file(&records, "")),
     ] {
@@ -223,7 +250,11 @@ fn containers_of_every_kind_hold_the_same_recording() {
     two[at] = 9;
     is_the_same(&plain, "two_channels", &mcap::file(&two, "ros2"), &[]);
     is_refused("lz4_label", &chunk("lz4", &records), &["lz4_label.mcap"]);
-    is_refused("not_mcap", b"SQLite format 3\0 and more of it", &["not an MCAP file"]);
+    is_refused(
+        "not_mcap",
+        b"SQLite format 3\0 and more of it",
+        &["not an MCAP file"],
+    );
     is_refused("empty", b"", &["empty.mcap"]);
     is_refused("bag", b"#ROSBAG V2.0\n", &["not an MCAP file"]);
 }
@@ -234,7 +265,8 @@ fn damage_costs_no_more_than_it_hits() {
     let chunked = |frames: Vec<Vec<u8>>| -> Vec<Vec<u8>> {
         let first = [declared(), frames[0].clone()].concat();
         let all = std::iter::once(first).chain(frames.into_iter().skip(1));
-        all.map(|content| mcap::chunk(&content, "", &content)).collect()
+        all.map(|content| mcap::chunk(&content, "", &content))
+            .collect()
     };
     let chunks = chunked(Recording::default().frames());
     let whole = mcap::file(&chunks.concat(), "ros2");
@@ -251,7 +283,12 @@ fn damage_costs_no_more_than_it_hits() {
     is_alike("flipped", &flipped, 5, &["could not be read"]);
     let nothing = mcap::message(POINTS, 7 * STEP, b"");
     let file = mcap::file(&[Recording::default().records(), nothing].concat(), "ros2");
-    is_the_same(&plain, "zero_length", &file, &["1 messages of the recording could not be read"]);
+    is_the_same(
+        &plain,
+        "zero_length",
+        &file,
+        &["1 messages of the recording could not be read"],
+    );
 }
 
 #[test]
@@ -294,7 +331,11 @@ fn clouds_of_every_layout_are_the_same_points() {
         step: 6,
         ..PLAIN
     };
-    is_refused("int16", &laid_out(integers).file(), &["/cell/points", "field x has data type 3"]);
+    is_refused(
+        "int16",
+        &laid_out(integers).file(),
+        &["/cell/points", "field x has data type 3"],
+    );
     let xyz = Layout {
         fields: [("xyz", 0, 7), ("intensity", 4, 7), ("ring", 8, 7)],
         ..PLAIN
@@ -349,19 +390,39 @@ fn bad_samples_of_arms_are_left_out_and_said_once() {
     let with = |more: Vec<u8>| mcap::file(&[records.clone(), more].concat(), "ros2");
     let stamp = 3 * STEP + STEP / 2;
     let pose = |change: fn(&mut dvrk_io::cdr::Pose)| {
-        with(mcap::message(POSE, stamp, &mcap::pose(stamp, "camera", change)))
+        with(mcap::message(
+            POSE,
+            stamp,
+            &mcap::pose(stamp, "camera", change),
+        ))
     };
     for (name, file) in [
         ("nan_pose", pose(|pose| pose.position[0] = f64::NAN)),
         ("zero_quaternion", pose(|pose| pose.orientation = [0.0; 4])),
-        ("nan_quaternion", pose(|pose| pose.orientation = [f64::NAN; 4])),
+        (
+            "nan_quaternion",
+            pose(|pose| pose.orientation = [f64::NAN; 4]),
+        ),
     ] {
-        is_the_same(&plain, name, &file, &["1 messages of the recording", "/PSM1/measured_cp"]);
+        is_the_same(
+            &plain,
+            name,
+            &file,
+            &["1 messages of the recording", "/PSM1/measured_cp"],
+        );
     }
     let empty = with(mcap::message(mcap::JAW, stamp, &mcap::jaw(stamp, &[])));
     is_the_same(&plain, "empty_jaw", &empty, &[]);
-    let other = with(mcap::message(POSE, stamp, &mcap::pose(stamp, "PSM1_base", |_| {})));
-    is_refused("other_frame", &other, &["PSM1_base", "camera", "/PSM1/measured_cp"]);
+    let other = with(mcap::message(
+        POSE,
+        stamp,
+        &mcap::pose(stamp, "PSM1_base", |_| {}),
+    ));
+    is_refused(
+        "other_frame",
+        &other,
+        &["PSM1_base", "camera", "/PSM1/measured_cp"],
+    );
 }
 
 #[test]
@@ -378,7 +439,10 @@ fn what_a_recording_lacks_is_said() {
     is_alike("no_arms", &idle.file(), FRAMES, &["no arm was recorded"]);
     let records = Recording::default().records();
     let other = String::from_utf8_lossy(b"/cell/points").into_owned();
-    let renamed = records.windows(other.len()).position(|w| w == other.as_bytes()).unwrap();
+    let renamed = records
+        .windows(other.len())
+        .position(|w| w == other.as_bytes())
+        .unwrap();
     let mut driver = records.clone();
     driver[renamed..][..other.len()].copy_from_slice(b"/depth/cloud");
     let file = mcap::file(&driver, "ros2");
@@ -390,7 +454,11 @@ fn what_a_recording_lacks_is_said() {
         mcap::channel(1, 1, "/cell/points", "ros1"),
         mcap::message(POINTS, 0, &mcap::cloud(0, &seen(0), &PLAIN)[4..]),
     ];
-    is_refused("ros1", &mcap::file(&ros1.concat(), "ros1"), &["/cell/points", "ros1"]);
+    is_refused(
+        "ros1",
+        &mcap::file(&ros1.concat(), "ros1"),
+        &["/cell/points", "ros1"],
+    );
 }
 
 #[test]
@@ -405,7 +473,9 @@ fn units_and_points_that_cannot_be_are_told() {
     is_alike("wild_point", &wild.file(), FRAMES, &[]);
     let speckles = with_points(|k, points| {
         let flying = points.iter().skip(k as usize).step_by(23);
-        let flying = flying.enumerate().map(|(i, p)| p * (0.3 + 0.03 * (i % 20) as f64));
+        let flying = flying
+            .enumerate()
+            .map(|(i, p)| p * (0.3 + 0.03 * (i % 20) as f64));
         [points.clone(), flying.collect()].concat()
     });
     is_alike("speckles", &speckles.file(), FRAMES, &[]);

@@ -458,3 +458,17 @@ fn a_turn_is_doubted_and_aligned() {
     let off = desk.off(&truth, 1.0);
     assert!(off < 0.5, "{off} mm");
 }
+
+/// Points on a line roll about it, however well they meet a sheet: an answer that is not to be believed.
+#[test]
+fn a_line_is_undetermined() {
+    let desk = Desk::new("line");
+    let at = |i: u32| Point3::new(-0.04 + 8e-4 * f64::from(i), 1e-3, 0.5);
+    let line: Vec<Point3<f64>> = (0..100).map(at).collect();
+    desk.put("line.ply", ply("", "double", &line).as_bytes());
+    let output = desk.register("line.ply", "source.ply", &["--json"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert_eq!(json(&output)["status"], "undetermined");
+    assert!(said.contains("in 1 way: landmarks"), "{said}");
+}

@@ -64,6 +64,17 @@ impl ReplayCell {
         }
     }
 
+    /// Whether the pose of any arm was recorded.
+    pub fn has_poses(&self) -> bool {
+        match &self.frames {
+            Source::Memory(frames) => {
+                let mut arms = frames.as_slice().iter().flat_map(|frame| &frame.arms);
+                arms.any(|arm| arm.pose.is_some())
+            }
+            Source::File(frames) => frames.has_poses(),
+        }
+    }
+
     /// Whether a table was recorded.
     pub fn has_table(&self) -> bool {
         self.info.table.offset < FAR_BELOW

@@ -17,7 +17,10 @@ const TOPICS: [&str; 4] = [
     "/PSM1/jaw/measured_js",
     "/cell/table",
 ];
-pub const [POINTS, POSE, JAW, TABLE]: [u16; 4] = [1, 2, 3, 4];
+pub const POINTS: u16 = 1;
+pub const POSE: u16 = 2;
+pub const JAW: u16 = 3;
+pub const TABLE: u16 = 4;
 
 fn text(text: &str) -> Vec<u8> {
     let length = text.len() as u32;
@@ -30,7 +33,12 @@ pub fn record(kind: u8, body: &[u8]) -> Vec<u8> {
 }
 
 pub fn schema(id: u16, name: &str, encoding: &str) -> Vec<u8> {
-    let body = [&id.to_le_bytes()[..], &text(name), &text(encoding), &text("x")];
+    let body = [
+        &id.to_le_bytes()[..],
+        &text(name),
+        &text(encoding),
+        &text("x"),
+    ];
     record(3, &body.concat())
 }
 
@@ -42,19 +50,30 @@ pub fn channel(id: u16, schema: u16, topic: &str, encoding: &str) -> Vec<u8> {
 
 /// Schemas of all types, of this encoding.
 pub fn schemas(encoding: &str) -> Vec<u8> {
-    let all = TYPES.iter().zip(1..).map(|(name, id)| schema(id, name, encoding));
+    let all = TYPES
+        .iter()
+        .zip(1..)
+        .map(|(name, id)| schema(id, name, encoding));
     all.collect::<Vec<_>>().concat()
 }
 
 /// Channels of all topics.
 pub fn channels() -> Vec<u8> {
-    let all = TOPICS.iter().zip(1..).map(|(topic, id)| channel(id, id, topic, "cdr"));
+    let all = TOPICS
+        .iter()
+        .zip(1..)
+        .map(|(topic, id)| channel(id, id, topic, "cdr"));
     all.collect::<Vec<_>>().concat()
 }
 
 pub fn message(channel: u16, log_ns: u64, data: &[u8]) -> Vec<u8> {
     let times = [log_ns.to_le_bytes(), log_ns.to_le_bytes()].concat();
-    let body = [&channel.to_le_bytes()[..], &0u32.to_le_bytes(), &times, data];
+    let body = [
+        &channel.to_le_bytes()[..],
+        &0u32.to_le_bytes(),
+        &times,
+        data,
+    ];
     record(5, &body.concat())
 }
 
@@ -75,7 +94,14 @@ pub fn chunk(content: &[u8], compression: &str, stored: &[u8]) -> Vec<u8> {
 pub fn zstd(content: &[u8]) -> Vec<u8> {
     let mut out = [0xFD2F_B528u32.to_le_bytes().as_slice(), &[0xA0]].concat();
     out.extend((content.len() as u32).to_le_bytes());
-    let mut blocks = content.chunks(100_000).peekable();
+    let none: [&[u8]; 1] = [b""];
+    let blocks: Vec<&[u8]> = content.chunks(100_000).collect();
+    let blocks = if blocks.is_empty() {
+        &none[..]
+    } else {
+        &blocks
+    };
+    let mut blocks = blocks.iter().peekable();
     while let Some(block) = blocks.next() {
         let head = ((block.len() as u32) << 3) | u32::from(blocks.peek().is_none());
         out.extend(&head.to_le_bytes()[..3]);
@@ -121,7 +147,11 @@ pub const PLAIN: Layout = Layout {
 };
 
 pub fn cloud(stamp_ns: u64, points: &[Point3<f64>], layout: &Layout) -> Vec<u8> {
-    let width = if layout.width == 0 { points.len() } else { layout.width };
+    let width = if layout.width == 0 {
+        points.len()
+    } else {
+        layout.width
+    };
     let height = points.len().div_ceil(width.max(1)).max(1);
     let mut data = Vec::new();
     let nowhere = Point3::from([f64::NAN; 3]);
@@ -158,7 +188,11 @@ pub fn cloud(stamp_ns: u64, points: &[Point3<f64>], layout: &Layout) -> Vec<u8> 
         data,
         is_dense: layout.width == 0,
     };
-    let endian = if layout.big { Endian::Big } else { Endian::Little };
+    let endian = if layout.big {
+        Endian::Big
+    } else {
+        Endian::Little
+    };
     cdr::encode(&message, endian).unwrap()
 }
 

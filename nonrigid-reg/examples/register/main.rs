@@ -171,7 +171,8 @@ fn doubt(result: &Registration, aligned: bool) -> Option<String> {
             Some(format!("matches are {apart} mm apart{hint}"))
         }
         Status::Undetermined { free_motions } => Some(format!(
-            "the surface slides on itself in {free_motions} ways: landmarks are needed"
+            "the surface slides or rolls on itself in {free_motions} {}: landmarks are needed",
+            if free_motions == 1 { "way" } else { "ways" }
         )),
         _ => None,
     }

@@ -49,12 +49,14 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         &mut log,
     )?;
     bar.finish_and_clear();
+    if reconstructor.model().is_empty() {
+        let unreadable = cell.skipped().and_then(|s| s.first.first());
+        let why = log.failure.take().or(unreadable.map(ToString::to_string));
+        let why = why.unwrap_or_else(|| "there are none".into());
+        return Err(wrong(&format!("the object is in none of the frames: {why}")).into());
+    }
     if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty()) {
         complain(args.output(), skipped);
-    }
-    if reconstructor.model().is_empty() {
-        let why = log.failure.as_deref().unwrap_or("there are none");
-        return Err(wrong(&format!("the object is in none of the frames: {why}")).into());
     }
     reconstructor.consolidate(&cell.info().table);
     let topology =
@@ -92,7 +94,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
 
 /// Says what the recording lacks and the result will lack with it.
 fn remark(output: Output, cell: &ReplayCell) {
-    if cell.info().arms.is_empty() {
+    if !cell.has_poses() {
         output.note(
             "no arm was recorded: what moves the object is not known, and what is hidden is only guessed; name poses with --topic PSM1/measured_cp=/NAME",
         );
