@@ -105,7 +105,7 @@ pub fn zstd(content: &[u8]) -> Vec<u8> {
     while let Some(block) = blocks.next() {
         let head = ((block.len() as u32) << 3) | u32::from(blocks.peek().is_none());
         out.extend(&head.to_le_bytes()[..3]);
-        out.extend(block);
+        out.extend(*block);
     }
     out
 }

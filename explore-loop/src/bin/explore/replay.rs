@@ -3,7 +3,7 @@
 use crate::live::LiveView;
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::{Failure, ReplayArgs};
-use dvrk_io::session::{SessionReader, Skipped};
+use dvrk_io::session::{SessionReader, Skipped, TopicCount};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
@@ -30,6 +30,9 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
     let wrong = |error: &dyn std::fmt::Display| with_path(&args.session, error);
+    if session.stamps().len() == 0 {
+        return Err(wrong(&without_clouds(session.topics())).into());
+    }
     let mut cell = ReplayCell::streamed(session).map_err(|error| wrong(&error))?;
     remark(args.output(), &cell);
     let mut truth =
@@ -90,6 +93,25 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     }
     unless_closed(args.output().object(&metrics))?;
     Ok(true)
+}
+
+/// Why there are no frames, and what may be meant instead.
+fn without_clouds(topics: &[TopicCount]) -> String {
+    let is_cloud = |t: &&TopicCount| t.type_name.contains("PointCloud2") && t.count > 0;
+    let clouds: Vec<&str> = topics
+        .iter()
+        .filter(is_cloud)
+        .map(|t| t.topic.as_str())
+        .collect();
+    if let Some(first) = clouds.first() {
+        let clouds = clouds.join(", ");
+        return format!(
+            "no points where they were looked for; there are clouds on {clouds}: say which with --topic points={first}"
+        );
+    }
+    let name = |t: &TopicCount| format!("{} ({})", t.topic, t.type_name);
+    let all: Vec<String> = topics.iter().map(name).collect();
+    format!("no point clouds; the topics are {}", all.join(", "))
 }
 
 /// Says what the recording lacks and the result will lack with it.
