@@ -3,8 +3,6 @@
 pub mod frames;
 #[cfg(feature = "cli")]
 pub mod html;
-#[cfg(feature = "rerun")]
-pub mod live;
 pub mod metrics;
 #[cfg(feature = "cli")]
 pub mod picture;

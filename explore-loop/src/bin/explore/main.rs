@@ -4,7 +4,6 @@
 //! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
 //! that is held to the table (`run`). Errors are one line on standard error.
 
-mod live;
 mod object;
 mod output;
 mod pace;
@@ -15,7 +14,6 @@ mod saved;
 mod tables;
 mod view;
 
-use crate::live::LiveArgs;
 use crate::object::ObjectArgs;
 use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::mesh::Format;
@@ -118,8 +116,6 @@ struct RunArgs {
     /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
     #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
     export: Vec<Format>,
-    #[command(flatten)]
-    live: LiveArgs,
     /// Print the metrics as one JSON object
     #[arg(long)]
     json: bool,
@@ -153,8 +149,6 @@ struct ReplayArgs {
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
-    #[command(flatten)]
-    live: LiveArgs,
     /// Print the metrics as one JSON object
     #[arg(long)]
     json: bool,
@@ -206,7 +200,6 @@ impl Default for RunArgs {
             resume: false,
             pictures: false,
             export: Vec::new(),
-            live: LiveArgs::default(),
             json: false,
             quiet: false,
         }

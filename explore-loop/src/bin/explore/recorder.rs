@@ -1,6 +1,5 @@
 //! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
-use crate::live::LiveView;
 use crate::output::{FinalMesh, OutputFolder, command_line, mm};
 use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
@@ -34,7 +33,6 @@ pub(crate) struct Recorder<'a> {
     truth: Truth,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
-    live: Option<LiveView>,
     doing: &'static str,
     pace: Pace,
     started: Instant,
@@ -82,7 +80,6 @@ impl<'a> Recorder<'a> {
             truth,
             measurer: None,
             bar,
-            live: args.live.open(info, args.spacing * 1e-3)?,
             doing: "",
             pace: Pace::default(),
             started: Instant::now(),
@@ -261,9 +258,6 @@ impl<'a> Recorder<'a> {
     /// Closes the session file; what was recorded stays readable whatever happened before.
     pub fn finish(mut self) -> Result<Self, Failure> {
         self.bar.finish_and_clear();
-        if let Some(live) = self.live.take() {
-            live.finish()?;
-        }
         if let Some(session) = self.session.take() {
             session.finish()?;
         }
@@ -341,9 +335,6 @@ impl<'a> Recorder<'a> {
 impl Watcher for Recorder<'_> {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
         self.stop_if_asked()?;
-        if let Some(live) = &mut self.live {
-            live.event(event, model)?;
-        }
         match event {
             Event::Phase(phase) => {
                 self.bar.set_message(phase_words(phase));

@@ -1,13 +1,11 @@
 //! `explore replay`: the canonical model from a recording.
 
-use crate::live::LiveView;
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::{Failure, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped, TopicCount};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
-use explore_loop::explore::{Event, Watcher};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
@@ -40,10 +38,8 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
     let bar = args.output().progress(cell.remaining() as u64, "frames");
     let mut log = Log::new(args, &cell);
-    let mut live = args.live.open(cell.info(), spacing)?;
     watch(
         args,
-        &mut live,
         &out,
         &mut cell,
         &mut reconstructor,
@@ -64,10 +60,6 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     reconstructor.consolidate(&cell.info().table);
     let topology =
         topology::analyse(reconstructor.model(), spacing).map_err(|error| wrong(&error))?;
-    if let Some(mut live) = live {
-        live.event(Event::Topology(&topology), reconstructor.model())?;
-        live.finish()?;
-    }
     let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
     out.frames(&log.lines)?;
     out.mesh(&mesh, &args.export)?;
@@ -150,10 +142,8 @@ fn complain(output: Output, skipped: &Skipped) {
 }
 
 /// Takes frame after frame, to the end of the recording or as far as was asked for.
-#[allow(clippy::too_many_arguments, reason = "what a frame is shown to")]
 fn watch(
     args: &ReplayArgs,
-    live: &mut Option<LiveView>,
     out: &OutputFolder,
     cell: &mut ReplayCell,
     reconstructor: &mut Reconstructor,
@@ -181,9 +171,6 @@ fn watch(
                 let stamp = observation.stamp;
                 with_path(&args.session, &format!("frame at {stamp:.3} s: {error}"))
             })?;
-        if let Some(live) = live {
-            live.event(Event::Frame(&observation, &report), reconstructor.model())?;
-        }
         log.registration.push(report.registration_ms);
         log.frames.push(report.frame_ms);
         log.last_stamp = observation.stamp;
