@@ -7,15 +7,46 @@
 use cech_complex::manifolds::Manifold;
 use cech_complex::nalgebra::Point3;
 use cech_complex::{Bar, Complex, Cylinder, Options, VertexKind};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
 use std::fmt::Write as _;
+use std::io::Write as _;
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 const COLOURS: [&str; 3] = ["#888888", "#c44e52", "#4c72b0"];
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let folder = PathBuf::from(std::env::args().nth(1).unwrap_or_else(|| "doc".to_owned()));
-    std::fs::create_dir_all(&folder)?;
+/// Draws the pictures of the documentation: barcode.svg and complex.svg
+#[derive(Debug, clap::Parser)]
+#[command(name = "draw", after_help = "Example: draw cech-complex/doc")]
+struct Arguments {
+    /// Folder for the pictures
+    #[arg(default_value = "doc")]
+    folder: PathBuf,
+    #[command(flatten)]
+    output: Output,
+}
 
+fn main() -> ExitCode {
+    program::run(draw)
+}
+
+fn draw(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let barcode = arguments.folder.join("barcode.svg");
+    let picture = arguments.folder.join("complex.svg");
+    std::fs::create_dir_all(&arguments.folder)
+        .map_err(|error| format!("{}: {error}", arguments.folder.display()))?;
+    for (path, svg) in [(&barcode, torus()?), (&picture, annulus()?)] {
+        std::fs::write(path, svg).map_err(|error| format!("{}: {error}", path.display()))?;
+        writeln!(arguments.output.words(), "{}", path.display())?;
+    }
+    let answer = json!({ "pictures": [barcode, picture] });
+    arguments.output.object(&answer)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The bars of a torus.
+fn torus() -> Result<String, cech_complex::Error> {
     let torus = Manifold::Torus {
         major: 1.0,
         minor: 0.4,
@@ -25,8 +56,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let options = Options::default().with_max_scale(2.0);
     let cylinder = Cylinder::new(radius, 0.5 * radius)?;
     let complex = Complex::build(&torus.points, &torus.normals, cylinder, &options)?;
-    std::fs::write(folder.join("barcode.svg"), barcode(&complex))?;
+    Ok(barcode(&complex))
+}
 
+/// The complex of an annulus.
+fn annulus() -> Result<String, cech_complex::Error> {
     let annulus = Manifold::Annulus {
         inner: 0.3,
         outer: 1.0,
@@ -40,11 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         cylinder,
         &Options::default(),
     )?;
-    std::fs::write(
-        folder.join("complex.svg"),
-        picture(&complex, annulus.spacing)?,
-    )?;
-    Ok(())
+    picture(&complex, annulus.spacing)
 }
 
 /// Bars by dimension from top to bottom, scale from left to right. Components that die young are left out: they are the samples.

@@ -3,11 +3,32 @@
 //! `cargo run --release -p cech-complex --features manifolds --example kinds -- 30` (nets per surface and cylinder)
 //!
 //! Distances are in covering radii ε of the net; the cylinder is at least as wide as ε, so that it covers the surface.
-#![allow(clippy::print_stdout, reason = "an example talks")]
 
 use cech_complex::manifolds::Manifold;
 use cech_complex::nalgebra::Point3;
 use cech_complex::{Complex, Cylinder, Error, Options, VertexKind};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::{Value, json};
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Counts how often vertices of sampled surfaces are called what they are not
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "kinds",
+    after_help = "Example: kinds 30
+
+Columns: surface, height/radius of the cylinder, vertices, how many were falsely called non-manifold; on surfaces with a rim the largest distance
+at which a vertex was called boundary, the least at which one was called interior (covering radii), and how many within 1.5 were missed;
+at junctions how many within one covering radius were found."
+)]
+struct Arguments {
+    /// Nets for each surface and cylinder
+    #[arg(default_value_t = 5)]
+    nets: u64,
+    #[command(flatten)]
+    output: Output,
+}
 
 const SURFACES: [(Manifold, usize); 12] = [
     (Manifold::Sphere { radius: 1.0 }, 800),
@@ -102,36 +123,64 @@ impl Tally {
     }
 }
 
-fn main() -> Result<(), Error> {
-    let nets = std::env::args()
-        .nth(1)
-        .and_then(|word| word.parse().ok())
-        .unwrap_or(5);
-    println!(
+fn main() -> ExitCode {
+    program::run(kinds)
+}
+
+fn kinds(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let output = arguments.output;
+    writeln!(
+        output.words(),
         "surface, height/radius: vertices, false NM, boundary up to, interior from (ε), missed within 1.5 ε, NM within ε of a junction"
-    );
+    )?;
+    let heights = [0.5, 1.0];
+    let rows = SURFACES.len() * heights.len();
+    let bar = output.progress(rows as u64 * arguments.nets, "nets");
+    let mut found = Vec::new();
     for (surface, count) in SURFACES {
-        for height in [0.5, 1.0] {
+        for height in heights {
             let mut tally = Tally::default();
-            for seed in 0..nets {
+            for seed in 0..arguments.nets {
                 add_net(&mut tally, surface, count, height, seed)?;
+                bar.inc(1);
             }
             let name = format!("{surface:?}");
             let name = name.split(' ').next().unwrap_or_default();
-            print!(
-                "{name:15} {height}: {:6} {:4}",
-                tally.vertices, tally.false_junction
-            );
-            if let Some(first) = tally.first_interior {
-                print!("   {:.2} {first:.2} {}", tally.last_boundary, tally.missed);
-            }
-            if tally.at_junction > 0 {
-                print!("   {} of {}", tally.found, tally.at_junction);
-            }
-            println!();
+            let line = format!("{name:15} {height}: {}", tally.words());
+            bar.suspend(|| writeln!(output.words(), "{line}"))?;
+            found.push(tally.object(name, height));
         }
     }
-    Ok(())
+    bar.finish_and_clear();
+    output.object(&json!({ "nets": arguments.nets, "surfaces": found }))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+impl Tally {
+    fn words(&self) -> String {
+        let mut line = format!("{:6} {:4}", self.vertices, self.false_junction);
+        if let Some(first) = self.first_interior {
+            line += &format!("   {:.2} {first:.2} {}", self.last_boundary, self.missed);
+        }
+        if self.at_junction > 0 {
+            line += &format!("   {} of {}", self.found, self.at_junction);
+        }
+        line
+    }
+
+    fn object(&self, surface: &str, height: f64) -> Value {
+        json!({
+            "surface": surface,
+            "height_over_radius": height,
+            "vertices": self.vertices,
+            "false_non_manifold": self.false_junction,
+            "last_boundary": self.last_boundary,
+            "first_interior": self.first_interior,
+            "missed_boundary": self.missed,
+            "at_junction": self.at_junction,
+            "found_at_junction": self.found,
+        })
+    }
 }
 
 fn add_net(

@@ -1,35 +1,69 @@
 //! Writes an ε-net of a surface as `STEM.ply` (x y z nx ny nz, ASCII) and `STEM.txt` (x y z): `nets SURFACE COUNT SEED STEM`.
 //!
 //! `cargo run --release -p cech-complex --features manifolds --example nets -- torus 2000 1 torus`
-#![allow(clippy::print_stdout, reason = "an example talks")]
 
 use cech_complex::manifolds::Manifold;
+use mesh_io::program::{self, Failure, Output};
+use mesh_io::three_digits;
+use serde_json::json;
 use std::fmt::Write as _;
+use std::io::Write as _;
+use std::process::ExitCode;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let [surface, count, seed, stem] = words.as_slice() else {
-        return Err("usage: nets sphere|torus|genus2|tube|junction COUNT SEED STEM".into());
-    };
-    let surface = match surface.as_str() {
-        "sphere" => Manifold::Sphere { radius: 1.0 },
-        "torus" => Manifold::Torus {
-            major: 1.0,
-            minor: 0.4,
-        },
-        "genus2" => Manifold::Genus2 {
-            hole: 0.8,
-            web: 0.2,
-            tube: 0.4,
-        },
-        "tube" => Manifold::Tube {
-            radius: 0.5,
-            length: 1.5,
-        },
-        "junction" => Manifold::TJunction { radius: 1.0 },
-        other => return Err(format!("no surface is called {other}").into()),
-    };
-    let cloud = surface.net(count.parse()?, seed.parse()?);
+/// Writes points spread evenly over a surface, with normals
+#[derive(Debug, clap::Parser)]
+#[command(name = "nets", after_help = "Example: nets torus 2000 1 torus")]
+struct Arguments {
+    surface: Surface,
+    /// Number of points
+    count: usize,
+    /// Seed of the net
+    seed: u64,
+    /// The files are STEM.ply (x y z nx ny nz) and STEM.txt (x y z)
+    stem: String,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// The surfaces that there are; lengths about 1.
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Surface {
+    Sphere,
+    Torus,
+    Genus2,
+    Tube,
+    Junction,
+}
+
+impl Surface {
+    fn manifold(self) -> Manifold {
+        match self {
+            Self::Sphere => Manifold::Sphere { radius: 1.0 },
+            Self::Torus => Manifold::Torus {
+                major: 1.0,
+                minor: 0.4,
+            },
+            Self::Genus2 => Manifold::Genus2 {
+                hole: 0.8,
+                web: 0.2,
+                tube: 0.4,
+            },
+            Self::Tube => Manifold::Tube {
+                radius: 0.5,
+                length: 1.5,
+            },
+            Self::Junction => Manifold::TJunction { radius: 1.0 },
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    program::run(net)
+}
+
+fn net(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let surface = arguments.surface.manifold();
+    let cloud = surface.net(arguments.count, arguments.seed);
     let mut ply = format!(
         "ply\nformat ascii 1.0\nelement vertex {}\n",
         cloud.points.len()
@@ -43,13 +77,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         writeln!(ply, "{} {} {} {} {} {}", p.x, p.y, p.z, n.x, n.y, n.z)?;
         writeln!(text, "{} {} {}", p.x, p.y, p.z)?;
     }
-    std::fs::write(format!("{stem}.ply"), ply)?;
-    std::fs::write(format!("{stem}.txt"), text)?;
-    let [b0, b1, b2] = surface.betti();
-    println!(
-        "{{\"spacing\":{},\"covering_radius\":{},\"betti\":[{b0},{b1},{b2}]}}",
-        cloud.spacing,
-        surface.covering_radius(&cloud.points)
-    );
-    Ok(())
+    for (ending, content) in [("ply", ply), ("txt", text)] {
+        let path = format!("{}.{ending}", arguments.stem);
+        std::fs::write(&path, content).map_err(|error| format!("{path}: {error}"))?;
+    }
+    let (spacing, covering) = (cloud.spacing, surface.covering_radius(&cloud.points));
+    let betti = surface.betti();
+    writeln!(
+        arguments.output.words(),
+        "spacing {}, covering radius {}, Betti numbers {betti:?}",
+        three_digits(spacing),
+        three_digits(covering)
+    )?;
+    let answer = json!({ "spacing": spacing, "covering_radius": covering, "betti": betti });
+    arguments.output.object(&answer)?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,14 +1,31 @@
 //! A ball seen from above: what a camera sees of it has a rim, and the rim and the vector area tell where the rest is.
 //!
 //! `cargo run --release -p cech-complex --features manifolds --example partly_seen`
-#![allow(clippy::print_stdout, reason = "an example talks")]
 
 use cech_complex::manifolds::Manifold;
 use cech_complex::{
-    Complex, Cylinder, Error, Options, VertexKind, missing_vector_area, vector_area_of_loop,
+    Complex, Cylinder, Options, VertexKind, missing_vector_area, vector_area_of_loop,
 };
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
 
-fn main() -> Result<(), Error> {
+/// Says what the rim and the vector area of a ball seen from above tell of the rest
+#[derive(Debug, clap::Parser)]
+#[command(name = "partly_seen", after_help = "Example: partly_seen --json")]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(compare)
+}
+
+fn compare(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let mut words = arguments.output.words();
+    let mut views = Vec::new();
     let ball = Manifold::Sphere { radius: 0.05 };
     let count = 2000;
     let cloud = ball.net(count, 1);
@@ -24,27 +41,39 @@ fn main() -> Result<(), Error> {
     ] {
         let cylinder = Cylinder::from_spacing_and_reach(cloud.spacing, 0.05)?;
         let complex = Complex::build(points, normals, cylinder, &Options::default())?;
-        println!(
+        writeln!(
+            words,
             "{name}: {:?} simplices, Betti numbers {:?}",
             complex.counts(),
             complex.betti(1.0)
-        );
+        )?;
         let kinds = complex.classify(cloud.spacing)?;
         let rim = kinds
             .iter()
             .filter(|kind| **kind == VertexKind::Boundary)
             .count();
-        println!("  {rim} of {} vertices at the rim", kinds.len());
+        writeln!(words, "  {rim} of {} vertices at the rim", kinds.len())?;
         for rim in complex.boundary_loops(&kinds)? {
             let area = 1e4 * vector_area_of_loop(&rim.points(&complex)).norm();
-            println!("  rim of {:.3} m around {area:.1} cm²", rim.length);
+            writeln!(words, "  rim of {:.3} m around {area:.1} cm²", rim.length)?;
         }
         let areas = vec![cloud.spacing * cloud.spacing; points.len()];
         let missing = missing_vector_area(&areas, normals)? * 1e4;
-        println!(
+        writeln!(
+            words,
             "  missing vector area ({:.1}, {:.1}, {:.1}) cm²",
             missing.x, missing.y, missing.z
-        );
+        )?;
+        let missing_m2 = [missing.x, missing.y, missing.z].map(|cm2| 1e-4 * cm2);
+        views.push(json!({
+            "view": name,
+            "simplices": complex.counts(),
+            "betti": complex.betti(1.0),
+            "vertices": kinds.len(),
+            "at_the_rim": rim,
+            "missing_vector_area_m2": missing_m2,
+        }));
     }
-    Ok(())
+    arguments.output.object(&json!({ "views": views }))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,125 +1,133 @@
 //! Drives a PSM over ROS 2, real or served: `cargo run --features ros2 --example arm -- --help`.
-#![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
-mod program;
-
+use std::io::Write;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 
+use dvrk_io::Psm;
 use dvrk_io::arm::{Arm, ArmOptions};
 use dvrk_io::kinematics::{Kinematics, RcmFromTip};
 use dvrk_io::nalgebra::Translation3;
 use dvrk_io::transport::{Network, Participant};
-use dvrk_io::{Error, Psm};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::{Value, json};
 
-const HELP: &str = "\
-Connects to a PSM, enables and homes it, reads it, and moves its tips along the remote centre's z axis and back.
-THE ARM MOVES. Keep the emergency stop at hand; the instrument must be at least 45 mm past the remote centre.
+/// Connects to a PSM, enables and homes it, reads it, and moves its tips along the remote centre's z axis and back
+///
+/// THE ARM MOVES. Keep the emergency stop at hand; the instrument must be at least 45 mm past the remote centre.
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "arm",
+    after_help = "Examples:
+  arm PSM1 --read-only
+  arm PSM1 --si --millimetres 10 --speed 5
 
-usage: arm [NAME] [--si] [--millimetres D] [--speed V] [--read-only]
-
-  NAME             name of the arm; default PSM1
-  --si             an S or Si; default: a Classic
-  --millimetres D  how far, 0 to 20; default 5
-  --speed V        in mm/s, 1 to 50; default 10
-  --read-only      connect and read, command nothing
-
-ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured.
-";
-
-struct Settings {
+ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured."
+)]
+struct Arguments {
+    /// Name of the arm
+    #[arg(default_value = "PSM1")]
     name: String,
-    psm: Psm,
-    way: f64,
+    /// An S or Si instead of a Classic
+    #[arg(long)]
+    si: bool,
+    /// How far, 0 to 20 mm
+    #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = within::<0, 20>)]
+    millimetres: f64,
+    /// Speed, 1 to 50 mm/s
+    #[arg(long, value_name = "V", default_value_t = 10.0, value_parser = within::<1, 50>)]
     speed: f64,
-    moves: bool,
+    /// Connect and read, command nothing
+    #[arg(long)]
+    read_only: bool,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// A number between two others.
+fn within<const LEAST: u8, const MOST: u8>(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok();
+    let range = f64::from(LEAST)..=f64::from(MOST);
+    let value = value.filter(|x| range.contains(x));
+    value.ok_or_else(|| format!("a number of {LEAST} to {MOST} is needed"))
 }
 
 fn main() -> ExitCode {
-    program::run(HELP, parse(), run)
+    program::run(drive)
 }
 
-/// Nothing when help is asked for.
-fn parse() -> Result<Option<Settings>, String> {
-    let mut settings = Settings {
-        name: "PSM1".to_owned(),
-        psm: Psm::Classic,
-        way: 0.005,
-        speed: 0.01,
-        moves: true,
-    };
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        let mut number = |least: f64, most: f64| {
-            let text = arguments.next().unwrap_or_default();
-            let value = text.parse().ok().filter(|x| (least..=most).contains(x));
-            value.ok_or(format!(
-                "{argument} {text}: a number of {least} to {most} is needed"
-            ))
-        };
-        match argument.as_str() {
-            "--help" | "-h" => return Ok(None),
-            "--si" => settings.psm = Psm::Si,
-            "--read-only" => settings.moves = false,
-            "--millimetres" => settings.way = 1e-3 * number(0.0, 20.0)?,
-            "--speed" => settings.speed = 1e-3 * number(1.0, 50.0)?,
-            name if !name.starts_with('-') => name.clone_into(&mut settings.name),
-            other => return Err(format!("{other}?")),
-        }
-    }
-    Ok(Some(settings))
-}
-
-fn run(settings: &Settings) -> Result<(), Error> {
+/// Where it returns early, as when nobody reads what it says any more, nothing more is sent, and the arm stays where it is.
+fn drive(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let participant = Participant::join(&Network::from_env()?)?;
-    let options = ArmOptions::default().with_kinematics(Kinematics::new(settings.psm));
+    let psm = if arguments.si { Psm::Si } else { Psm::Classic };
+    let options = ArmOptions::default().with_kinematics(Kinematics::new(psm));
     let patience = Duration::from_secs(8);
-    let mut arm = Arm::connect(Arc::new(participant), &settings.name, options, patience)?;
-    println!("{} is {}, {:?}", arm.name(), arm.status(), arm.dialect());
-    if settings.moves {
+    let mut arm = Arm::connect(Arc::new(participant), &arguments.name, options, patience)?;
+    let (moves, mut words) = (!arguments.read_only, arguments.output.words());
+    writeln!(
+        words,
+        "{} is {}, {:?}",
+        arm.name(),
+        arm.status(),
+        arm.dialect()
+    )?;
+    if moves {
         arm.enable(patience)?;
         arm.home(Duration::from_secs(60))?;
-        println!(
-            "enabled and homed; instrument {}",
-            arm.tool().unwrap_or("not reported")
-        );
+        let tool = arm.tool().unwrap_or("not reported");
+        writeln!(words, "enabled and homed; instrument {tool}")?;
     }
-    let Some(start) = read(&arm) else {
-        println!("it is not powered: no pose to read");
-        return Ok(());
-    };
-    if settings.moves {
-        let away = Translation3::new(0.0, 0.0, settings.way);
-        for goal in [RcmFromTip(away * start.0), start] {
-            arm.start_line(&goal, settings.speed)?;
-            arm.wait(Duration::from_secs(30))?;
-            read(&arm);
+    let mut read = Vec::new();
+    if let Some(start) = say(&arm, &mut words, &mut read)? {
+        if moves {
+            let away = Translation3::new(0.0, 0.0, 1e-3 * arguments.millimetres);
+            for goal in [RcmFromTip(away * start.0), start] {
+                arm.start_line(&goal, 1e-3 * arguments.speed)?;
+                arm.wait(Duration::from_secs(30))?;
+                say(&arm, &mut words, &mut read)?;
+            }
+            arm.hold();
         }
-        arm.hold();
+    } else {
+        writeln!(words, "it is not powered: no pose to read")?;
     }
-    for event in arm.take_events() {
-        println!("  {:?}", event.kind);
+    let events = arm.take_events().into_iter();
+    let events: Vec<String> = events.map(|event| format!("{:?}", event.kind)).collect();
+    for event in &events {
+        writeln!(words, "  {event}")?;
     }
+    arguments.output.object(&json!({
+        "arm": arm.name(),
+        "status": arm.status().to_string(),
+        "dialect": format!("{:?}", arm.dialect()),
+        "poses": read,
+        "events": events,
+    }))?;
     arm.release();
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Prints what there is, and returns where the tips are.
-fn read(arm: &Arm) -> Option<RcmFromTip> {
-    let tip = arm.rcm_from_tip()?.value;
-    let p = 1e3 * tip.0.translation.vector;
-    println!(
-        "tips at ({:.2}, {:.2}, {:.2}) mm, control point: {:?}",
-        p.x,
-        p.y,
-        p.z,
-        arm.control_point()?
-    );
-    println!(
-        "  joints {:.4?}, jaw {:.3} rad",
-        arm.joints()?.value,
-        arm.jaw()?.value.angle
-    );
-    Some(tip)
+fn say(
+    arm: &Arm,
+    words: &mut dyn Write,
+    read: &mut Vec<Value>,
+) -> std::io::Result<Option<RcmFromTip>> {
+    let (Some(tip), Some(point)) = (arm.rcm_from_tip(), arm.control_point()) else {
+        return Ok(None);
+    };
+    let (Some(joints), Some(jaw)) = (arm.joints(), arm.jaw()) else {
+        return Ok(None);
+    };
+    let p = tip.value.0.translation.vector;
+    let [x, y, z] = [p.x, p.y, p.z].map(|metres| 1e3 * metres);
+    writeln!(
+        words,
+        "tips at ({x:.2}, {y:.2}, {z:.2}) mm, control point: {point:?}"
+    )?;
+    let (joints, angle) = (joints.value, jaw.value.angle);
+    writeln!(words, "  joints {joints:.4?}, jaw {angle:.3} rad")?;
+    read.push(json!({ "tip_mm": [x, y, z], "joints": joints, "jaw_rad": angle }));
+    Ok(Some(tip.value))
 }

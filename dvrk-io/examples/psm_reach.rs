@@ -2,22 +2,44 @@
 //!
 //! A grasp from above, jaws along the arm, in steps of 2 cm: `#` within all safety margins, `+` within joint
 //! limits only, `.` out of reach. Below, why the corners are not reached.
-#![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
+use dvrk_io::Psm;
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, SafetyMargins};
 use dvrk_io::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use dvrk_io::{Error, Psm};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Draws how much of a table top the arms reach, and says why not more
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "psm_reach",
+    after_help = "Example: psm_reach
+
+# within all safety margins, + within joint limits only, . out of reach; a step is 2 cm."
+)]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
 
 /// Height of the remote centre over the table, metres.
 const HEIGHT: f64 = 0.15;
 
-fn main() -> Result<(), Error> {
+fn main() -> ExitCode {
+    program::run(reach)
+}
+
+fn reach(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (mut words, mut arms) = (arguments.output.words(), Vec::new());
     for psm in [Psm::Classic, Psm::Si] {
         // Seen from a table frame under the remote centre, axes as those of the arm.
         let table_from_rcm = Isometry3::translation(0.0, 0.0, HEIGHT);
         let safe = PsmWorkspace::new(Kinematics::new(psm), &table_from_rcm)?;
         let bare = safe.with_margins(SafetyMargins::NONE)?;
-        println!("{psm:?}, remote centre {HEIGHT} m over the middle");
+        writeln!(words, "{psm:?}, remote centre {HEIGHT} m over the middle")?;
+        let (mut map, mut places) = (Vec::new(), Vec::new());
         for row in (-9..=9).rev() {
             let line: String = (-13..=13)
                 .map(|column| {
@@ -29,16 +51,21 @@ fn main() -> Result<(), Error> {
                     }
                 })
                 .collect();
-            println!("  {line}");
+            writeln!(words, "  {line}")?;
+            map.push(line);
         }
         for (x, y) in [(0.26, 0.0), (0.0, 0.18), (0.0, 0.0)] {
-            match safe.reach(&grasp(x, y)) {
-                Ok(reach) => println!("  ({x:.2}, {y:.2}): joints {:.3?}", reach.joints),
-                Err(reason) => println!("  ({x:.2}, {y:.2}): {reason}"),
-            }
+            let (text, joints) = match safe.reach(&grasp(x, y)) {
+                Ok(reach) => (format!("joints {:.3?}", reach.joints), Some(reach.joints)),
+                Err(reason) => (reason.to_string(), None),
+            };
+            writeln!(words, "  ({x:.2}, {y:.2}): {text}")?;
+            places.push(json!({ "x_m": x, "y_m": y, "joints": joints, "words": text }));
         }
+        arms.push(json!({ "psm": format!("{psm:?}"), "map": map, "places": places }));
     }
-    Ok(())
+    arguments.output.object(&json!({ "arms": arms }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Tips at (x, y) on the table, approach straight down.

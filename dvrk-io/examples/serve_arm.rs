@@ -1,81 +1,72 @@
 //! A PSM without a robot, served over ROS 2: `cargo run --features ros2 --example serve_arm -- --help`.
-#![allow(clippy::print_stdout, reason = "printing is what this program is for")]
 
-mod program;
-
+use std::io::Write;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use dvrk_io::Error;
 use dvrk_io::arm::{ControlPoint, Dialect};
 use dvrk_io::serve::{ArmServer, KinematicArm, ServeOptions};
 use dvrk_io::transport::{Network, Participant, Transport};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
 
-const HELP: &str = "\
-Serves a kinematic PSM over ROS 2 with the topics, types and states of a dVRK, for any CRTK client.
+/// Serves a kinematic PSM over ROS 2 with the topics, types and states of a dVRK, for any CRTK client
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "serve_arm",
+    after_help = "Example: serve_arm PSM1 --seconds 60
 
-usage: serve_arm [NAME] [--simulator] [--seconds S]
+ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured."
+)]
+struct Arguments {
+    /// Name of the arm, the name space of its topics
+    #[arg(default_value = "PSM1")]
+    name: String,
+    /// Behave as the simulators of the dVRK's maintainers do, instead of as a robot
+    #[arg(long)]
+    simulator: bool,
+    /// Stop after so many seconds [default: run until killed]
+    #[arg(long, value_name = "S", value_parser = seconds)]
+    seconds: Option<Duration>,
+    #[command(flatten)]
+    output: Output,
+}
 
-  NAME          name of the arm, the name space of its topics; default PSM1
-  --simulator   behave as the simulators of the dVRK's maintainers do, instead of as a robot
-  --seconds S   stop after S seconds; default: run until killed
-
-ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured.
-";
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = program::not_negative(text)?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+}
 
 fn main() -> ExitCode {
-    program::run(HELP, parse(), serve)
+    program::run(serve)
 }
 
-struct Settings {
-    name: String,
-    dialect: Dialect,
-    time: Duration,
-}
-
-/// Nothing when help is asked for.
-fn parse() -> Result<Option<Settings>, String> {
-    let mut settings = Settings {
-        name: "PSM1".to_owned(),
-        dialect: Dialect::Robot,
-        time: Duration::MAX,
-    };
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            "--help" | "-h" => return Ok(None),
-            "--simulator" => settings.dialect = Dialect::Simulator,
-            "--seconds" => {
-                let text = arguments.next().unwrap_or_default();
-                let seconds: f64 = text.parse().map_err(|_| format!("--seconds {text}?"))?;
-                settings.time = Duration::try_from_secs_f64(seconds)
-                    .map_err(|error| format!("--seconds {text}: {error}"))?;
-            }
-            name if !name.starts_with('-') => name.clone_into(&mut settings.name),
-            other => return Err(format!("{other}?")),
-        }
-    }
-    Ok(Some(settings))
-}
-
-fn serve(settings: &Settings) -> Result<(), Error> {
+fn serve(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let network = Network::from_env()?;
     let participant = Participant::join(&network)?;
-    let options = ServeOptions::default().with_dialect(settings.dialect);
-    let arm = KinematicArm::default();
-    let mut server = ArmServer::new(&participant, &settings.name, arm, options)?;
-    let point = match settings.dialect {
-        Dialect::Robot => ControlPoint::Wrist,
-        Dialect::Simulator => ControlPoint::Tip,
+    let (dialect, point) = if arguments.simulator {
+        (Dialect::Simulator, ControlPoint::Tip)
+    } else {
+        (Dialect::Robot, ControlPoint::Wrist)
     };
-    println!(
-        "{} in domain {}, {:?}, control point: {point:?}; the arm is {}",
-        settings.name,
-        network.domain(),
-        settings.dialect,
-        server.status()
-    );
-    let end = participant.now().saturating_add(settings.time);
+    let options = ServeOptions::default().with_dialect(dialect);
+    let arm = KinematicArm::default();
+    let mut server = ArmServer::new(&participant, &arguments.name, arm, options)?;
+    // Said at the beginning: who waits for the arm to be there reads it. A client may need the arm when nobody reads any more.
+    let (name, domain, status) = (&arguments.name, network.domain(), server.status());
+    program::unless_closed(writeln!(
+        arguments.output.words(),
+        "{name} in domain {domain}, {dialect:?}, control point: {point:?}; the arm is {status}"
+    ))?;
+    program::unless_closed(arguments.output.object(&json!({
+        "arm": name,
+        "domain": domain,
+        "dialect": format!("{dialect:?}"),
+        "control_point": format!("{point:?}"),
+        "status": status.to_string(),
+    })))?;
+    let time = arguments.seconds.unwrap_or(Duration::MAX);
+    let end = participant.now().saturating_add(time);
     server.run(&participant, || participant.now() >= end);
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }

@@ -8,13 +8,10 @@
 //! draws feasible grips on the boundary and moves them with the same motion planner; everything else is the same. A run that does not
 //! close within the cap counts as the cap (it would have taken more), and is marked; so does one that ends otherwise: nothing to grip, or the object pulled
 //! apart. A run takes half a minute to a few minutes.
-#![allow(
-    clippy::print_stdout,
-    clippy::print_stderr,
-    reason = "a program prints"
-)]
 
 use std::fmt::Write as _;
+use std::io::{self, Write};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use explore_loop::Error;
@@ -23,6 +20,8 @@ use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
 use explore_loop::explore::{Event, ExploreOptions, Explorer, Stop, Watcher};
 use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
 
 /// Spacing of the model, metres, and grip speed, m/s: those of `explore run`.
 const SPACING: f64 = 0.005;
@@ -30,64 +29,39 @@ const SPEED: f64 = 0.03;
 /// Depth noise of the camera, metres: that of `explore run` too.
 const NOISE: f64 = 5e-4;
 
-const USAGE: &str =
-    "usage: compare_grips [--seeds N] [--scenes NAME,NAME…] [--arms 2,3] [--cap N] [--csv FILE]";
-
-type Failure = Box<dyn std::error::Error>;
+/// Compares planned grips with random ones: manipulations until the surface closes
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "compare_grips",
+    after_help = "Example: compare_grips --seeds 3 --scenes liver --arms 2,3 --csv runs.csv"
+)]
+struct Arguments {
+    /// Seeds 0 to N - 1
+    #[arg(long, value_name = "N", default_value_t = 6)]
+    seeds: u64,
+    /// Built-in scenes
+    #[arg(
+        long,
+        value_name = "NAMES",
+        value_delimiter = ',',
+        default_value = "liver,ellipsoid"
+    )]
+    scenes: Vec<String>,
+    /// Numbers of arms
+    #[arg(long, value_name = "2,3", value_delimiter = ',', default_value = "2,3", value_parser = clap::value_parser!(u8).range(2..=3))]
+    arms: Vec<u8>,
+    /// Most manipulations of a run
+    #[arg(long, value_name = "N", default_value_t = 8)]
+    cap: usize,
+    /// Table of all runs, written after each
+    #[arg(long, value_name = "FILE")]
+    csv: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
 
 fn main() -> ExitCode {
-    let arguments = match Arguments::parse(std::env::args().skip(1)) {
-        Ok(arguments) => arguments,
-        Err(complaint) => {
-            eprintln!("{complaint}\n{USAGE}");
-            return ExitCode::from(2);
-        }
-    };
-    match compare(&arguments) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(complaint) => {
-            eprintln!("{complaint}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-struct Arguments {
-    seeds: u64,
-    scenes: Vec<String>,
-    arms: Vec<usize>,
-    cap: usize,
-    csv: Option<String>,
-}
-
-impl Arguments {
-    fn parse(mut words: impl Iterator<Item = String>) -> Result<Self, String> {
-        let mut arguments = Self {
-            seeds: 6,
-            scenes: vec!["liver".into(), "ellipsoid".into()],
-            arms: vec![2, 3],
-            cap: 8,
-            csv: None,
-        };
-        while let Some(word) = words.next() {
-            let value = words.next().ok_or(format!("{word} takes a value"))?;
-            let number = |text: &str| text.parse().map_err(|_| format!("{word} {text}: a number"));
-            match word.as_str() {
-                "--seeds" => arguments.seeds = number(&value)? as u64,
-                "--cap" => arguments.cap = number(&value)?,
-                "--scenes" => arguments.scenes = value.split(',').map(str::to_owned).collect(),
-                "--arms" => {
-                    arguments.arms = value.split(',').map(number).collect::<Result<_, _>>()?;
-                }
-                "--csv" => arguments.csv = Some(value),
-                _ => return Err(format!("unknown option {word}")),
-            }
-        }
-        match arguments.arms.iter().find(|a| !(2..=3).contains(*a)) {
-            Some(arms) => Err(format!("--arms {arms}: 2 or 3")),
-            None => Ok(arguments),
-        }
-    }
+    program::run(compare)
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -108,7 +82,7 @@ impl Grips {
 /// How a run ended.
 struct Run {
     scene: String,
-    arms: usize,
+    arms: u8,
     grips: Grips,
     seed: u64,
     /// Share of the true surface before the first and after every manipulation.
@@ -128,6 +102,34 @@ impl Run {
         .max(1) as f64
     }
 
+    /// A row of the table of all runs.
+    fn line(&self) -> String {
+        let percent = |share: &f64| format!("{:.1}", 100.0 * share);
+        let shares: Vec<String> = self.explored.iter().map(percent).collect();
+        format!(
+            "{},{},{},{},{},{},{}",
+            self.scene,
+            self.arms,
+            self.grips.word(),
+            self.seed,
+            self.manipulations,
+            self.stop,
+            shares.join(" ")
+        )
+    }
+
+    fn object(&self) -> serde_json::Value {
+        json!({
+            "scene": self.scene,
+            "arms": self.arms,
+            "grips": self.grips.word(),
+            "seed": self.seed,
+            "manipulations": self.manipulations,
+            "stop": self.stop,
+            "explored": self.explored,
+        })
+    }
+
     fn closed(&self) -> bool {
         self.stop == Stop::Closed.word()
     }
@@ -139,44 +141,46 @@ impl Run {
     }
 }
 
-fn compare(arguments: &Arguments) -> Result<(), Failure> {
+fn compare(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut runs = Vec::new();
     let mut csv = String::from("scene,arms,grips,seed,manipulations,stop,explored\n");
+    // A name that is wrong is known before the first hour.
+    for scene in &arguments.scenes {
+        Scene::named(scene)?;
+    }
+    let count = 2 * arguments.seeds * (arguments.scenes.len() * arguments.arms.len()) as u64;
+    let bar = arguments.output.progress(count, "runs");
     for scene in &arguments.scenes {
         for &arms in &arguments.arms {
             for seed in 0..arguments.seeds {
                 for grips in [Grips::Planned, Grips::Random] {
                     let run = explore(scene, arms, seed, grips, arguments.cap)?;
-                    let shares: Vec<String> = run
-                        .explored
-                        .iter()
-                        .map(|e| format!("{:.1}", 100.0 * e))
-                        .collect();
-                    let line = format!(
-                        "{scene},{arms},{},{seed},{},{},{}",
-                        grips.word(),
-                        run.manipulations,
-                        run.stop,
-                        shares.join(" ")
-                    );
-                    eprintln!("{line}");
+                    let line = run.line();
+                    bar.suspend(|| arguments.output.note(&line));
+                    bar.inc(1);
                     writeln!(csv, "{line}")?;
                     // Written after every run: a long table is not lost with its last line.
                     if let Some(path) = &arguments.csv {
-                        std::fs::write(path, &csv)?;
+                        std::fs::write(path, &csv)
+                            .map_err(|error| format!("{}: {error}", path.display()))?;
                     }
                     runs.push(run);
                 }
             }
         }
     }
-    table(arguments, &runs);
-    Ok(())
+    bar.finish_and_clear();
+    table(arguments, &runs, &mut arguments.output.words())?;
+    let runs: Vec<_> = runs.iter().map(Run::object).collect();
+    arguments
+        .output
+        .object(&json!({ "cap": arguments.cap, "runs": runs }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
-fn explore(scene: &str, arms: usize, seed: u64, grips: Grips, cap: usize) -> Result<Run, Failure> {
+fn explore(scene: &str, arms: u8, seed: u64, grips: Grips, cap: usize) -> Result<Run, Failure> {
     let mut options = SimOptions::new(Scene::named(scene)?);
-    options.arms = arms;
+    options.arms = usize::from(arms);
     options.seed = seed;
     options.camera.noise = NOISE;
     let (mut cell, truth) = SimCell::new(&options)?;
@@ -256,12 +260,13 @@ impl Watcher for Explored {
     }
 }
 
-fn table(arguments: &Arguments, runs: &[Run]) {
+fn table(arguments: &Arguments, runs: &[Run], out: &mut dyn Write) -> io::Result<()> {
     let cap = arguments.cap;
-    println!(
+    writeln!(
+        out,
         "| scene | arms | grips | runs | closed | manipulations (mean) | gain a manipulation | planned / random |"
-    );
-    println!("|---|---|---|---|---|---|---|---|");
+    )?;
+    writeln!(out, "|---|---|---|---|---|---|---|---|")?;
     for scene in &arguments.scenes {
         for &arms in &arguments.arms {
             let of = |grips: Grips| -> Vec<&Run> {
@@ -274,7 +279,8 @@ fn table(arguments: &Arguments, runs: &[Run]) {
                 let runs = of(grips);
                 let closed = runs.iter().filter(|r| r.closed()).count();
                 let gain = mean(runs.iter().filter_map(|r| r.gain()));
-                println!(
+                writeln!(
+                    out,
                     "| {scene} | {arms} | {} | {} | {closed} | {:.2}{} | {:.1} % | {} |",
                     grips.word(),
                     runs.len(),
@@ -290,24 +296,27 @@ fn table(arguments: &Arguments, runs: &[Run]) {
                     } else {
                         String::new()
                     }
-                );
+                )?;
             }
         }
     }
-    println!(
+    writeln!(
+        out,
         "\nA run that did not close within {cap} manipulations counts as {cap}; seeds 0 to {}.",
         arguments.seeds.saturating_sub(1)
-    );
+    )?;
     for run in runs.iter().filter(|r| !r.closed()) {
-        println!(
+        writeln!(
+            out,
             "not closed: {} arms {} {} seed {}: {}",
             run.scene,
             run.arms,
             run.grips.word(),
             run.seed,
             run.stop
-        );
+        )?;
     }
+    Ok(())
 }
 
 fn mean(values: impl Iterator<Item = f64>) -> f64 {

@@ -3,7 +3,7 @@
 //! ```sh
 //! cargo run --release -p explore-loop --example custom_pipeline
 //! ```
-#![allow(clippy::print_stdout, dead_code)]
+#![allow(dead_code, reason = "the egg has more than is needed here")]
 
 #[path = "own_robot/egg.rs"]
 mod egg;
@@ -15,6 +15,21 @@ use explore_loop::explore::{ExploreOptions, Explorer};
 use explore_loop::nalgebra::{Isometry3, Point3};
 use explore_loop::plan::RandomPlanner;
 use explore_loop::reconstruct::{FrameReport, Reconstruct};
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Explores a rigid egg with a pipeline of one's own
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "custom_pipeline",
+    after_help = "Example: custom_pipeline --json"
+)]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
 
 /// What an arm holds moves as its tip does; points that no vertex is near enter the model.
 #[derive(Default)]
@@ -53,8 +68,8 @@ impl Reconstruct for ByArms {
     }
 }
 
-/// Explores the egg with it.
-pub fn main() -> Result<(), Error> {
+/// How it ended, manipulations, and the share of the egg that was shown.
+pub fn explored() -> Result<(&'static str, usize, f64), Error> {
     let mut cell = egg::EggCell::new(0);
     let mut planner = RandomPlanner::new(0);
     let options = ExploreOptions::new(5e-3, 0.03);
@@ -64,11 +79,21 @@ pub fn main() -> Result<(), Error> {
         Explorer::with_reconstructor(&mut cell, &mut planner, &mut watcher, options, own);
     let end = explorer.run()?;
     drop(explorer);
-    let shown = 100.0 * cell.share_shown();
-    println!(
-        "{}, {} manipulations, {shown:.1} % shown",
-        end.stop.word(),
-        end.manipulations
-    );
-    Ok(())
+    Ok((end.stop.word(), end.manipulations, cell.share_shown()))
+}
+
+fn main() -> ExitCode {
+    program::run(print)
+}
+
+fn print(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (stop, manipulations, shown) = explored()?;
+    writeln!(
+        arguments.output.words(),
+        "{stop}, {manipulations} manipulations, {:.1} % shown",
+        100.0 * shown
+    )?;
+    let answer = json!({ "stop": stop, "manipulations": manipulations, "shown": shown });
+    arguments.output.object(&answer)?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -5,7 +5,7 @@
 //! ```
 //! prints a line every thousand frames: vertices of the model, time of a frame (median, 95 %), memory that the program holds. It fails when memory
 //! goes over 600 MB or the median time of the last thousand frames is more than half above that of the second thousand.
-#![allow(clippy::print_stdout, dead_code)]
+#![allow(dead_code, reason = "the egg has more than is needed here")]
 
 #[path = "own_robot/egg.rs"]
 mod egg;
@@ -14,6 +14,21 @@ use explore_loop::cell::Cell;
 use explore_loop::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::metrics::Timing;
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
+
+/// Turns a small object again and again: memory and the time of a frame must stay what they are
+#[derive(Debug, clap::Parser)]
+#[command(name = "long_run", after_help = "Example: long_run 10000")]
+struct Arguments {
+    /// Number of frames
+    #[arg(default_value_t = 10_000)]
+    frames: usize,
+    #[command(flatten)]
+    output: Output,
+}
 
 /// Frames of a turn: reach, grip, lift and turn, let go.
 const CYCLE: usize = 80;
@@ -21,29 +36,48 @@ const CYCLE: usize = 80;
 const MEMORY: f64 = 600.0;
 const SLOWER: f64 = 1.5;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let frames: usize = std::env::args().nth(1).map_or(Ok(10_000), |n| n.parse())?;
+fn main() -> ExitCode {
+    program::run(long_run)
+}
+
+fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let output = arguments.output;
     let mut cell = egg::EggCell::new(0);
     let table = cell.info().table;
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(5e-3))?;
     let (mut times, mut medians, mut failed) = (Vec::new(), Vec::new(), 0);
-    println!("frames  vertices  frame ms median  p95    not taken  memory MB");
-    for frame in 1..=frames {
+    writeln!(
+        output.words(),
+        "frames  vertices  frame ms median  p95    not taken  memory MB"
+    )?;
+    let bar = output.progress(arguments.frames as u64, "frames");
+    let mut rows = Vec::new();
+    for frame in 1..=arguments.frames {
         act(&mut cell, frame % CYCLE)?;
         let observation = cell.observe()?;
         let report = reconstructor.process(&observation, &table)?;
         failed += usize::from(report.failure.is_some());
         times.push(report.frame_ms);
+        bar.inc(1);
         if frame % CYCLE == 0 {
             reconstructor.consolidate(&table);
         }
         if times.len() == 1000 {
             let Timing { median, p95 } = Timing::of(&times);
             let (vertices, memory) = (reconstructor.model().len(), memory());
-            println!(
-                "{frame:6}  {vertices:8}  {median:15.1}  {p95:5.1}  {failed:9}  {:9.1}",
-                memory.unwrap_or(0.0)
+            let shown = memory.unwrap_or(0.0);
+            let line = format!(
+                "{frame:6}  {vertices:8}  {median:15.1}  {p95:5.1}  {failed:9}  {shown:9.1}"
             );
+            bar.suspend(|| writeln!(output.words(), "{line}"))?;
+            rows.push(json!({
+                "frame": frame,
+                "vertices": vertices,
+                "median_ms": median,
+                "p95_ms": p95,
+                "not_taken": failed,
+                "memory_mb": memory,
+            }));
             if memory.is_some_and(|m| m > MEMORY) {
                 return Err(format!("more than {MEMORY} MB").into());
             }
@@ -51,16 +85,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (times, failed) = (Vec::new(), 0);
         }
     }
+    bar.finish_and_clear();
+    output.object(&json!({ "rows": rows }))?;
     match (medians.get(1), medians.last()) {
         (Some(early), Some(late)) if late > &(SLOWER * early) => {
             Err(format!("frames became slower: {early:.1} ms, then {late:.1} ms").into())
         }
-        _ => Ok(()),
+        _ => Ok(ExitCode::SUCCESS),
     }
 }
 
 /// What the first arm does at a step of the cycle.
-fn act(cell: &mut egg::EggCell, step: usize) -> Result<(), Box<dyn std::error::Error>> {
+fn act(cell: &mut egg::EggCell, step: usize) -> Result<(), Failure> {
     let camera_from_egg = cell.camera_from_egg;
     let axis = camera_from_egg * Vector3::x();
     let end = camera_from_egg * Translation3::new(0.033, 0.0, 0.0);

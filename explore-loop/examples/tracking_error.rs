@@ -11,21 +11,67 @@ use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError};
 use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
-use std::error::Error;
-use std::path::Path;
+use mesh_io::program::{self, Failure, Output};
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let sessions: Vec<String> = std::env::args().skip(1).collect();
-    if sessions.is_empty() {
-        return Err("usage: tracking_error SESSION.mcap...".into());
-    }
-    for session in sessions {
-        println!("{session}");
-        for line in phases(Path::new(&session))? {
-            println!("  {line}");
+/// Says phase by phase how far tracked vertices are from the recorded truth
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "tracking_error",
+    after_help = "Example: tracking_error session.mcap"
+)]
+struct Arguments {
+    /// Recordings with the truth (MCAP)
+    #[arg(required = true, value_name = "SESSION.mcap")]
+    sessions: Vec<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(tracking_error)
+}
+
+fn tracking_error(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (mut words, mut objects) = (arguments.output.words(), Vec::new());
+    for path in &arguments.sessions {
+        let in_file = |error: Failure| format!("{}: {error}", path.display());
+        let session = session(path, arguments.output).map_err(in_file)?;
+        writeln!(words, "{}", path.display())?;
+        for phase in &session.phases {
+            writeln!(words, "  {}", phase.words())?;
         }
+        writeln!(
+            words,
+            "  frame {:.0} ms median, {:.0} ms p95; weight over stiffness {:.2} 1/m",
+            session.median_ms, session.p95_ms, session.weight_over_stiffness
+        )?;
+        objects.push(session.object(path));
     }
-    Ok(())
+    arguments.output.object(&json!({ "sessions": objects }))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What a recording tells.
+struct Session {
+    phases: Vec<Phase>,
+    median_ms: f64,
+    p95_ms: f64,
+    weight_over_stiffness: f64,
+}
+
+impl Session {
+    fn object(&self, path: &Path) -> Value {
+        json!({
+            "session": path,
+            "phases": self.phases.iter().map(Phase::object).collect::<Vec<_>>(),
+            "frame_ms": { "median": self.median_ms, "p95": self.p95_ms },
+            "weight_over_stiffness_per_m": self.weight_over_stiffness,
+        })
+    }
 }
 
 /// Sums over the frames of a phase.
@@ -55,7 +101,30 @@ impl Mean {
     }
 }
 
-fn phases(path: &Path) -> Result<Vec<String>, Box<dyn Error>> {
+impl Phase {
+    fn words(&self) -> String {
+        format!(
+            "{}, {} frames: seen {:.2} off the surface, {:.2} from their material; hidden {:.2}",
+            self.name,
+            self.frames,
+            self.seen.mm(),
+            self.slide.mm(),
+            self.hidden.mm()
+        )
+    }
+
+    fn object(&self) -> Value {
+        json!({
+            "phase": self.name,
+            "frames": self.frames,
+            "seen_mm": self.seen.mm(),
+            "slide_mm": self.slide.mm(),
+            "hidden_mm": self.hidden.mm(),
+        })
+    }
+}
+
+fn session(path: &Path, output: Output) -> Result<Session, Failure> {
     let frames = dvrk_io::session::read_truth(path)?;
     let first = frames.first().ok_or("the session has no truth")?;
     let rest = TrueSurface::from_points(&first.points)?;
@@ -65,6 +134,7 @@ fn phases(path: &Path) -> Result<Vec<String>, Box<dyn Error>> {
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(0.005))?;
     let mut phases: Vec<Phase> = Vec::new();
     let (mut times, mut turns) = (Vec::new(), 0);
+    let bar = output.progress(cell.remaining() as u64, "frames");
     loop {
         let observation = match cell.observe() {
             Ok(observation) => observation,
@@ -73,6 +143,7 @@ fn phases(path: &Path) -> Result<Vec<String>, Box<dyn Error>> {
         };
         let report = reconstructor.process(&observation, &cell.info().table)?;
         times.push(report.frame_ms);
+        bar.inc(1);
         let near = |f: &&dvrk_io::session::TruthFrame| (f.stamp - observation.stamp).abs() < 0.02;
         let Some(now) = frames.iter().find(near) else {
             continue;
@@ -108,26 +179,20 @@ fn phases(path: &Path) -> Result<Vec<String>, Box<dyn Error>> {
             }
         }
     }
-    let mut lines: Vec<String> = phases
-        .iter()
-        .map(|p| {
-            format!(
-                "{}, {} frames: seen {:.2} off the surface, {:.2} from their material; hidden {:.2}",
-                p.name,
-                p.frames,
-                p.seen.mm(),
-                p.slide.mm(),
-                p.hidden.mm()
-            )
-        })
-        .collect();
+    bar.finish_and_clear();
     times.sort_by(f64::total_cmp);
-    let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize];
-    lines.push(format!(
-        "frame {:.0} ms median, {:.0} ms p95; weight over stiffness {:.2} 1/m",
-        at(0.5),
-        at(0.95),
-        reconstructor.weight_over_stiffness().unwrap_or_default().0
-    ));
-    Ok(lines)
+    let at = |share: f64| {
+        let last = times.len().saturating_sub(1);
+        times
+            .get((last as f64 * share) as usize)
+            .copied()
+            .unwrap_or(0.0)
+    };
+    let (median_ms, p95_ms) = (at(0.5), at(0.95));
+    Ok(Session {
+        phases,
+        median_ms,
+        p95_ms,
+        weight_over_stiffness: reconstructor.weight_over_stiffness().unwrap_or_default().0,
+    })
 }

@@ -5,23 +5,20 @@
 //! cargo run --release --bin explore -- replay cap.mcap
 //! ```
 //! Nothing is planned: the same script turns every scene over, however the reconstruction fares, so that two reconstructions can be
-//! compared on the same frames. Further options: `--speed M_S`, `--noise MM`, `--arc HALF_WIDTHS` (radius of the arc on which the grips
-//! travel), `--pictures DIR` (a PPM every second).
-#![allow(
-    clippy::print_stdout,
-    clippy::print_stderr,
-    clippy::cast_sign_loss,
-    reason = "an example prints; its pixels are clamped from 0"
-)]
+//! compared on the same frames.
+#![allow(clippy::cast_sign_loss, reason = "pixels are clamped from 0")]
 
 use std::f64::consts::PI;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use dvrk_io::session::SessionWriter;
 use explore_loop::cell::sim::{Scene, SimCell, SimOptions, Truth};
 use explore_loop::cell::{Cell, Observation};
+use mesh_io::program::{self, Failure as Error, Output, not_negative, positive};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
+use serde_json::json;
 
 /// Distance of each grip from the middle, half lengths of the object.
 const SPREAD: f64 = 0.45;
@@ -36,74 +33,56 @@ const LOOK: usize = 10;
 /// Frames for what was let go to come to rest.
 const REST: usize = 15;
 
-type Error = Box<dyn std::error::Error>;
-
-/// The command line.
+/// Takes an object by one side, turns it over once, lets go, and records it with the truth
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "turn_once",
+    after_help = "Example: turn_once cap cap.mcap --seed 1
+then:    explore replay cap.mcap"
+)]
 struct Arguments {
+    /// Name of a built-in scene
     scene: String,
+    /// The recording
+    #[arg(value_name = "SESSION.mcap")]
     session: PathBuf,
+    /// Seed of the noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// Speed of the tips, m/s
+    #[arg(long, value_name = "M_S", default_value_t = 0.03, value_parser = positive)]
     speed: f64,
+    /// Standard deviation of the depth noise, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
+    /// Radius of the arc on which the grips travel, half widths of the object
+    #[arg(long, value_name = "HALF_WIDTHS", default_value_t = 1.4, value_parser = positive)]
     arc: f64,
+    /// Folder for a picture (PPM) every second
+    #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
-}
-
-impl Arguments {
-    fn read() -> Result<Self, Error> {
-        let mut read = Self {
-            scene: String::new(),
-            session: PathBuf::new(),
-            seed: 0,
-            speed: 0.03,
-            noise: 0.0005,
-            arc: 1.4,
-            pictures: None,
-        };
-        let mut names = Vec::new();
-        let mut words = std::env::args().skip(1);
-        while let Some(word) = words.next() {
-            let mut value = || words.next().ok_or_else(|| format!("{word} needs a value"));
-            match word.as_str() {
-                "--seed" => read.seed = value()?.parse()?,
-                "--speed" => read.speed = value()?.parse()?,
-                "--noise" => read.noise = 1e-3 * value()?.parse::<f64>()?,
-                "--arc" => read.arc = value()?.parse()?,
-                "--pictures" => read.pictures = Some(value()?.into()),
-                _ => names.push(word),
-            }
-        }
-        let [scene, session] = &names[..] else {
-            return Err("usage: turn_once SCENE SESSION.mcap [--seed N]".into());
-        };
-        read.scene.clone_from(scene);
-        read.session = session.into();
-        Ok(read)
-    }
+    #[command(flatten)]
+    output: Output,
 }
 
 fn main() -> ExitCode {
-    match Arguments::read().and_then(|arguments| run(&arguments)) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(run)
 }
 
-fn run(arguments: &Arguments) -> Result<(), Error> {
+fn run(arguments: &Arguments) -> Result<ExitCode, Error> {
+    let mut words = arguments.output.words();
     let mut options = SimOptions::new(Scene::named(&arguments.scene)?);
     options.seed = arguments.seed;
-    options.camera.noise = arguments.noise;
+    options.camera.noise = 1e-3 * arguments.noise;
     let start = std::time::Instant::now();
     let (cell, truth) = SimCell::new(&options)?;
-    println!(
+    writeln!(
+        words,
         "{} tetrahedra, {} vertices, built and settled in {:.1} s",
         cell.tetrahedra(),
         truth.live().len(),
         start.elapsed().as_secs_f64()
-    );
+    )?;
     let volume = cell.volume();
     let mut session = SessionWriter::create(&arguments.session)?;
     let table = cell.info().table;
@@ -117,19 +96,31 @@ fn run(arguments: &Arguments) -> Result<(), Error> {
         frames: 0,
     };
     turn.watch(LOOK)?;
-    println!("seen before: {:.1} %", 100.0 * turn.share());
+    let before = turn.share();
+    writeln!(words, "seen before: {:.1} %", 100.0 * before)?;
     turn.turn_over(arguments.speed, arguments.arc)?;
     turn.watch(LOOK)?;
-    println!("seen after:  {:.1} %", 100.0 * turn.share());
-    println!("turned by:   {:.0} deg", turned_deg(&turn.truth));
-    println!("volume kept: {:.1} %", 100.0 * turn.cell.volume() / volume);
-    println!(
-        "{} frames, {:.2} s each",
-        turn.frames,
-        start.elapsed().as_secs_f64() / turn.frames as f64
-    );
+    let (after, kept) = (turn.share(), turn.cell.volume() / volume);
+    let turned = turned_deg(&turn.truth);
+    let frame = start.elapsed().as_secs_f64() / turn.frames as f64;
+    let frames = turn.frames;
     turn.session.finish()?;
-    Ok(())
+    writeln!(
+        words,
+        "seen after:  {:.1} %\nturned by:   {turned:.0} deg\nvolume kept: {:.1} %\n{frames} frames, {frame:.2} s each",
+        100.0 * after,
+        100.0 * kept
+    )?;
+    arguments.output.object(&json!({
+        "session": arguments.session,
+        "seen_before": before,
+        "seen_after": after,
+        "turned_deg": turned,
+        "volume_kept": kept,
+        "frames": frames,
+        "frame_s": frame,
+    }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 struct Turn {

@@ -6,5 +6,6 @@ mod custom_pipeline;
 
 #[test]
 fn the_custom_pipeline_runs() {
-    custom_pipeline::main().unwrap();
+    let (_, _, shown) = custom_pipeline::explored().unwrap();
+    assert!(shown > 0.3, "{shown}");
 }

@@ -1,12 +1,16 @@
 //! Draws a sheet of nodes that is rolled up, and what the field makes of the space around it.
 //!
 //! `cargo run --release -p gpwrm --example bent_sheet [-- OUT.svg]` writes `doc/bent_sheet.svg` of this crate, the picture of the README.
-#![allow(clippy::print_stdout)] // says where the picture is
 
 use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::PathBuf;
+use std::process::ExitCode;
 
 use gpwrm::{Field, FieldOptions, Sample};
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Point3, Vector3};
+use serde_json::json;
 
 /// Radius the sheet is rolled to, m.
 const ROLL: f64 = 0.045;
@@ -19,11 +23,23 @@ const LAYERS: i32 = 7;
 /// Grid lines across.
 const COLUMNS: i32 = 21;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/doc/bent_sheet.svg");
-    let path = std::env::args()
-        .nth(1)
-        .unwrap_or_else(|| default.to_owned());
+/// Draws a sheet of nodes that is rolled up, and says how far the field is from a solid that rolls with it
+#[derive(Debug, clap::Parser)]
+#[command(name = "bent_sheet", after_help = "Example: bent_sheet sheet.svg")]
+struct Arguments {
+    /// The picture
+    #[arg(value_name = "OUT.svg", default_value = concat!(env!("CARGO_MANIFEST_DIR"), "/doc/bent_sheet.svg"), hide_default_value = true)]
+    picture: PathBuf,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(draw)
+}
+
+fn draw(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let path = &arguments.picture;
     let nodes: Vec<Point3<f64>> = (0..63)
         .map(|k| Point3::new(f64::from(k % 9), f64::from(k / 9), 0.0) * SPACING)
         .collect();
@@ -38,7 +54,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         })
         .collect();
     let samples = field.evaluate_all(&curtain);
-    std::fs::write(&path, picture(&field, &curtain, &samples))?;
+    std::fs::write(path, picture(&field, &curtain, &samples))
+        .map_err(|error| format!("{}: {error}", path.display()))?;
 
     let off = |layer: i32| -> f64 {
         let start = ((layer + LAYERS) * COLUMNS) as usize;
@@ -48,14 +65,17 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             .sum();
         sum / f64::from(COLUMNS) * 1e3
     };
-    println!("{path}");
-    println!(
-        "mean distance to the rolled solid, mm: {:.3} on the sheet, {:.3} and {:.3} at 8 mm outside and inside",
-        off(0),
-        off(-2),
-        off(2)
-    );
-    Ok(())
+    let [on, outside, inside] = [0, -2, 2].map(off);
+    writeln!(
+        arguments.output.words(),
+        "{}\nmean distance to the rolled solid, mm: {on:.3} on the sheet, {outside:.3} and {inside:.3} at 8 mm outside and inside",
+        path.display()
+    )?;
+    arguments.output.object(&json!({
+        "picture": path,
+        "distance_mm": { "on": on, "outside": outside, "inside": inside },
+    }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// The sheet rolled about an axis along y, normals staying normals.

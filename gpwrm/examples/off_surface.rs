@@ -1,12 +1,28 @@
 //! What a field says off the surface its nodes lie on: a bent sheet of nodes turns, and probes float above it.
 //!
 //! Prints, per height, how far the field is off, beside a field that sets the derivative along the normal to zero.
-#![allow(clippy::print_stdout)] // a table is what the example is for
 
-use gpwrm::{Error, Field, FieldOptions, ShapeFunctions};
+use std::io::Write;
+use std::process::ExitCode;
+
+use gpwrm::{Field, FieldOptions, ShapeFunctions};
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Point3, Rotation3, Vector3};
+use serde_json::json;
 
-fn main() -> Result<(), Error> {
+/// Says how far a field is off above a turning sheet, beside one without rotations
+#[derive(Debug, clap::Parser)]
+#[command(name = "off_surface", after_help = "Example: off_surface --json")]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(off_surface)
+}
+
+fn off_surface(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let nodes: Vec<Point3<f64>> = (0..144)
         .map(|k| {
             (
@@ -26,7 +42,8 @@ fn main() -> Result<(), Error> {
     let field = Field::new(&nodes, &moved, &FieldOptions::default())?;
     let shapes = ShapeFunctions::new(&nodes, 8)?;
 
-    println!("height mm   field mm   flat gradient mm");
+    let (mut words, mut rows) = (arguments.output.words(), Vec::new());
+    writeln!(words, "height mm   field mm   flat gradient mm")?;
     for height in [0.0, 0.01, 0.02, 0.03] {
         let (mut ours, mut flat, mut count) = (0.0, 0.0, 0.0);
         for k in 0..100 {
@@ -40,12 +57,10 @@ fn main() -> Result<(), Error> {
             flat += (plain - motion(&p)).norm();
             count += 1.0;
         }
-        println!(
-            "{:9.0}   {:8.3}   {:16.3}",
-            height * 1e3,
-            ours / count * 1e3,
-            flat / count * 1e3
-        );
+        let [height, ours, flat] = [height, ours / count, flat / count].map(|metres| 1e3 * metres);
+        writeln!(words, "{height:9.0}   {ours:8.3}   {flat:16.3}")?;
+        rows.push(json!({ "height_mm": height, "field_mm": ours, "flat_mm": flat }));
     }
-    Ok(())
+    arguments.output.object(&json!({ "heights": rows }))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -16,6 +16,8 @@ mod pcd;
 mod place;
 mod ply;
 mod polygon;
+#[cfg(feature = "program")]
+pub mod program;
 mod raw;
 mod scalar;
 mod stl;
@@ -28,7 +30,7 @@ mod xyz;
 pub use digits::three as three_digits;
 pub use error::{Error, Place};
 pub use format::Format;
-pub use load::{Load, OPTIONS, Vertices, parse, read};
+pub use load::{Load, Vertices, parse, read};
 pub use mesh::{Mesh, Property};
 pub use normals::{estimate_normals, opposing_share};
 pub use place::{Units, Up};

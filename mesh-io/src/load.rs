@@ -32,9 +32,6 @@ pub enum Vertices {
     AsInFile,
 }
 
-/// The options of [`Load::option`], for the help of a program.
-pub const OPTIONS: &str = "[--units m|cm|mm] [--size METRES] [--up x|y|z] [--body N]";
-
 impl Load {
     /// Sets the unit.
     #[must_use]
@@ -76,46 +73,6 @@ impl Load {
     pub fn with_vertices(mut self, vertices: Vertices) -> Self {
         self.vertices = vertices;
         self
-    }
-
-    /// Takes one option of a command line, `--units`, `--size`, `--up` or `--body`, with its value; false if `option` is none of them, and then
-    /// `value` is not asked for.
-    ///
-    /// # Errors
-    /// [`Error::BadOption`] says what is wanted.
-    pub fn option(
-        &mut self,
-        option: &str,
-        value: impl FnOnce() -> Option<String>,
-    ) -> Result<bool, Error> {
-        let mut given = String::new();
-        let bad = |option, value, expected| Error::BadOption {
-            option,
-            value,
-            expected,
-        };
-        let known = matches!(option, "--units" | "--size" | "--up" | "--body");
-        if known {
-            given = value().unwrap_or_default();
-        }
-        match option {
-            "--units" => self.units = given.parse()?,
-            "--up" => self.up = given.parse()?,
-            "--size" => {
-                let size = given
-                    .parse()
-                    .ok()
-                    .filter(|s: &f64| s.is_finite() && *s > 0.0);
-                let size = size.ok_or(bad("--size", given, "a positive length in metres"))?;
-                self.size = Some(size);
-            }
-            "--body" => {
-                let body = given.parse().ok().filter(|b| *b > 0);
-                self.body = Some(body.ok_or(bad("--body", given, "a number from 1"))?);
-            }
-            _ => {}
-        }
-        Ok(known)
     }
 
     /// Reads a file.

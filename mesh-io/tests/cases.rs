@@ -755,25 +755,40 @@ fn units_size_up_and_bodies() {
         error,
         "there is no body 3: the mesh consists of 2 (the largest is --body 1)"
     );
-    let mut load = Load::default();
-    let value = |text: &'static str| move || Some(text.to_owned());
-    assert!(
-        load.option("--units", value("mm")).unwrap() && !load.option("--out", || None).unwrap()
-    );
+}
+
+/// A program that takes the options of a file.
+#[derive(Debug, clap::Parser)]
+struct Program {
+    #[command(flatten)]
+    loading: mesh_io::program::Loading,
+}
+
+#[test]
+fn options_of_a_file_are_understood_or_refused() {
+    let parse = |words: &[&str]| {
+        let words = ["program"].iter().chain(words);
+        <Program as clap::Parser>::try_parse_from(words)
+    };
+    let words = ["--units", "mm", "--up", "y", "--body", "2"];
+    let load = parse(&words).unwrap().loading.of(Load::default());
+    assert_eq!(load.units, Units::MILLIMETRES);
+    assert_eq!((load.up, load.body, load.size), (Up::Y, Some(2), None));
     for (option, given, words) in [
         (
             "--units",
             "inch",
-            "--units inch: m, cm, mm or the length of a unit in metres is wanted",
+            "m, cm, mm or the length of a unit in metres is wanted",
         ),
-        ("--size", "-1", "--size -1: a positive length"),
-        ("--up", "w", "--up w: x, y or z"),
-        ("--body", "0", "--body 0: a number from 1"),
+        ("--size", "-1", "-1 is not positive"),
+        ("--size", "nan", "'nan' is not a finite number"),
+        ("--up", "w", "x, y or z"),
+        ("--body", "0", "0 is not a number from 1"),
     ] {
-        let error = load.option(option, value(given)).unwrap_err().to_string();
-        assert!(error.contains(words), "{error}");
+        let error = parse(&[&format!("{option}={given}")]).unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains(words) && error.contains(option), "{error}");
     }
-    assert_eq!(load.units, Units::MILLIMETRES);
 }
 
 /// Points of a sphere at equal distances (a spiral).

@@ -3,60 +3,82 @@
 //! An object goes out to 40 mm and back twice, seen afresh in every frame by a camera above (3,000 points, 0.5 mm of noise). What the
 //! first frame shows is carried from frame to frame by one `Registrar`; nothing ever corrects it. Prints, in mm, how far the points are from
 //! where they should be, with landmarks only, with features too, and with neither.
-#![allow(clippy::print_stdout, missing_docs)] // a table is what the program is for
+#![allow(missing_docs, reason = "of the generator")]
 
 #[path = "../benches/generator/mod.rs"]
 mod generator;
 
-use std::error::Error;
+use std::io::Write;
+use std::process::ExitCode;
 
 use generator::track::Track;
 use generator::{Motion, Shape, View, error_mm, moved};
+use mesh_io::program::{self, Failure, Output};
 use nonrigid_reg::{Options, Registrar};
+use serde_json::json;
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let frames = std::env::args().nth(1).map_or(Ok(100), |n| n.parse())?;
-    println!(
-        "{:24} {:>9} {:>8} {:>8} {:>8} {:>8} {:>8}",
+/// How far a model drifts from the truth when nothing corrects it
+#[derive(Debug, clap::Parser)]
+#[command(name = "drift", after_help = "Example: drift 20")]
+struct Arguments {
+    /// Number of frames
+    #[arg(default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: u32,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(drift)
+}
+
+fn drift(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (output, frames) = (arguments.output, arguments.frames as usize);
+    let marks = [frames / 4, frames / 2, 3 * frames / 4, frames];
+    let [a, b, c, d] = marks;
+    writeln!(
+        output.words(),
+        "{:24} {:>9} {a:>8} {b:>8} {c:>8} {d:>8} {:>8}",
         "drift after frames",
         "",
-        frames / 4,
-        frames / 2,
-        3 * frames / 4,
-        frames,
         "worst"
-    );
+    )?;
     let tracks = [
         (Shape::Blob, Motion::Pinch),
         (Shape::Tube, Motion::Bend),
         (Shape::Liver, Motion::Combo),
         (Shape::Glove, Motion::Fold),
     ];
+    let modes = ["none", "landmarks", "features"];
+    let bar = output.progress((tracks.len() * modes.len()) as u64, "tracks");
+    let mut rows = Vec::new();
     for (shape, motion) in tracks {
-        for mode in ["none", "landmarks", "features"] {
+        for mode in modes {
             let drift = follow(shape, motion, frames, mode)?;
-            let at = |k: usize| drift.get(k.saturating_sub(1)).copied().unwrap_or(f64::NAN);
-            println!(
-                "{:24} {mode:>9} {:8.2} {:8.2} {:8.2} {:8.2} {:8.2}",
+            let after = |k: usize| drift.get(k.saturating_sub(1)).copied().unwrap_or(f64::NAN);
+            let [a, b, c, d] = marks.map(after);
+            let worst = drift.iter().copied().fold(0.0, f64::max);
+            let line = format!(
+                "{:24} {mode:>9} {a:8.2} {b:8.2} {c:8.2} {d:8.2} {worst:8.2}",
                 format!("{shape:?} {motion:?}"),
-                at(frames / 4),
-                at(frames / 2),
-                at(3 * frames / 4),
-                at(frames),
-                drift.iter().copied().fold(0.0, f64::max),
             );
+            bar.suspend(|| writeln!(output.words(), "{line}"))?;
+            bar.inc(1);
+            rows.push(json!({
+                "track": format!("{shape:?} {motion:?}"),
+                "known": mode,
+                "drift_mm": drift,
+                "worst_mm": worst,
+            }));
         }
     }
-    Ok(())
+    bar.finish_and_clear();
+    output.object(&json!({ "frames": frames, "tracks": rows }))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Mean error after each frame, in mm.
-fn follow(
-    shape: Shape,
-    motion: Motion,
-    frames: usize,
-    mode: &str,
-) -> Result<Vec<f64>, Box<dyn Error>> {
+fn follow(shape: Shape, motion: Motion, frames: usize, mode: &str) -> Result<Vec<f64>, Failure> {
     let mut track = Track::new(shape, motion, 0.04, frames, 11);
     let mut model = track.look(0);
     let (rest, grips) = (model.points.clone(), track.grips());

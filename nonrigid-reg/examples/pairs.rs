@@ -1,22 +1,57 @@
-//! Errors over a folder of pairs with ground truth: `pairs -- FOLDER [landmarks|features|none] [NAME=VALUE …]`
+//! Errors over a folder of pairs with ground truth: `cargo run --release -p nonrigid-reg --example pairs -- --help`.
 //!
 //! Every sub-folder has `source.ply`, `target.ply`, `truth.ply` (where each source point went), `landmarks.csv` and
 //! `features.csv`. Prints, in mm, mean and 95th percentile of the distance to the truth, the mean over the tenth of the points with
 //! least and the half with most confidence, the mean over `hidden.ply` (what the source does not show; truth in `hidden_truth.ply`; by
 //! `gpwrm::Field` through the nodes) if there is one, the distance before registration, and milliseconds with a fresh registrar (best of three).
-#![allow(clippy::print_stdout)] // a table is what the program is for
 
 #[path = "register/cloud.rs"]
 mod cloud;
 
-use std::error::Error;
-use std::path::Path;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 use std::time::Instant;
 
 use cloud::{Oriented, read_pairs};
 use mesh_io::Load;
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::Point3;
 use nonrigid_reg::{Feature, Landmark, Options, Registrar, Registration};
+use serde_json::json;
+
+/// Registers every pair of a folder and says how far each is from its truth
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "pairs",
+    after_help = "Example: pairs folder features bending=1.5
+
+Every sub-folder of FOLDER has source.ply, target.ply, truth.ply (where each source point went), landmarks.csv and features.csv.
+Settings: gates (as .02>.01), iterations, spacing, bending, strain, drag, tolerance, denoise, rim."
+)]
+struct Arguments {
+    /// Folder of pairs
+    folder: PathBuf,
+    /// What is known beside the clouds
+    #[arg(value_enum, default_value_t = Known::Landmarks)]
+    known: Known,
+    /// Settings of the registration
+    #[arg(value_name = "NAME=VALUE")]
+    settings: Vec<String>,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// What a registration is given beside the clouds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Known {
+    /// Landmarks
+    Landmarks,
+    /// Landmarks and features
+    Features,
+    /// Nothing
+    None,
+}
 
 /// What the program needs to know of one pair.
 struct Pair {
@@ -40,24 +75,19 @@ struct Score {
     still: f64,
 }
 
-fn main() -> Result<(), Box<dyn Error>> {
-    let mut arguments = std::env::args().skip(1);
-    let folder = arguments
-        .next()
-        .ok_or("usage: pairs FOLDER [landmarks|features|none] [NAME=VALUE …]")?;
-    let mode = arguments.next().unwrap_or_else(|| "landmarks".into());
-    let mut options = Options::default();
-    for setting in arguments {
-        set(&mut options, &setting)?;
-    }
-    let mut folders: Vec<_> = std::fs::read_dir(&folder)?
-        .filter_map(Result::ok)
-        .map(|entry| entry.path())
-        .filter(|path| path.is_dir())
-        .collect();
-    folders.sort();
+fn main() -> ExitCode {
+    program::run(pairs)
+}
 
-    println!(
+fn pairs(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let output = arguments.output;
+    let mut options = Options::default();
+    for setting in &arguments.settings {
+        set(&mut options, setting)?;
+    }
+    let folders = folders(&arguments.folder)?;
+    writeln!(
+        output.words(),
         "{:24} {:>6} {:>6} {:>7} {:>7} {:>6} {:>6} {:>7} {:>5} {:>6} {:>5} status",
         "pair",
         "mean",
@@ -70,14 +100,16 @@ fn main() -> Result<(), Box<dyn Error>> {
         "rms",
         "ms",
         "nodes"
-    );
-    let mut core = Vec::new();
+    )?;
+    let bar = output.progress(folders.len() as u64, "pairs");
+    let (mut core, mut rows) = (Vec::new(), Vec::new());
     for path in folders {
-        let pair = Pair::read(&path, &mode)?;
-        let (result, ms) = pair.register(&options)?;
+        let pair = Pair::read(&path, arguments.known)?;
+        let in_folder = |error| format!("{}: {error}", path.display());
+        let (result, ms) = pair.register(&options).map_err(in_folder)?;
         let score = pair.score(&result);
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        println!(
+        let line = format!(
             "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
             score.mean,
             score.p95,
@@ -91,40 +123,68 @@ fn main() -> Result<(), Box<dyn Error>> {
             result.status,
             result.iterations,
         );
+        bar.suspend(|| writeln!(output.words(), "{line}"))?;
+        bar.inc(1);
+        rows.push(json!({
+            "pair": name,
+            "mean_mm": score.mean,
+            "p95_mm": score.p95,
+            "doubted_mm": score.doubted,
+            "trusted_mm": score.trusted,
+            "hidden_mm": score.hidden,
+            "still_mm": score.still,
+            "overlap": result.overlap,
+            "ms": ms,
+        }));
         if name.ends_with("_M5") {
             core.push((score.mean, score.p95, ms));
         }
     }
+    bar.finish_and_clear();
     let average =
         |f: fn(&(f64, f64, f64)) -> f64| core.iter().map(f).sum::<f64>() / core.len() as f64;
-    println!(
-        "core of {}: mean {:.3} p95 {:.3} ms {:.1}",
-        core.len(),
-        average(|c| c.0),
-        average(|c| c.1),
-        average(|c| c.2)
-    );
-    Ok(())
+    let [mean, p95, ms] = [average(|c| c.0), average(|c| c.1), average(|c| c.2)];
+    writeln!(
+        output.words(),
+        "core of {}: mean {mean:.3} p95 {p95:.3} ms {ms:.1}",
+        core.len()
+    )?;
+    let core = json!({ "pairs": core.len(), "mean_mm": mean, "p95_mm": p95, "ms": ms });
+    output.object(&json!({ "pairs": rows, "core": core }))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The sub-folders, sorted.
+fn folders(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let in_folder = |error| format!("{}: {error}", folder.display());
+    let entries = std::fs::read_dir(folder).map_err(in_folder)?;
+    let paths = entries.filter_map(Result::ok).map(|entry| entry.path());
+    let mut folders: Vec<PathBuf> = paths.filter(|path| path.is_dir()).collect();
+    folders.sort();
+    if folders.is_empty() {
+        return Err(format!("{}: no folders of pairs in it", folder.display()).into());
+    }
+    Ok(folders)
 }
 
 impl Pair {
-    fn read(path: &Path, mode: &str) -> Result<Self, Box<dyn Error>> {
-        let file = |name: &str| path.join(name).to_string_lossy().into_owned();
+    fn read(path: &Path, known: Known) -> Result<Self, Failure> {
+        let file = |name: &str| path.join(name);
         let landmark = |(source, target)| Landmark {
             source,
             target,
             sigma: 0.0,
         };
-        let landmarks = match mode {
-            "none" => Vec::new(),
+        let landmarks = match known {
+            Known::None => Vec::new(),
             _ => read_pairs(&file("landmarks.csv"), 1.0)?,
         };
-        let features = match mode {
-            "features" => read_pairs(&file("features.csv"), 1.0)?,
+        let features = match known {
+            Known::Features => read_pairs(&file("features.csv"), 1.0)?,
             _ => Vec::new(),
         };
         let load = Load::default();
-        let points = |name: &str| mesh_io::read(Path::new(name)).map(|mesh| mesh.points().to_vec());
+        let points = |path: &Path| mesh_io::read(path).map(|mesh| mesh.points().to_vec());
         Ok(Self {
             source: Oriented::read(&file("source.ply"), &load)?,
             target: Oriented::read(&file("target.ply"), &load)?,
@@ -202,8 +262,10 @@ impl Pair {
 }
 
 /// `bending=1.5` and the like; gates as `gates=.02>.01`.
-fn set(options: &mut Options, setting: &str) -> Result<(), Box<dyn Error>> {
-    let (name, value) = setting.split_once('=').ok_or("settings are NAME=VALUE")?;
+fn set(options: &mut Options, setting: &str) -> Result<(), Failure> {
+    let (name, value) = setting
+        .split_once('=')
+        .ok_or_else(|| format!("'{setting}' is not NAME=VALUE"))?;
     match name {
         "gates" => options.gates = value.split('>').map(str::parse).collect::<Result<_, _>>()?,
         "iterations" => options.iterations = value.parse()?,

@@ -38,10 +38,10 @@ pub enum Status {
     Converged,
     /// The iterations ran out first; usual for large motions, and no sign of a bad fit by itself.
     MaxIterations,
-    /// The matched surface slides on the target, and nothing else holds it: a plane, a sphere or a cylinder without landmarks. The
-    /// displacements are one answer of many.
+    /// The matched surface slides on the target, and nothing else holds it: a plane, a sphere or a cylinder without landmarks; or the source
+    /// is a line, which rolls about itself. The displacements are one answer of many.
     Undetermined {
-        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution.
+        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution or of a line.
         free_motions: usize,
     },
     /// Too few source points found a match: the field is mostly prior.

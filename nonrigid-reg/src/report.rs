@@ -9,7 +9,7 @@
 //! A hidden point between seen ones is so believed more than one far behind the rim. Sliding along a smooth surface is
 //! invisible to matches, and so to this.
 
-use nalgebra::{Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
 
 use crate::frame::{Frame, Match, State};
 use crate::registration::{Registration, Residuals, Status};
@@ -135,7 +135,24 @@ impl Frame<'_> {
         }
         let eigenvalues = information.symmetric_eigenvalues();
         let bound = FREE * eigenvalues.max();
-        eigenvalues.iter().filter(|&&value| value <= bound).count()
+        let free = eigenvalues.iter().filter(|&&value| value <= bound).count();
+        // However it is bent by now, a line at rest may roll about itself.
+        free.max(usize::from(self.is_line(matches)))
+    }
+
+    /// Whether all that is known of the source at rest, matches, landmarks and features, lies within a hundredth of its length of a line.
+    fn is_line(&self, matches: &[Option<&Match>]) -> bool {
+        let matched = self.source.points.iter().zip(matches);
+        let matched = matched.filter_map(|(p, m)| m.map(|_| p.coords));
+        let landmarks = self.landmarks.iter().map(|l| l.source.coords);
+        let features = self.features.iter().map(|f| f.source.coords);
+        let points: Vec<Vector3<f64>> = matched.chain(landmarks).chain(features).collect();
+        let centre = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
+        let spread = |p: &Vector3<f64>| (p - centre) * (p - centre).transpose();
+        let scatter: Matrix3<f64> = points.iter().map(spread).sum();
+        let mut widths: [f64; 3] = scatter.symmetric_eigenvalues().into();
+        widths.sort_by(f64::total_cmp);
+        widths[1] <= FREE * widths[2]
     }
 
     /// Mean trust of the points that lean on a node; exact landmarks are trusted.

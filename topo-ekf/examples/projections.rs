@@ -5,19 +5,26 @@
 //!
 //! Prints, over runs with different noise, the mean error of the hidden vertices, the largest strain of an edge by the projection, and the
 //! normalised estimation error (1 is honest).
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "an example talks to its reader"
-)]
 
+use std::io::Write;
+use std::process::ExitCode;
+
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Point3, UnitVector3, Vector3};
-use topo_ekf::{Filter, Frame, Inequality, Observation, Options, Plane, Projection};
+use serde_json::json;
+use topo_ekf::{Error, Filter, Frame, Inequality, Observation, Options, Plane, Projection};
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 use common::{Noise, mean_error, sheet};
+
+/// Compares how a constraint is kept: not at all, by a projected gain, by a projected estimate
+#[derive(Debug, clap::Parser)]
+#[command(name = "projections", after_help = "Example: projections --json")]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
 
 const FRAMES: usize = 30;
 const RUNS: u64 = 12;
@@ -104,10 +111,10 @@ fn pinned() -> Scene {
     }
 }
 
-fn run(scene: &Scene, projection: Option<Projection>, seed: u64) -> Score {
+fn run(scene: &Scene, projection: Option<Projection>, seed: u64) -> Result<Score, Error> {
     let Scene { rest, edges, .. } = scene;
     let options = Options::default().with_projection(projection.unwrap_or(Projection::Estimate));
-    let mut filter = Filter::new(rest, edges, &options).unwrap();
+    let mut filter = Filter::new(rest, edges, &options)?;
     let mut noise = Noise(seed);
     let mut score = Score {
         error: 0.0,
@@ -133,10 +140,10 @@ fn run(scene: &Scene, projection: Option<Projection>, seed: u64) -> Score {
         if projection.is_some() {
             given = given.with_planes(&scene.planes).with_inequalities(&known);
         }
-        filter.step(&given).unwrap();
+        filter.step(&given)?;
         let share = 1.0 / FRAMES as f64;
         score.error += share * mean_error(filter.live(), &truth, |i| !(scene.seen)(&rest[i]));
-        score.consistency += share * filter.error_statistic(&truth).unwrap().mean();
+        score.consistency += share * filter.error_statistic(&truth)?.mean();
         for [i, j] in filter.edges() {
             let (i, j) = (*i as usize, *j as usize);
             let length = |p: &[Point3<f64>]| (p[i] - p[j]).norm();
@@ -144,28 +151,51 @@ fn run(scene: &Scene, projection: Option<Projection>, seed: u64) -> Score {
             score.strain = score.strain.max(strain.abs());
         }
     }
-    score
+    Ok(score)
 }
 
-fn main() {
-    println!("scene   projection   hidden error (mm)   largest strain by it   normalised error");
-    for scene in [strip(), pinned()] {
-        for (name, projection) in [
-            ("none", None),
-            ("gain", Some(Projection::Gain)),
-            ("estimate", Some(Projection::Estimate)),
-        ] {
-            let scores: Vec<_> = (0..RUNS)
-                .map(|seed| run(&scene, projection, seed))
-                .collect();
+fn main() -> ExitCode {
+    program::run(projections)
+}
+
+fn projections(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (output, mut rows) = (arguments.output, Vec::new());
+    writeln!(
+        output.words(),
+        "scene   projection   hidden error (mm)   largest strain by it   normalised error"
+    )?;
+    let scenes = [strip(), pinned()];
+    let kinds = [
+        ("none", None),
+        ("gain", Some(Projection::Gain)),
+        ("estimate", Some(Projection::Estimate)),
+    ];
+    let bar = output.progress((scenes.len() * kinds.len()) as u64 * RUNS, "runs");
+    for scene in &scenes {
+        for (name, projection) in kinds {
+            let scored = (0..RUNS).map(|seed| {
+                bar.inc(1);
+                run(scene, projection, seed)
+            });
+            let scores: Vec<Score> = scored.collect::<Result<_, _>>()?;
             let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / RUNS as f64;
-            println!(
-                "{:<7} {name:<12} {:>17.3}   {:>20.3}   {:>16.2}",
-                scene.name,
-                mean(|s| s.error) * 1e3,
-                mean(|s| s.strain),
-                mean(|s| s.consistency)
+            let (error, strain) = (1e3 * mean(|s| s.error), mean(|s| s.strain));
+            let consistency = mean(|s| s.consistency);
+            let line = format!(
+                "{:<7} {name:<12} {error:>17.3}   {strain:>20.3}   {consistency:>16.2}",
+                scene.name
             );
+            bar.suspend(|| writeln!(output.words(), "{line}"))?;
+            rows.push(json!({
+                "scene": scene.name,
+                "projection": name,
+                "hidden_error_mm": error,
+                "largest_strain": strain,
+                "normalised_error": consistency,
+            }));
         }
     }
+    bar.finish_and_clear();
+    output.object(&json!({ "rows": rows }))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,89 +1,89 @@
-//! Tracks a mesh through a table of observations.
+//! Tracks a mesh through a table of observations: `cargo run --release -p topo-ekf --example track -- --help`.
 //!
-//! ```text
-//! track REST OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] [--units m|cm|mm] [--observation-units m|cm|mm] --out STATES.csv
-//! ```
-//!
-//! `REST` is a mesh with faces (PLY, OBJ, STL, OFF); `--units` is its unit. Its vertices keep the numbers that they have in the file (in STL, which
-//! has none, that of their first corner). `OBSERVATIONS.csv` has the columns `frame,vertex,x,y,z`, sorted by frame; frames without a line are
-//! predicted. Observations that are spread far wider, or far less, than the same vertices at rest are taken to be in another unit, and refused. Every plane `A x + B y + C z + D ≥ 0` is kept, and the surface does not pass through itself.
-//! `STATES.csv` has `frame,vertex,x,y,z,sd` for every vertex of every frame. The last line on standard output is a JSON object with
-//! the times of the steps.
-#![allow(clippy::print_stdout, reason = "an example talks to its reader")]
+//! `REST` is a mesh with faces; its vertices keep the numbers that they have in the file (in STL, which has none, that of their first corner).
+//! `OBSERVATIONS.csv` has the columns `frame,vertex,x,y,z`, sorted by frame; frames without a line are predicted. Observations that are spread
+//! far wider, or far less, than the same vertices at rest are taken to be in another unit, and refused. Every plane `A x + B y + C z + D ≥ 0` is
+//! kept, and the surface does not pass through itself.
+//! `STATES.csv` has `frame,vertex,x,y,z,sd` for every vertex of every frame. The answer is how many frames there were, and the times of the steps.
 
 use std::collections::BTreeSet;
-use std::error::Error;
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use mesh_io::program::{self, Failure, Loading, Output, numbers, positive};
 use mesh_io::{Error as MeshError, Load, Units, Vertices, read_table, three_digits};
 use nalgebra::{Point3, UnitVector3, Vector3};
+use serde_json::{Value, json};
 use topo_ekf::{Filter, Frame, Observation, Options, Plane, Status};
 
-const USAGE: &str = "usage: track REST OBSERVATIONS.csv [--plane A,B,C,D]... [--sigma METRES] [--units m|cm|mm] [--observation-units m|cm|mm] --out STATES.csv
-
-  example: track sheet.obj seen.csv --plane 0,0,1,0 --units mm --out states.csv
-  REST: a mesh (PLY, OBJ, STL, OFF); OBSERVATIONS.csv: frame,vertex,x,y,z; planes A x + B y + C z + D >= 0 in metres";
-
-type Failure = Box<dyn Error>;
-
+/// Tracks a surface through a table of what was seen of it
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "track",
+    after_help = "Example: track sheet.obj seen.csv --plane 0,0,1,0 --units mm --out states.csv"
+)]
 struct Arguments {
-    rest: String,
-    observations: String,
+    /// The surface at rest: a mesh with faces (PLY, OBJ, STL, OFF)
+    rest: PathBuf,
+    /// Table frame,vertex,x,y,z, sorted by frame
+    observations: PathBuf,
+    /// A plane that the surface stays above: A x + B y + C z + D >= 0, metres; may be given several times
+    #[arg(long = "plane", value_name = "A,B,C,D", value_parser = plane, allow_hyphen_values = true)]
     planes: Vec<Plane>,
+    /// Standard deviation of an observation, m
+    #[arg(long, value_name = "METRES", default_value_t = 0.5e-3, value_parser = positive)]
     sigma: f64,
-    load: Load,
+    #[command(flatten)]
+    loading: Loading,
+    /// Unit of the observations: m, cm or mm
+    #[arg(long, value_name = "UNIT", default_value = "m")]
     observation_units: Units,
-    out: String,
+    /// Table frame,vertex,x,y,z,sd of every vertex in every frame, metres
+    #[arg(long, value_name = "STATES.csv")]
+    out: PathBuf,
+    #[command(flatten)]
+    output: Output,
 }
 
 fn main() -> ExitCode {
-    if std::env::args()
-        .skip(1)
-        .any(|word| word == "--help" || word == "-h")
-    {
-        println!("{USAGE}");
-        return ExitCode::SUCCESS;
-    }
-    match arguments(std::env::args().skip(1)).and_then(|a| track(&a)) {
-        Ok(line) => {
-            println!("{line}");
-            ExitCode::SUCCESS
-        }
-        Err(failure) => {
-            eprintln!("track: {failure}");
-            ExitCode::FAILURE
-        }
-    }
+    program::run(track)
 }
 
-fn track(arguments: &Arguments) -> Result<String, Failure> {
-    let path = Path::new(&arguments.rest);
-    let mesh = arguments.load.read(path)?;
+fn track(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let path = &arguments.rest;
+    // Observations name vertices by their numbers in the file. No soft body on a table is larger or smaller.
+    let load = Load::default()
+        .with_vertices(Vertices::AsInFile)
+        .with_extent([1e-3, 10.0]);
+    let mesh = arguments.loading.of(load).read(path)?;
     if mesh.triangles().is_empty() {
         return Err(MeshError::NoFaces.in_file(path).into());
     }
     let (points, faces) = mesh.into_parts();
-    let in_table = |e: Failure| format!("{}: {e}", arguments.observations);
+    let in_table = |e: Failure| format!("{}: {e}", arguments.observations.display());
     let table = std::fs::read(&arguments.observations).map_err(|e| in_table(e.into()))?;
     let frames = frames(&table, arguments).map_err(in_table)?;
     same_units(&points, &frames).map_err(in_table)?;
     let mut filter = Filter::new(&points, &edges(&faces), &Options::default())?;
     // Written beside and moved into place at the end: a failure leaves no half table behind.
-    let partial = format!("{}.partial", arguments.out);
-    let times = run(&mut filter, &frames, &faces, &arguments.planes, &partial);
-    let times = match times {
-        Ok(times) => times,
-        Err(failure) => {
-            // The partial table is of no use; that it may not exist does not matter.
-            let _ = std::fs::remove_file(&partial);
-            return Err(failure);
-        }
-    };
-    std::fs::rename(&partial, &arguments.out).map_err(|e| format!("{}: {e}", arguments.out))?;
-    Ok(times.json(points.len()))
+    let partial = PathBuf::from(format!("{}.partial", arguments.out.display()));
+    let tracked = run(&mut filter, &frames, &faces, arguments, &partial);
+    if tracked.is_err() {
+        // The partial table is of no use; that it may not exist does not matter.
+        let _ = std::fs::remove_file(&partial);
+    }
+    let times = tracked?;
+    let out = &arguments.out;
+    std::fs::rename(&partial, out).map_err(|e| format!("{}: {e}", out.display()))?;
+    writeln!(
+        arguments.output.words(),
+        "{}",
+        times.words(points.len(), out)
+    )?;
+    arguments.output.object(&times.object(points.len()))?;
+    Ok(ExitCode::SUCCESS)
 }
 
 #[derive(Default)]
@@ -99,12 +99,15 @@ fn run(
     filter: &mut Filter,
     frames: &[(u64, Vec<Observation>)],
     faces: &[[u32; 3]],
-    planes: &[Plane],
-    out: &str,
+    arguments: &Arguments,
+    out: &Path,
 ) -> Result<Times, Failure> {
-    let file = std::fs::File::create(out).map_err(|e| format!("{out}: {e}"))?;
+    let in_out = |e: std::io::Error| format!("{}: {e}", out.display());
+    let file = std::fs::File::create(out).map_err(in_out)?;
     let mut file = std::io::BufWriter::new(file);
-    writeln!(file, "frame,vertex,x,y,z,sd")?;
+    writeln!(file, "frame,vertex,x,y,z,sd").map_err(in_out)?;
+    let whole = frames.last().map_or(0, |f| f.0) - frames.first().map_or(0, |f| f.0) + 1;
+    let bar = arguments.output.progress(whole, "frames");
     let mut times = Times::default();
     let mut next = frames.first().map_or(0, |f| f.0);
     for (number, observations) in frames {
@@ -116,7 +119,9 @@ fn run(
                 &[]
             };
             let start = Instant::now();
-            let frame = Frame::new(seen).with_planes(planes).with_triangles(faces);
+            let frame = Frame::new(seen)
+                .with_planes(&arguments.planes)
+                .with_triangles(faces);
             let report = filter
                 .step(&frame)
                 .map_err(|e| format!("frame {next}: {e}"))?;
@@ -131,36 +136,55 @@ fn run(
             let sigmas = filter.marginal_sigmas()?;
             times.sigmas.push(start.elapsed());
             for (vertex, (p, sd)) in filter.live().iter().zip(sigmas).enumerate() {
-                writeln!(file, "{next},{vertex},{},{},{},{sd}", p.x, p.y, p.z)?;
+                writeln!(file, "{next},{vertex},{},{},{},{sd}", p.x, p.y, p.z).map_err(in_out)?;
             }
+            bar.inc(1);
             next += 1;
         }
     }
-    file.flush()?;
+    file.flush().map_err(in_out)?;
+    bar.finish_and_clear();
     Ok(times)
 }
 
 impl Times {
-    fn json(&self, vertices: usize) -> String {
-        let [step, sigmas] = [&self.step, &self.sigmas].map(|times| {
-            let mut ms: Vec<f64> = times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
-            ms.sort_by(f64::total_cmp);
-            let at = |share: f64| ms[((ms.len() - 1) as f64 * share).round() as usize];
-            format!(
-                r#"{{"median":{:.3},"p95":{:.3},"max":{:.3}}}"#,
-                at(0.5),
-                at(0.95),
-                at(1.0)
-            )
-        });
+    fn object(&self, vertices: usize) -> Value {
+        let spread = |times: &[Duration]| {
+            let [median, p95, max] = [0.5, 0.95, 1.0].map(|share| at(times, share));
+            json!({ "median": median, "p95": p95, "max": max })
+        };
+        json!({
+            "vertices": vertices,
+            "frames": self.step.len(),
+            "constrained": self.constrained,
+            "unsettled": self.unsettled,
+            "infeasible": self.infeasible,
+            "step_ms": spread(&self.step),
+            "sigmas_ms": spread(&self.sigmas),
+        })
+    }
+
+    fn words(&self, vertices: usize, out: &Path) -> String {
         format!(
-            r#"{{"vertices":{vertices},"frames":{},"constrained":{},"unsettled":{},"infeasible":{},"step_ms":{step},"sigmas_ms":{sigmas}}}"#,
+            "{} frames of {vertices} vertices, {:.1} ms each, to {}; of them {} with constraints at work, {} unsettled, {} infeasible",
             self.step.len(),
+            at(&self.step, 0.5) + at(&self.sigmas, 0.5),
+            out.display(),
             self.constrained,
             self.unsettled,
             self.infeasible
         )
     }
+}
+
+/// The time, in ms, that this share of the steps stays below.
+fn at(times: &[Duration], share: f64) -> f64 {
+    let mut ms: Vec<f64> = times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
+    ms.sort_by(f64::total_cmp);
+    let last = ms.len().saturating_sub(1);
+    ms.get((last as f64 * share).round() as usize)
+        .copied()
+        .unwrap_or(0.0)
 }
 
 /// Every edge of every face once.
@@ -244,54 +268,13 @@ fn spread(mut points: impl Iterator<Item = Point3<f64>>) -> f64 {
     })
 }
 
-fn arguments(mut given: impl Iterator<Item = String>) -> Result<Arguments, Failure> {
-    let (mut files, mut planes, mut out, mut sigma) = (vec![], vec![], None, 0.5e-3);
-    // Observations name vertices by their numbers in the file. No soft body on a table is larger or smaller.
-    let mut load = Load::default()
-        .with_vertices(Vertices::AsInFile)
-        .with_extent([1e-3, 10.0]);
-    let mut observation_units = Units::METRES;
-    while let Some(word) = given.next() {
-        let mut value = || given.next().ok_or(format!("{word} needs a value\n{USAGE}"));
-        match word.as_str() {
-            "--plane" => planes.push(plane(&value()?)?),
-            "--out" => out = Some(value()?),
-            "--units" => load.units = value()?.parse()?,
-            "--observation-units" => observation_units = value()?.parse()?,
-            "--sigma" => {
-                let text = value()?;
-                sigma = text
-                    .parse()
-                    .map_err(|_| format!("--sigma {text}: not a number"))?;
-            }
-            option if option.starts_with("--") => {
-                return Err(format!("unknown option {option}\n{USAGE}").into());
-            }
-            _ => files.push(word),
-        }
-    }
-    let [rest, observations] = <[String; 2]>::try_from(files).map_err(|_| USAGE)?;
-    Ok(Arguments {
-        rest,
-        observations,
-        planes,
-        sigma,
-        load,
-        observation_units,
-        out: out.ok_or(USAGE)?,
-    })
-}
-
 /// `A,B,C,D` of `A x + B y + C z + D ≥ 0`; the normal may have any length but zero.
-fn plane(text: &str) -> Result<Plane, Failure> {
-    let numbers: Result<Vec<f64>, _> = text.split(',').map(|n| n.trim().parse()).collect();
-    let Ok(&[a, b, c, d]) = numbers.as_deref() else {
-        return Err(format!("--plane {text}: four numbers A,B,C,D are needed").into());
-    };
+fn plane(text: &str) -> Result<Plane, String> {
+    let [a, b, c, d] = numbers(text)?;
     let normal = Vector3::new(a, b, c);
     let length = normal.norm();
-    if !(length.is_finite() && length > 0.0 && d.is_finite()) {
-        return Err(format!("--plane {text}: the normal A,B,C must not vanish").into());
+    if !(length.is_finite() && length > 0.0) {
+        return Err("the normal A,B,C must not vanish".into());
     }
     Ok(Plane {
         normal: UnitVector3::new_unchecked(normal / length),

@@ -1,21 +1,27 @@
 //! A soft body is seen from above, turned over by 180° and bent; where is the side that nobody sees?
 //!
 //! Prints the mean error of the hidden half, averaged over the turn, against the number of alternations per frame.
-#![allow(
-    missing_docs,
-    clippy::unwrap_used,
-    clippy::print_stdout,
-    reason = "an example talks to its reader"
-)]
 
 use std::f64::consts::PI;
+use std::io::Write;
+use std::process::ExitCode;
 
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
-use topo_ekf::{Filter, Frame, Observation, Options, Plane};
+use serde_json::json;
+use topo_ekf::{Error, Filter, Frame, Observation, Options, Plane};
 
 #[path = "../tests/common/mod.rs"]
 mod common;
 use common::{Noise, ellipsoid, mean_error};
+
+/// Says where the hidden side of a turned body is believed to be, against the number of alternations a frame
+#[derive(Debug, clap::Parser)]
+#[command(name = "turn_over", after_help = "Example: turn_over --json")]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
 
 const HALF: [f64; 3] = [0.06, 0.045, 0.025];
 
@@ -32,10 +38,11 @@ fn moved(p: &Point3<f64>, share: f64, bend: f64) -> Point3<f64> {
         + Vector3::new(0.02, 0.01, 0.03) * share
 }
 
-fn run(iterations: usize, bend: f64) -> (f64, f64) {
+/// Mean over the turn and worst frame of the error of the hidden half, mm.
+fn run(iterations: usize, bend: f64) -> Result<[f64; 2], Error> {
     let (rest, edges) = ellipsoid(800, HALF, 6);
     let options = Options::default().with_rotation_iterations(iterations);
-    let mut filter = Filter::new(&rest, &edges, &options).unwrap();
+    let mut filter = Filter::new(&rest, &edges, &options)?;
     let table = [Plane {
         normal: UnitVector3::new_unchecked(Vector3::z()),
         offset: 0.1,
@@ -55,14 +62,12 @@ fn run(iterations: usize, bend: f64) -> (f64, f64) {
                 sigma: 5e-4,
             })
             .collect();
-        filter
-            .step(&Frame::new(&observations).with_planes(&table))
-            .unwrap();
+        filter.step(&Frame::new(&observations).with_planes(&table))?;
         let error = mean_error(filter.live(), &truth, |i| !upward[i]);
         sum += error / 60.0;
         worst = worst.max(error);
     }
-    (sum * 1e3, worst * 1e3)
+    Ok([sum * 1e3, worst * 1e3])
 }
 
 fn outward(p: &Point3<f64>) -> Vector3<f64> {
@@ -74,13 +79,29 @@ fn outward(p: &Point3<f64>) -> Vector3<f64> {
     .normalize()
 }
 
-fn main() {
-    println!("alternations   rigid: mean, worst frame (mm)   bending to a radius of 150 mm");
-    for iterations in [1, 2, 4, 6, 8, 16, 64] {
-        let (rigid, bending) = (run(iterations, 0.0), run(iterations, 1.0 / 0.15));
-        println!(
+fn main() -> ExitCode {
+    program::run(turn_over)
+}
+
+fn turn_over(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (output, mut rows) = (arguments.output, Vec::new());
+    writeln!(
+        output.words(),
+        "alternations   rigid: mean, worst frame (mm)   bending to a radius of 150 mm"
+    )?;
+    let counts = [1, 2, 4, 6, 8, 16, 64];
+    let bar = output.progress(counts.iter().map(|c| *c as u64).sum(), "alternations");
+    for iterations in counts {
+        let (rigid, bending) = (run(iterations, 0.0)?, run(iterations, 1.0 / 0.15)?);
+        let line = format!(
             "{iterations:>12}   {:>12.3} {:>8.3}              {:>12.3} {:>8.3}",
-            rigid.0, rigid.1, bending.0, bending.1
+            rigid[0], rigid[1], bending[0], bending[1]
         );
+        bar.suspend(|| writeln!(output.words(), "{line}"))?;
+        bar.inc(iterations as u64);
+        rows.push(json!({ "alternations": iterations, "rigid_mm": rigid, "bending_mm": bending }));
     }
+    bar.finish_and_clear();
+    output.object(&json!({ "rows": rows }))?;
+    Ok(ExitCode::SUCCESS)
 }

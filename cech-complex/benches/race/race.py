@@ -62,7 +62,7 @@ def last_line(text):
 
 
 def ours(stem, radius, half):
-    command = [str(ROOT / "target/release/examples/betti"), f"{stem}.ply", "--radius", str(radius), "--height", str(radius * half)]
+    command = [str(ROOT / "target/release/examples/betti"), f"{stem}.ply", "--radius", str(radius), "--height", str(radius * half), "--json"]
     answer = json.loads(run(command, env=ONE_THREAD))
     return {"simplices": sum(answer["simplices"]), "betti": answer["betti"], "seconds": (answer["build_ms"] + answer["reduce_ms"]) / 1e3}
 
@@ -102,7 +102,7 @@ def main():
     for size in arguments.sizes:
         for surface in SURFACES:
             stem = WORK / f"{surface}-{size}"
-            made = json.loads(run([str(ROOT / "target/release/examples/nets"), surface, str(size), "1", str(stem)]))
+            made = json.loads(run([str(ROOT / "target/release/examples/nets"), surface, str(size), "1", str(stem), "--json"]))
             race(surface, size, stem, made, list(methods(python, missing)), arguments.repeats)
 
 

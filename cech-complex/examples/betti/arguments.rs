@@ -1,97 +1,89 @@
 //! The command line.
 
 use cech_complex::{Cylinder, Options, Orientation};
-use mesh_io::{Load, Vertices};
+use clap::ValueEnum;
+use mesh_io::program::{Failure, Loading, Output, positive};
+use std::path::PathBuf;
 
-pub const USAGE: &str = "usage: betti CLOUD --radius R --height H [--from S --to S] [--max-scale S] [--spacing D] [--max-simplices N] [--orientation separate|free] \
-    [--units m|cm|mm] [--size METRES] [--up x|y|z] [--body N]";
 /// A cylinder fits its sampling when its radius is this many spacings.
 const RADIUS_PER_SPACING: f64 = 1.25;
 
-/// What was asked for.
+/// Betti numbers of the surface that an oriented cloud was sampled from
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "betti",
+    after_help = "Example: betti scan.pcd --radius 0.009 --height 0.007
+
+Lengths are in metres. A radius of 1.25 times the spacing of the points fits; the height is the reach along the normals."
+)]
 pub struct Arguments {
-    pub file: String,
-    pub cylinder: Cylinder,
+    /// Cloud or mesh: PLY, PCD, XYZ, NPY, OBJ, STL or OFF
+    pub cloud: PathBuf,
+    /// Radius of the cylinder around each point, m
+    #[arg(long, value_name = "R", value_parser = positive)]
+    radius: f64,
+    /// Half its height, m
+    #[arg(long, value_name = "H", value_parser = positive)]
+    height: f64,
+    /// Scale at which Betti numbers are taken, in radii
+    #[arg(long, value_name = "S", default_value_t = 1.0, value_parser = positive)]
     pub from: f64,
-    pub to: f64,
-    pub max_scale: f64,
-    pub spacing: f64,
-    pub max_simplices: usize,
-    pub orientation: Orientation,
-    pub load: Load,
+    /// Scale up to which they have to persist [default: --from]
+    #[arg(long, value_name = "S", value_parser = positive)]
+    to: Option<f64>,
+    /// Scale up to which the complex is built [default: the largest of 1, --from and --to]
+    #[arg(long, value_name = "S", value_parser = positive)]
+    max_scale: Option<f64>,
+    /// Spacing of the points, m, to tell boundary and junctions by [default: R/1.25]
+    #[arg(long, value_name = "D", value_parser = positive)]
+    spacing: Option<f64>,
+    /// Most simplices before giving up
+    #[arg(long, value_name = "N", default_value_t = Options::default().max_simplices)]
+    max_simplices: usize,
+    /// Whether the signs of normals mean something
+    #[arg(long, value_enum, default_value_t = Signs::Separate)]
+    pub orientation: Signs,
+    #[command(flatten)]
+    pub loading: Loading,
+    #[command(flatten)]
+    pub output: Output,
 }
 
-pub fn parse(mut words: impl Iterator<Item = String>) -> Result<Arguments, String> {
-    let mut file = None;
-    let mut lengths: [(&str, Option<f64>); 6] = [
-        "--radius",
-        "--height",
-        "--from",
-        "--to",
-        "--max-scale",
-        "--spacing",
-    ]
-    .map(|name| (name, None));
-    let mut max_simplices = Options::default().max_simplices;
-    let mut orientation = Options::default().orientation;
-    // Every point counts, whether a face uses it or not.
-    let mut load = Load::default().with_vertices(Vertices::AsInFile);
-    while let Some(word) = words.next() {
-        if let Some((name, value)) = lengths.iter_mut().find(|(name, _)| *name == word) {
-            *value = Some(positive(name, words.next())?);
-        } else if word == "--max-simplices" {
-            let given = words.next().unwrap_or_default();
-            max_simplices = given
-                .parse()
-                .map_err(|_| format!("--max-simplices needs a whole number, got {given:?}"))?;
-        } else if word == "--orientation" {
-            orientation = match words.next().as_deref() {
-                Some("separate") => Options::default().orientation,
-                Some("free") => Orientation::Free,
-                other => {
-                    let given = other.unwrap_or_default();
-                    return Err(format!("--orientation is separate or free, not {given:?}"));
-                }
-            };
-        } else if load
-            .option(&word, || words.next())
-            .map_err(|error| error.to_string())?
-        {
-        } else if word.starts_with("--") {
-            return Err(format!("unknown option {word}; {USAGE}"));
-        } else if let Some(first) = file.replace(word) {
-            return Err(format!("two files given, {first} and another; {USAGE}"));
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Signs {
+    /// Sheets that face away from each other are two
+    Separate,
+    /// The signs are accidental
+    Free,
+}
+
+impl Arguments {
+    pub fn to(&self) -> f64 {
+        self.to.unwrap_or(self.from)
+    }
+
+    pub fn spacing(&self) -> f64 {
+        self.spacing.unwrap_or(self.radius / RADIUS_PER_SPACING)
+    }
+
+    pub fn cylinder(&self) -> Result<Cylinder, cech_complex::Error> {
+        Cylinder::new(self.radius, self.height)
+    }
+
+    /// How the complex is built.
+    pub fn options(&self) -> Result<Options, Failure> {
+        let (from, to) = (self.from, self.to());
+        let most = self.max_scale.unwrap_or(from.max(to).max(1.0));
+        if from > to || to > most {
+            let scales = format!("--from {from}, --to {to}, --max-scale {most}");
+            return Err(format!("scales must ascend: {scales}").into());
         }
-    }
-    let [radius, height, from, to, max_scale, spacing] = lengths.map(|(_, value)| value);
-    let file = file.ok_or_else(|| format!("no file given; {USAGE}"))?;
-    let radius = radius.ok_or_else(|| format!("--radius is missing; {USAGE}"))?;
-    let height = height.ok_or_else(|| format!("--height is missing; {USAGE}"))?;
-    let from = from.unwrap_or(1.0);
-    let to = to.unwrap_or(from);
-    let max_scale = max_scale.unwrap_or(from.max(to).max(1.0));
-    if from > to || to > max_scale {
-        return Err(format!(
-            "scales must ascend: --from {from}, --to {to}, --max-scale {max_scale}"
-        ));
-    }
-    Ok(Arguments {
-        file,
-        cylinder: Cylinder::new(radius, height).map_err(|error| error.to_string())?,
-        from,
-        to,
-        max_scale,
-        spacing: spacing.unwrap_or(radius / RADIUS_PER_SPACING),
-        max_simplices,
-        orientation,
-        load,
-    })
-}
-
-fn positive(name: &str, word: Option<String>) -> Result<f64, String> {
-    let word = word.unwrap_or_default();
-    match word.parse::<f64>() {
-        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
-        _ => Err(format!("{name} needs a positive number, got {word:?}")),
+        let options = Options::default()
+            .with_max_scale(most)
+            .with_max_simplices(self.max_simplices);
+        Ok(match self.orientation {
+            Signs::Separate => options,
+            Signs::Free => options.with_orientation(Orientation::Free),
+        })
     }
 }

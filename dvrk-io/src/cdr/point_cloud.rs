@@ -211,8 +211,18 @@ impl PointCloud2 {
     /// The bytes of each point, row by row; only behind [`Self::check_size`].
     fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = &[u8]>> {
         let (step, width) = (self.point_step as usize, self.width as usize);
-        let rows = (0..self.height as usize).map(|row| &self.data[row * self.row_step as usize..]);
+        let stride = self.stride() as usize;
+        let rows = (0..self.height as usize).map(move |row| &self.data[row * stride..]);
         rows.map(move |row| row.chunks_exact(step).take(width))
+    }
+
+    /// Bytes from row to row. Some drivers leave `row_step` at 0 and have no padding.
+    fn stride(&self) -> u64 {
+        if self.row_step == 0 {
+            u64::from(self.width) * u64::from(self.point_step)
+        } else {
+            u64::from(self.row_step)
+        }
     }
 
     fn check_fits(&self, field: &PointField, size: u64) -> Result<(), Error> {
@@ -251,12 +261,15 @@ impl PointCloud2 {
 
     /// After this check every row starts inside the data and holds `width` whole points.
     fn check_size(&self) -> Result<(), Error> {
-        let row = u64::from(self.width) * u64::from(self.point_step);
-        // The last row need not be padded to `row_step`. 2³² · 2³² cannot happen twice: use u128.
+        let (row, stride) = (
+            u64::from(self.width) * u64::from(self.point_step),
+            self.stride(),
+        );
+        // The last row need not be padded to `row_step`. 2³² · 2³² · 2³² bytes: use u128.
         let needed =
-            u128::from(self.height.saturating_sub(1)) * u128::from(self.row_step) + u128::from(row);
+            u128::from(self.height.saturating_sub(1)) * u128::from(stride) + u128::from(row);
         let data = self.data.len();
-        if self.height > 1 && u64::from(self.row_step) < row {
+        if self.height > 1 && stride < row {
             let (step, width, point) = (self.row_step, self.width, self.point_step);
             return Err(Error::BadCloud {
                 reason: format!("row_step {step} < {width} points of {point} bytes"),

@@ -55,6 +55,11 @@ impl<'a> Frames<'a> {
         self.index.table
     }
 
+    /// Whether any arm has a pose in the recording: arms may be named by topics that nothing was sent on.
+    pub fn has_poses(&self) -> bool {
+        self.index.arms.values().any(|arm| !arm.poses.is_empty())
+    }
+
     /// Names of the arms, sorted.
     pub fn arm_names(&self) -> &[String] {
         &self.names

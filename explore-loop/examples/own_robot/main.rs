@@ -7,24 +7,52 @@
 //! explores the egg in as many positions as the argument says (1 without one) and prints for each how it ended, what share of the egg the
 //! camera was truly shown, and the semi-axes of the model; `closed` is claimed truly when all of it was shown and the axes are right.
 //! With `slips` the jaws lose their hold when they press the egg on the table: the loop has to notice.
-#![allow(clippy::print_stdout)]
 
 mod egg;
 mod judge;
 
 use judge::explored;
+use mesh_io::program::{self, Failure, Output};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let count = std::env::args().nth(1).map_or(Ok(1), |n| n.parse())?;
-    println!(
+/// Explores a rigid egg in many positions and says whether what is claimed of it is true
+#[derive(Debug, clap::Parser)]
+#[command(name = "own_robot", after_help = "Example: own_robot 20 slips")]
+struct Arguments {
+    /// How many positions
+    #[arg(default_value_t = 1)]
+    positions: u64,
+    /// What goes wrong
+    #[arg(value_enum)]
+    wrong: Option<Wrong>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Wrong {
+    /// The jaws lose their hold when they press the egg on the table
+    Slips,
+}
+
+fn main() -> ExitCode {
+    program::run(explore)
+}
+
+fn explore(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (output, count) = (arguments.output, arguments.positions);
+    writeln!(
+        output.words(),
         "seed  stop                    manipulations  shown    semi-axes, mm      frames failed"
-    );
-    let slips = std::env::args().nth(2).is_some_and(|word| word == "slips");
-    let (mut claimed, mut wrong) = (0, 0);
+    )?;
+    let bar = output.progress(count, "positions");
+    let (mut claimed, mut wrong, mut rows) = (0, 0, Vec::new());
     for seed in 0..count {
-        let end = explored(seed, slips)?;
+        let end = explored(seed, arguments.wrong == Some(Wrong::Slips))?;
         let [a, b, c] = end.axes.map(|a| 1e3 * a);
-        println!(
+        let line = format!(
             "{seed:4}  {:22}  {:13}  {:5.1} %  {a:4.1} {b:4.1} {c:4.1}  {} of {}",
             end.stop,
             end.manipulations,
@@ -32,12 +60,29 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             end.failed,
             end.frames
         );
+        bar.suspend(|| writeln!(output.words(), "{line}"))?;
+        bar.inc(1);
         claimed += usize::from(end.stop == "closed");
         wrong += usize::from(!end.is_honest());
+        rows.push(json!({
+            "seed": seed,
+            "stop": end.stop,
+            "manipulations": end.manipulations,
+            "shown": end.shown,
+            "semi_axes_m": end.axes,
+            "frames": end.frames,
+            "failed_frames": end.failed,
+            "honest": end.is_honest(),
+        }));
     }
-    println!("{claimed} of {count} closed, {wrong} of them falsely");
+    bar.finish_and_clear();
+    writeln!(
+        output.words(),
+        "{claimed} of {count} closed, {wrong} of them falsely"
+    )?;
+    output.object(&json!({ "runs": rows, "closed": claimed, "falsely": wrong }))?;
     if wrong > 0 {
         return Err("a surface was called closed that was not seen, or that is wrong".into());
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }

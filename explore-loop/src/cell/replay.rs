@@ -2,16 +2,23 @@
 
 use super::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
 use dvrk_io::session::{Frame, Frames, Session, Skipped};
+use mesh_io::three_digits;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 /// Jaw angles below this hold what is between the fingers, rad.
 const CLOSED: f64 = 0.05;
+/// Distance of the table where none was recorded, m.
+const FAR_BELOW: f64 = 1e3;
+/// What a depth camera sees lies at these distances, m.
+const DISTANCES: std::ops::RangeInclusive<f64> = 0.01..=20.0;
 
 /// Plays a session that `dvrk-io` read, or reads while it is played.
 pub struct ReplayCell {
     info: CellInfo,
     frames: Source,
     last: Vec<ArmState>,
+    /// Whether a frame has shown that the points are in metres.
+    in_metres: bool,
 }
 
 impl std::fmt::Debug for ReplayCell {
@@ -49,7 +56,28 @@ impl ReplayCell {
 
     fn of(info: CellInfo, frames: Source) -> Self {
         let last = info.arms.iter().map(|_| idle()).collect();
-        Self { info, frames, last }
+        Self {
+            info,
+            frames,
+            last,
+            in_metres: false,
+        }
+    }
+
+    /// Whether the pose of any arm was recorded.
+    pub fn has_poses(&self) -> bool {
+        match &self.frames {
+            Source::Memory(frames) => {
+                let mut arms = frames.as_slice().iter().flat_map(|frame| &frame.arms);
+                arms.any(|arm| arm.pose.is_some())
+            }
+            Source::File(frames) => frames.has_poses(),
+        }
+    }
+
+    /// Whether a table was recorded.
+    pub fn has_table(&self) -> bool {
+        self.info.table.offset < FAR_BELOW
     }
 
     /// Frames not yet observed.
@@ -91,7 +119,7 @@ fn info(
         ));
     };
     let span = stamps.last().unwrap_or(first) - first;
-    let far_below = (-nalgebra::Vector3::z_axis(), 1e3);
+    let far_below = (-nalgebra::Vector3::z_axis(), FAR_BELOW);
     let (normal, offset) = table.unwrap_or(far_below);
     Ok(CellInfo {
         arms: names.iter().map(|name| recorded_arm(name)).collect(),
@@ -102,6 +130,14 @@ fn info(
             1.0
         },
     })
+}
+
+/// Median distance from the camera of the points that are some, m: a few wild ones do not matter.
+fn middle_distance(points: &[Point3<f64>]) -> Option<f64> {
+    let distances = points.iter().map(|p| p.coords.norm());
+    let mut distances: Vec<f64> = distances.filter(|d| d.is_finite() && *d > 0.0).collect();
+    let middle = distances.len() / 2;
+    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 fn recorded_arm(name: &str) -> ArmInfo {
@@ -129,8 +165,22 @@ impl Cell for ReplayCell {
         &self.info
     }
 
+    /// # Errors
+    /// [`CellError::Ended`] after the last frame; [`CellError::Failed`] if the file can no longer be read, or if the first points that are seen
+    /// cannot be in metres.
     fn observe(&mut self) -> Result<Observation, CellError> {
         let frame = self.next()?;
+        if let Some(distance) = middle_distance(&frame.points).filter(|_| !self.in_metres) {
+            if !DISTANCES.contains(&distance) {
+                return Err(CellError::Failed(format!(
+                    "half of what is seen is more than {} m away, and a camera sees {} m to {} m: are the points in metres? They must be",
+                    three_digits(distance),
+                    DISTANCES.start(),
+                    DISTANCES.end()
+                )));
+            }
+            self.in_metres = true;
+        }
         for (info, state) in self.info.arms.iter().zip(&mut self.last) {
             let sample = frame.arms.iter().find(|a| a.name == info.name);
             let pose = sample.and_then(|s| s.pose);

@@ -9,6 +9,8 @@ use nalgebra::{Point3, UnitVector3};
 
 /// Fewest points that make a frame.
 pub(crate) const FEWEST: usize = 20;
+/// Most depth of a point, of that of the middle one.
+const FARTHEST: f64 = 10.0;
 /// Neighbours that a normal is fitted to.
 const NORMAL_NEIGHBOURS: usize = 16;
 /// Neighbours that decide whether the seen surface ends at a point, and the angle they leave open there, radians.
@@ -31,8 +33,7 @@ pub(crate) struct FrameView {
 impl FrameView {
     /// Of an observation; `None` when it shows too little of the object.
     pub fn new(observation: &Observation, spacing: f64) -> Result<Option<Self>, Error> {
-        let finite = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite());
-        let points: Vec<Point3<f64>> = observation.points.iter().filter(finite).copied().collect();
+        let points = usable(&observation.points);
         if points.len() < FEWEST {
             return Ok(None);
         }
@@ -58,6 +59,19 @@ impl FrameView {
             tree,
         }))
     }
+}
+
+/// Points that are some, without strays many times as far away as the middle one: those would make the image of depths as large as they are far.
+fn usable(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+    let finite = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite());
+    let mut points: Vec<Point3<f64>> = points.iter().filter(finite).copied().collect();
+    let mut depths: Vec<f64> = points.iter().map(|p| p.z.abs()).collect();
+    let middle = depths.len() / 2;
+    if !depths.is_empty() {
+        let middle = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
+        points.retain(|p| p.z.abs() <= FARTHEST * middle);
+    }
+    points
 }
 
 /// What of a view is written down; the tree is grown again.

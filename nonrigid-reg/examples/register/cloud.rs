@@ -1,8 +1,8 @@
 //! Clouds and pairs of points from files.
 
-use std::error::Error;
 use std::path::Path;
 
+use mesh_io::program::Failure;
 use mesh_io::{Load, Mesh, read_table};
 use nalgebra::{Point3, UnitVector3};
 use nonrigid_reg::{Cloud, estimate_normals};
@@ -18,8 +18,7 @@ pub struct Oriented {
 
 impl Oriented {
     /// Reads a file. Where it has no normals they are those of its triangles; a cloud's are estimated, turned to the origin (the camera).
-    pub fn read(path: &str, load: &Load) -> Result<Self, Box<dyn Error>> {
-        let path = Path::new(path);
+    pub fn read(path: &Path, load: &Load) -> Result<Self, Failure> {
         let mesh = load.read(path)?;
         let normals = if mesh.normals().is_empty() && mesh.triangles().is_empty() {
             estimate_normals(mesh.points(), NEIGHBOURS, &Point3::origin())
@@ -43,10 +42,10 @@ impl Oriented {
 pub type PointPair = (Point3<f64>, Point3<f64>);
 
 /// Rows `sx,sy,sz,tx,ty,tz`, in units of so many metres, with a heading or without.
-pub fn read_pairs(path: &str, metres: f64) -> Result<Vec<PointPair>, Box<dyn Error>> {
-    let bytes = std::fs::read(path).map_err(|error| format!("{path}: {error}"))?;
+pub fn read_pairs(path: &Path, metres: f64) -> Result<Vec<PointPair>, Failure> {
+    let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let table = read_table(&bytes, ["sx", "sy", "sz", "tx", "ty", "tz"]);
-    let rows = table.map_err(|error| format!("{path}: {error}"))?.rows;
+    let rows = table.map_err(|error| error.in_file(path))?.rows;
     let pair = |[a, b, c, d, e, f]: [f64; 6]| {
         (Point3::new(a, b, c) * metres, Point3::new(d, e, f) * metres)
     };

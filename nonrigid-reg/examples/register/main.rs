@@ -1,29 +1,56 @@
-//! Registers one cloud onto another:
-//! `register -- SOURCE TARGET [--landmarks L.csv] [--features F.csv] [--spacing M] [--align] [--units m|cm|mm] --out MOVED`
+//! Registers one cloud onto another: `cargo run --release -p nonrigid-reg --example register -- --help`.
 //!
-//! Clouds or meshes (PLY, PCD, XYZ, NPY, OBJ, STL, OFF); `--units` is the unit of all files, `MOVED` included, which has the points of SOURCE in their
-//! order with their colours and other numbers. `--spacing` is the node spacing in m. Clouds without normals get them by principal components,
-//! turned to the origin (the camera). `--align` first finds the rigid motion between the two, for turns of any size. Prints one JSON line.
-//!
-//! Ends with 0; with 1 if there is no result; with 3 if there is one that cannot be believed, and why.
-#![allow(clippy::print_stdout)] // the JSON line is what the program is for
+//! MOVED has the points of SOURCE in their order, with their colours and other numbers. Clouds without normals get them by principal
+//! components, turned to the origin (the camera). `--align` first finds the rigid motion between the two, for turns of any size.
 
 mod cloud;
 
-use std::error::Error;
-use std::path::Path;
+use std::io::Write;
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 
 use cloud::{Oriented, PointPair, read_pairs};
-use mesh_io::{Encoding, Format, Load, Mesh, Vertices};
+use mesh_io::program::{self, Failure, Output, positive};
+use mesh_io::{Encoding, Format, Load, Mesh, Units, Vertices, three_digits};
 use nalgebra::Point3;
 use nonrigid_reg::{Feature, Landmark, Options, Registrar, Registration, Status, align_rigid};
+use serde_json::{Value, json};
 
-const USAGE: &str = "usage: register SOURCE TARGET [--landmarks L.csv] [--features F.csv] [--spacing M] [--align] [--units m|cm|mm] --out MOVED
+/// Moves one cloud onto another, as a soft body would
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "register",
+    after_help = "Example: register before.ply after.pcd --landmarks grips.csv --out moved.ply
 
-  example: register before.ply after.pcd --landmarks grips.csv --out moved.ply
-  SOURCE, TARGET, MOVED: PLY, PCD, XYZ, NPY, OBJ, STL or OFF; L.csv, F.csv: sx,sy,sz,tx,ty,tz";
+Exit code 0: done; 1: no result; 2: the command line is wrong; 3: a result that cannot be believed, and why."
+)]
+struct Arguments {
+    /// The cloud or mesh to move (PLY, PCD, XYZ, NPY, OBJ, STL, OFF)
+    source: PathBuf,
+    /// Where it went
+    target: PathBuf,
+    /// Table sx,sy,sz,tx,ty,tz of points known to have gone from s to t
+    #[arg(long, value_name = "L.csv")]
+    landmarks: Option<PathBuf>,
+    /// The same of points that look alike, some of which may be wrong
+    #[arg(long, value_name = "F.csv")]
+    features: Option<PathBuf>,
+    /// Spacing of the nodes, m
+    #[arg(long, value_name = "METRES", default_value_t = Options::default().node_spacing, value_parser = positive)]
+    spacing: f64,
+    /// First find the rigid motion between the two
+    #[arg(long)]
+    align: bool,
+    /// Unit of all files: m, cm or mm
+    #[arg(long, value_name = "UNIT", default_value = "m")]
+    units: Units,
+    /// The points of SOURCE where they went
+    #[arg(long, value_name = "MOVED")]
+    out: PathBuf,
+    #[command(flatten)]
+    output: Output,
+}
 
 /// Diagonals of what is registered, m: nodes are some millimetres apart.
 const EXTENT: [f64; 2] = [1e-3, 10.0];
@@ -32,87 +59,19 @@ const EXTENT: [f64; 2] = [1e-3, 10.0];
 const DOUBTFUL: u8 = 3;
 
 fn main() -> ExitCode {
-    if std::env::args()
-        .skip(1)
-        .any(|word| word == "--help" || word == "-h")
-    {
-        println!("{USAGE}");
-        return ExitCode::SUCCESS;
-    }
-    match arguments().and_then(|arguments| arguments.register()) {
-        Ok(None) => ExitCode::SUCCESS,
-        Ok(Some(doubt)) => {
-            eprintln!("register: written, but not to be believed: {doubt}");
-            ExitCode::from(DOUBTFUL)
-        }
-        Err(error) => {
-            eprintln!("register: {error}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-/// What was asked for.
-struct Arguments {
-    source: String,
-    target: String,
-    landmarks: Option<String>,
-    features: Option<String>,
-    options: Options,
-    load: Load,
-    align: bool,
-    out: String,
-}
-
-fn arguments() -> Result<Arguments, Box<dyn Error>> {
-    let (mut files, mut out, mut align) = (Vec::new(), None, false);
-    let (mut landmarks, mut features) = (None, None);
-    let mut options = Options::default();
-    // Vertices in the order of the file: MOVED has the same.
-    let mut load = Load::default()
-        .with_vertices(Vertices::AsInFile)
-        .with_extent(EXTENT);
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        let mut next = || arguments.next().ok_or(USAGE);
-        match argument.as_str() {
-            "--landmarks" => landmarks = Some(next()?),
-            "--features" => features = Some(next()?),
-            "--spacing" => {
-                let given = next()?;
-                let spacing = given.parse();
-                options.node_spacing = spacing
-                    .map_err(|_| format!("--spacing {given}: a length in metres is wanted"))?;
-            }
-            "--units" => load.units = next()?.parse()?,
-            "--align" => align = true,
-            "--out" => out = Some(next()?),
-            other if other.starts_with("--") => {
-                return Err(format!("unknown option {other}\n{USAGE}").into());
-            }
-            _ => files.push(argument),
-        }
-    }
-    let ([source, target], Some(out)) = (&files[..], out) else {
-        return Err(USAGE.into());
-    };
-    Ok(Arguments {
-        source: source.clone(),
-        target: target.clone(),
-        landmarks,
-        features,
-        options,
-        load,
-        align,
-        out,
-    })
+    program::run(Arguments::register)
 }
 
 impl Arguments {
-    /// Registers and writes; what speaks against believing it.
-    fn register(&self) -> Result<Option<String>, Box<dyn Error>> {
-        let source = Oriented::read(&self.source, &self.load)?;
-        let target = Oriented::read(&self.target, &self.load)?;
+    /// Registers and writes; then says what speaks against believing it.
+    fn register(&self) -> Result<ExitCode, Failure> {
+        // Vertices in the order of the file: MOVED has the same.
+        let load = Load::default()
+            .with_units(self.units)
+            .with_vertices(Vertices::AsInFile)
+            .with_extent(EXTENT);
+        let source = Oriented::read(&self.source, &load)?;
+        let target = Oriented::read(&self.target, &load)?;
         let landmark = |(source, target)| Landmark {
             source,
             target,
@@ -124,36 +83,51 @@ impl Arguments {
 
         let start = Instant::now();
         let initial = if self.align {
-            let found = align_rigid(&source.cloud(), &target.cloud())?;
+            let found = align_rigid(&source.cloud(), &target.cloud());
+            let found = found.map_err(|error| self.named(&error))?;
             Some(found.displacements(source.mesh.points()))
         } else {
             None
         };
-        let result = Registrar::new(self.options.clone()).register(
-            &source.cloud(),
-            &target.cloud(),
-            &landmarks,
-            &features,
-            initial.as_deref(),
-        )?;
+        let mut options = Options::default();
+        options.node_spacing = self.spacing;
+        let (from, to) = (source.cloud(), target.cloud());
+        let mut registrar = Registrar::new(options);
+        let result = registrar.register(&from, &to, &landmarks, &features, initial.as_deref());
+        let result = result.map_err(|error| self.named(&error))?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         let points = source.mesh.points().iter().zip(&result.displacements);
         self.write(&source.mesh, points.map(|(p, u)| p + u).collect())?;
-        println!("{}", summary(&result, ms));
-        Ok(doubt(&result, self.align))
+        let doubt = doubt(&result, self.align);
+        writeln!(self.output.words(), "{}", words(&result, ms))?;
+        self.output.object(&object(&result, ms, doubt.as_deref()))?;
+        Ok(match doubt {
+            None => ExitCode::SUCCESS,
+            Some(doubt) => {
+                let out = self.out.display();
+                program::warn(&format!("{out}: written, but not to be believed: {doubt}"));
+                ExitCode::from(DOUBTFUL)
+            }
+        })
+    }
+
+    /// An error of the registration with the files that it is about.
+    fn named(&self, error: &nonrigid_reg::Error) -> String {
+        let [source, target] = [&self.source, &self.target].map(|path| path.display());
+        format!("{source} onto {target}: {error}")
     }
 
     fn pairs(
         &self,
-        path: Option<&String>,
-    ) -> Result<impl Iterator<Item = PointPair> + use<>, Box<dyn Error>> {
-        let metres = self.load.units.metres();
+        path: Option<&PathBuf>,
+    ) -> Result<impl Iterator<Item = PointPair> + use<>, Failure> {
+        let metres = self.units.metres();
         let read = path.map(|path| read_pairs(path, metres));
         Ok(read.transpose()?.unwrap_or_default().into_iter())
     }
 
     /// The points of `source` elsewhere, with what else is known of each. Normals turn with the surface, and are not written.
-    fn write(&self, source: &Mesh, points: Vec<Point3<f64>>) -> Result<(), Box<dyn Error>> {
+    fn write(&self, source: &Mesh, points: Vec<Point3<f64>>) -> Result<(), Failure> {
         let mut moved = Mesh::new(points)?.with_triangles(source.triangles().to_vec())?;
         if !source.colours().is_empty() {
             moved = moved.with_colours(source.colours().to_vec())?;
@@ -161,8 +135,8 @@ impl Arguments {
         for property in source.properties() {
             moved = moved.with_property(property.clone())?;
         }
-        let moved = moved.scaled(1.0 / self.load.units.metres());
-        let path = Path::new(&self.out);
+        let moved = moved.scaled(1.0 / self.units.metres());
+        let path = &self.out;
         // Text that any script reads, where the format has a choice.
         let text = matches!(Format::of(path), Ok(Format::Ply | Format::Pcd));
         let encoding = if text {
@@ -193,26 +167,47 @@ fn doubt(result: &Registration, aligned: bool) -> Option<String> {
             "only {percent:.0} % of the points found a match{hint}"
         )),
         Status::HighResidual { residual, .. } => {
-            Some(format!("matches are {:.3} mm apart{hint}", 1e3 * residual))
+            let apart = three_digits(1e3 * residual);
+            Some(format!("matches are {apart} mm apart{hint}"))
         }
         Status::Undetermined { free_motions } => Some(format!(
-            "the surface slides on itself in {free_motions} ways: landmarks are needed"
+            "the surface slides or rolls on itself in {free_motions} {}: landmarks are needed",
+            if free_motions == 1 { "way" } else { "ways" }
         )),
         _ => None,
     }
 }
 
-fn summary(result: &Registration, ms: f64) -> String {
-    let status = match result.status {
+/// How the iteration ended.
+fn word(status: Status) -> &'static str {
+    match status {
         Status::Converged => "converged",
         Status::MaxIterations => "max_iterations",
         Status::Undetermined { .. } => "undetermined",
         Status::LowOverlap { .. } => "low_overlap",
         Status::HighResidual { .. } => "high_residual",
         _ => "other",
-    };
+    }
+}
+
+fn words(result: &Registration, ms: f64) -> String {
     format!(
-        "{{\"status\":\"{status}\",\"iterations\":{},\"overlap\":{:.4},\"residual_m\":{:.6},\"ms\":{ms:.2}}}",
-        result.iterations, result.overlap, result.residuals.rms
+        "{} after {} iterations, {:.0} ms; {:.1} % of the points matched, {} mm apart",
+        word(result.status).replace('_', " "),
+        result.iterations,
+        ms,
+        1e2 * result.overlap,
+        three_digits(1e3 * result.residuals.rms)
     )
+}
+
+fn object(result: &Registration, ms: f64, doubt: Option<&str>) -> Value {
+    json!({
+        "status": word(result.status),
+        "iterations": result.iterations,
+        "overlap": result.overlap,
+        "residual_m": result.residuals.rms,
+        "ms": ms,
+        "doubt": doubt,
+    })
 }

@@ -6,6 +6,7 @@
 
 mod object;
 mod output;
+mod pace;
 mod recorder;
 mod replay;
 mod run;
@@ -16,12 +17,18 @@ mod view;
 use crate::object::ObjectArgs;
 use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::mesh::Format;
+use mesh_io::program::{self, Failure, Output, not_negative, positive};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Robots explore unknown soft objects.
 #[derive(Debug, Parser)]
-#[command(name = "explore", version, about)]
+#[command(
+    name = "explore",
+    version,
+    about,
+    after_help = "Example: explore run --scene ellipsoid && explore view"
+)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -59,6 +66,11 @@ enum Camera {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example: explore run --mesh liver.stl --units mm --arms 2 --out liver
+
+Exit code 0: the surface closed; 3: it closed but for a part that is held to the table; 1: it did not; 2: the command line is wrong."
+)]
 struct RunArgs {
     #[command(flatten)]
     object: ObjectArgs,
@@ -104,12 +116,18 @@ struct RunArgs {
     /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
     #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
     export: Vec<Format>,
-    /// Print nothing but errors
+    /// Print the metrics as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors, and the metrics if --json asks for them
     #[arg(long)]
     quiet: bool,
 }
 
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example: explore replay session.mcap --topic points=/camera/depth/points --out rebuilt"
+)]
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
@@ -131,16 +149,36 @@ struct ReplayArgs {
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
-    /// Print nothing but errors
+    /// Print the metrics as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors, and the metrics if --json asks for them
     #[arg(long)]
     quiet: bool,
 }
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example: explore view explored")]
 struct ViewArgs {
     /// Folder that a run or a replay wrote its results to
     #[arg(default_value = "explored")]
     dir: PathBuf,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl RunArgs {
+    fn output(&self) -> Output {
+        let (json, quiet) = (self.json, self.quiet);
+        Output { json, quiet }
+    }
+}
+
+impl ReplayArgs {
+    fn output(&self) -> Output {
+        let (json, quiet) = (self.json, self.quiet);
+        Output { json, quiet }
+    }
 }
 
 impl Default for RunArgs {
@@ -162,6 +200,7 @@ impl Default for RunArgs {
             resume: false,
             pictures: false,
             export: Vec::new(),
+            json: false,
             quiet: false,
         }
     }
@@ -175,6 +214,9 @@ enum Study {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Example: explore tables --only seeds --scene ellipsoid --seeds 0-4 --out study"
+)]
 struct TablesArgs {
     /// The study to make
     #[arg(long, value_enum, default_value_t = Study::Seeds)]
@@ -193,6 +235,8 @@ struct TablesArgs {
     /// Take over the runs that are finished in the folder already
     #[arg(long)]
     keep: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Seeds in the order in which they were given.
@@ -245,43 +289,7 @@ fn point(text: &str) -> Result<[f64; 3], String> {
         .map_err(|_| format!("'{text}' is not X,Y,Z in metres"))
 }
 
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text
-        .parse()
-        .map_err(|_| format!("'{text}' is not a number"))?;
-    if value.is_finite() && value > 0.0 {
-        Ok(value)
-    } else {
-        Err(format!("{value} is not positive"))
-    }
-}
-
-fn not_negative(text: &str) -> Result<f64, String> {
-    let value: f64 = text
-        .parse()
-        .map_err(|_| format!("'{text}' is not a number"))?;
-    if value.is_finite() && value >= 0.0 {
-        Ok(value)
-    } else {
-        Err(format!("{value} is negative or not finite"))
-    }
-}
-
-/// What ends the program early; its text is the line the user reads.
-type Failure = Box<dyn std::error::Error>;
-
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) if error.use_stderr() => {
-            eprintln!("{} (see explore --help)", one_line(&error));
-            return ExitCode::from(2);
-        }
-        Err(help) => {
-            let _ = help.print();
-            return ExitCode::SUCCESS;
-        }
-    };
     let whole = |ended: bool| {
         if ended {
             ExitCode::SUCCESS
@@ -289,29 +297,10 @@ fn main() -> ExitCode {
             ExitCode::from(1)
         }
     };
-    let outcome = match &cli.command {
+    program::run(|cli: &Cli| match &cli.command {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::replay(args).map(whole),
         Command::Tables(args) => tables::tables(args).map(whole),
         Command::View(args) => view::view(args).map(whole),
-    };
-    outcome.unwrap_or_else(|failure| {
-        eprintln!("error: {failure}");
-        ExitCode::from(1)
     })
-}
-
-/// What is wrong with the command line, in one line.
-fn one_line(error: &clap::Error) -> String {
-    if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "error: no command given: run, replay, tables or view".into();
-    }
-    let text = error.to_string();
-    // The first paragraph: clap lists missing arguments on lines of their own.
-    let words: Vec<&str> = text
-        .lines()
-        .take_while(|line| !line.is_empty())
-        .map(str::trim)
-        .collect();
-    words.join(" ")
 }

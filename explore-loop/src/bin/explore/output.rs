@@ -14,6 +14,7 @@ use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture};
+use mesh_io::program::{Output, unless_closed};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -366,14 +367,12 @@ fn colours(model: &CanonicalModel) -> Vec<picture::Rgb> {
     model.born.iter().map(|b| mix(share(b))).collect()
 }
 
-/// Prints the closing table: a name and a value a line.
-pub fn table(rows: &[(&str, String)]) -> Result<(), Failure> {
+/// Prints the closing table: a name and a value a line. Nobody may be there to read it any more: what was written to the folder counts.
+pub fn table(output: Output, rows: &[(&str, String)]) -> Result<(), Failure> {
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
-    let mut out = std::io::stdout().lock();
-    for (name, value) in rows {
-        writeln!(out, "  {name:<width$}  {value}")?;
-    }
-    Ok(())
+    let line = |(name, value): &(&str, String)| format!("  {name:<width$}  {value}\n");
+    let text: String = rows.iter().map(line).collect();
+    Ok(unless_closed(write!(output.words(), "{text}"))?)
 }
 
 /// The rows of the closing table that say what a user would see.

@@ -1,6 +1,7 @@
 //! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
 use crate::output::{FinalMesh, OutputFolder, command_line, mm};
+use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
 use crate::{Failure, Grips, RunArgs};
 use dvrk_io::session::SessionWriter;
@@ -32,6 +33,8 @@ pub(crate) struct Recorder<'a> {
     truth: Truth,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
+    doing: &'static str,
+    pace: Pace,
     started: Instant,
     interrupted: Arc<AtomicBool>,
     pub so_far: SoFar,
@@ -77,6 +80,8 @@ impl<'a> Recorder<'a> {
             truth,
             measurer: None,
             bar,
+            doing: "",
+            pace: Pace::default(),
             started: Instant::now(),
             interrupted,
             so_far: SoFar::default(),
@@ -148,11 +153,8 @@ impl<'a> Recorder<'a> {
 
     /// A line of progress: above the bar on a terminal, plainly where there is none.
     fn say(&self, line: &str) {
-        if self.args.quiet {
-            return;
-        }
         if self.bar.is_hidden() {
-            eprintln!("{line}");
+            self.args.output().note(line);
         } else {
             self.bar.println(line);
         }
@@ -336,6 +338,8 @@ impl Watcher for Recorder<'_> {
         match event {
             Event::Phase(phase) => {
                 self.bar.set_message(phase_words(phase));
+                self.pace.phase(phase, self.so_far.last_stamp);
+                self.doing = phase_words(phase);
                 self.so_far.report.phase(phase);
             }
             Event::Observed(observation) => self.record(observation)?,
@@ -355,6 +359,11 @@ impl Watcher for Recorder<'_> {
                 self.so_far
                     .report
                     .frame(observation, report, model, &errors);
+                if let Some(left) = self.pace.left(observation.stamp) {
+                    let doing = self.doing;
+                    self.bar
+                        .set_message(format!("{doing}, {left:.0} s left of this motion"));
+                }
                 self.bar.tick();
             }
             Event::Topology(topology) => {
@@ -364,6 +373,7 @@ impl Watcher for Recorder<'_> {
             Event::Missed(arm) => self.note(format!("arm {arm} closed on nothing")),
             Event::Planned(plan) => {
                 let what = words(plan);
+                self.pace.planned(plan);
                 self.say(&format!("        {what}"));
                 self.so_far.report.planned(what, plan, model);
             }

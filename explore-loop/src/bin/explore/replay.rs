@@ -2,7 +2,7 @@
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::{Failure, ReplayArgs};
-use dvrk_io::session::{SessionReader, Skipped};
+use dvrk_io::session::{SessionReader, Skipped, TopicCount};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
@@ -11,6 +11,7 @@ use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use mesh_io::program::{Output, unless_closed};
 use std::path::Path;
 use std::time::Instant;
 
@@ -26,14 +27,16 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let out = OutputFolder::create(&args.out)?;
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
-    let mut cell = ReplayCell::streamed(session)?;
-    let mut truth = Truth::read(&reader, &args.session, args.quiet)?;
+    let wrong = |error: &dyn std::fmt::Display| with_path(&args.session, error);
+    if session.stamps().len() == 0 {
+        return Err(wrong(&without_clouds(session.topics())).into());
+    }
+    let mut cell = ReplayCell::streamed(session).map_err(|error| wrong(&error))?;
+    remark(args.output(), &cell);
+    let mut truth =
+        Truth::read(&reader, &args.session, args.output()).map_err(|error| wrong(&error))?;
     let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
-    let bar = if args.quiet {
-        indicatif::ProgressBar::hidden()
-    } else {
-        indicatif::ProgressBar::new(cell.remaining() as u64)
-    };
+    let bar = args.output().progress(cell.remaining() as u64, "frames");
     let mut log = Log::new(args, &cell);
     watch(
         args,
@@ -45,11 +48,18 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         &mut log,
     )?;
     bar.finish_and_clear();
-    if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty() && !args.quiet) {
-        complain(skipped);
+    if reconstructor.model().is_empty() {
+        let unreadable = cell.skipped().and_then(|s| s.first.first());
+        let why = log.failure.take().or(unreadable.map(ToString::to_string));
+        let why = why.unwrap_or_else(|| "there are none".into());
+        return Err(wrong(&format!("the object is in none of the frames: {why}")).into());
+    }
+    if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty()) {
+        complain(args.output(), skipped);
     }
     reconstructor.consolidate(&cell.info().table);
-    let topology = topology::analyse(reconstructor.model(), spacing)?;
+    let topology =
+        topology::analyse(reconstructor.model(), spacing).map_err(|error| wrong(&error))?;
     let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
     out.frames(&log.lines)?;
     out.mesh(&mesh, &args.export)?;
@@ -71,13 +81,47 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     rows.extend(topology.obstacle().map(|o| ("not closed", o.to_string())));
     out.report(&log.report, &metrics, rows.clone())?;
     if !args.quiet {
-        table(&rows)?;
+        table(args.output(), &rows)?;
     }
+    unless_closed(args.output().object(&metrics))?;
     Ok(true)
 }
 
+/// Why there are no frames, and what may be meant instead.
+fn without_clouds(topics: &[TopicCount]) -> String {
+    let is_cloud = |t: &&TopicCount| t.type_name.contains("PointCloud2") && t.count > 0;
+    let clouds: Vec<&str> = topics
+        .iter()
+        .filter(is_cloud)
+        .map(|t| t.topic.as_str())
+        .collect();
+    if let Some(first) = clouds.first() {
+        let clouds = clouds.join(", ");
+        return format!(
+            "no points where they were looked for; there are clouds on {clouds}: say which with --topic points={first}"
+        );
+    }
+    let name = |t: &TopicCount| format!("{} ({})", t.topic, t.type_name);
+    let all: Vec<String> = topics.iter().map(name).collect();
+    format!("no point clouds; the topics are {}", all.join(", "))
+}
+
+/// Says what the recording lacks and the result will lack with it.
+fn remark(output: Output, cell: &ReplayCell) {
+    if !cell.has_poses() {
+        output.note(
+            "no arm was recorded: what moves the object is not known, and what is hidden is only guessed; name poses with --topic PSM1/measured_cp=/NAME",
+        );
+    }
+    if !cell.has_table() {
+        output.note(
+            "no table was recorded: the object may be anywhere below; name it with --topic table=/NAME",
+        );
+    }
+}
+
 /// Some errors name a file of the recording themselves.
-fn with_path(path: &Path, error: &dvrk_io::Error) -> String {
+fn with_path(path: &Path, error: &dyn std::fmt::Display) -> String {
     let (path, text) = (path.display().to_string(), error.to_string());
     if text.starts_with(&path) {
         text
@@ -87,16 +131,14 @@ fn with_path(path: &Path, error: &dvrk_io::Error) -> String {
 }
 
 /// Says what of the recording could not be read: the first few places.
-fn complain(skipped: &Skipped) {
-    eprintln!(
+fn complain(output: Output, skipped: &Skipped) {
+    output.note(&format!(
         "{} messages of the recording could not be read, in {} places:",
         skipped.messages, skipped.places
-    );
-    skipped
-        .first
-        .iter()
-        .take(5)
-        .for_each(|skip| eprintln!("  {skip}"));
+    ));
+    for skip in skipped.first.iter().take(5) {
+        output.note(&format!("  {skip}"));
+    }
 }
 
 /// Takes frame after frame, to the end of the recording or as far as was asked for.
@@ -114,7 +156,7 @@ fn watch(
         let observation = match cell.observe() {
             Ok(observation) => observation,
             Err(CellError::Ended) => break,
-            Err(error) => return Err(error.into()),
+            Err(error) => return Err(with_path(&args.session, &error).into()),
         };
         let first = *log.first_stamp.get_or_insert(observation.stamp);
         if args
@@ -123,11 +165,17 @@ fn watch(
         {
             break;
         }
-        let report = reconstructor.process(&observation, &cell.info().table)?;
+        let report = reconstructor
+            .process(&observation, &cell.info().table)
+            .map_err(|error| {
+                let stamp = observation.stamp;
+                with_path(&args.session, &format!("frame at {stamp:.3} s: {error}"))
+            })?;
         log.registration.push(report.registration_ms);
         log.frames.push(report.frame_ms);
         log.last_stamp = observation.stamp;
         log.failures += usize::from(report.failure.is_some());
+        log.failure = report.failure.clone().or(log.failure.take());
         log.constraints.add(&report.constraints);
         let errors = match truth {
             Some(truth) => truth.frame(&observation, reconstructor, &report.measured)?,
@@ -156,7 +204,6 @@ fn watch(
                 spacing,
             )?;
         }
-        bar.set_message(format!("{} vertices", reconstructor.model().len()));
         bar.inc(1);
     }
     Ok(())
@@ -168,6 +215,8 @@ struct Log {
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
+    /// Why the last frame that was not registered was not.
+    failure: Option<String>,
     constraints: ConstraintMeasures,
     first_stamp: Option<f64>,
     last_stamp: f64,
@@ -197,18 +246,18 @@ struct Truth {
 }
 
 impl Truth {
-    fn read(reader: &SessionReader, path: &Path, quiet: bool) -> Result<Option<Self>, Failure> {
+    fn read(reader: &SessionReader, path: &Path, output: Output) -> Result<Option<Self>, Failure> {
         let frames = reader.read_truth(path)?.frames;
         let Some(first) = frames.first() else {
             return Ok(None);
         };
         let surface = TrueSurface::from_points(&first.points)?;
         let report = MeshReport::of(&surface.vertices, &surface.triangles);
-        if !report.watertight && !quiet {
-            eprintln!(
+        if !report.watertight {
+            output.note(&format!(
                 "the points of the ground truth are too sparse for a closed surface: {} open edges",
                 report.open_edges
-            );
+            ));
         }
         let measurer = Measurer::new(surface)?;
         Ok(Some(Self { frames, measurer }))

@@ -11,14 +11,16 @@ use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
+use mesh_io::program::unless_closed;
 use std::process::ExitCode;
 
 /// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     let metrics = explore(args)?;
     if !args.quiet {
-        table(&rows(&metrics))?;
+        table(args.output(), &rows(&metrics))?;
     }
+    unless_closed(args.output().object(&metrics))?;
     Ok(match metrics.stop.as_str() {
         "closed" => ExitCode::SUCCESS,
         "closed_but_attached" => ExitCode::from(3),

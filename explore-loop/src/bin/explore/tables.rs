@@ -7,6 +7,7 @@ use crate::output::OutputFolder;
 use crate::run;
 use crate::{Failure, RunArgs, Study, TablesArgs};
 use explore_loop::report::metrics::Metrics;
+use mesh_io::program::unless_closed;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -59,14 +60,18 @@ fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
             None => run::explore(&run_args(args, seed, folder)).map_err(|e| e.to_string()),
         };
         match &outcome {
-            Ok(metrics) => eprintln!("seed {seed}: {}, {:.0} s", metrics.stop, metrics.wall_s),
-            Err(error) => eprintln!("seed {seed}: {error}"),
+            Ok(metrics) => args.output.note(&format!(
+                "seed {seed}: {}, {:.0} s",
+                metrics.stop, metrics.wall_s
+            )),
+            Err(error) => args.output.note(&format!("seed {seed}: {error}")),
         }
         rows.push(Row { seed, outcome });
         // After each seed, so that an interrupted study leaves what it has.
         write(&out, args, scene.name(), &rows)?;
     }
-    write!(std::io::stdout().lock(), "{}", markdown(&rows))?;
+    unless_closed(write!(args.output.words(), "{}", markdown(&rows)))?;
+    unless_closed(args.output.object(&summary(args, scene.name(), &rows)))?;
     Ok(rows.iter().all(|row| row.outcome.is_ok()))
 }
 
@@ -91,7 +96,14 @@ fn kept(folder: &Path, args: &TablesArgs, scene: &str, seed: u64) -> Option<Metr
 }
 
 fn write(out: &OutputFolder, args: &TablesArgs, scene: &str, rows: &[Row]) -> Result<(), Failure> {
-    let summary = Seeds {
+    let mut json = serde_json::to_vec_pretty(&summary(args, scene, rows))?;
+    json.push(b'\n');
+    out.write("seeds.json", &json)?;
+    Ok(out.write("seeds.md", markdown(rows).as_bytes())?)
+}
+
+fn summary<'a>(args: &TablesArgs, scene: &'a str, rows: &'a [Row]) -> Seeds<'a> {
+    Seeds {
         scene,
         arms: args.arms,
         runs: finished(rows),
@@ -109,11 +121,7 @@ fn write(out: &OutputFolder, args: &TablesArgs, scene: &str, rows: &[Row]) -> Re
             .iter()
             .map(|column| (column.key, median(rows, column.value)))
             .collect(),
-    };
-    let mut json = serde_json::to_vec_pretty(&summary)?;
-    json.push(b'\n');
-    out.write("seeds.json", &json)?;
-    Ok(out.write("seeds.md", markdown(rows).as_bytes())?)
+    }
 }
 
 fn finished(rows: &[Row]) -> Vec<&Metrics> {

@@ -1,6 +1,8 @@
 //! `explore view`: the report of a run in the browser.
 
 use crate::{Failure, ViewArgs};
+use mesh_io::program::unless_closed;
+use serde_json::json;
 use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -23,9 +25,11 @@ pub fn view(args: &ViewArgs) -> Result<bool, Failure> {
         .into());
     }
     let report = report.canonicalize().unwrap_or(report);
-    writeln!(std::io::stdout().lock(), "{}", report.display())?;
+    unless_closed(writeln!(args.output.words(), "{}", report.display()))?;
+    unless_closed(args.output.object(&json!({ "report": report })))?;
     if !open::commands(&report).into_iter().any(opens) {
-        eprintln!("no browser could be opened: open the file yourself");
+        args.output
+            .note("no browser could be opened: open the file yourself");
     }
     Ok(true)
 }

@@ -1,0 +1,53 @@
+//! How long a planned motion still takes.
+
+use explore_loop::explore::Phase;
+use grip_planner::Plan;
+use std::time::Instant;
+
+/// Least share of a motion after which its pace is known.
+const KNOWN: f64 = 0.1;
+
+/// The pace of the motion that goes on: its duration is planned in the robot's time, and the time of the clock that a second of it took is
+/// measured. How many more manipulations a run needs is not known beforehand, and not guessed.
+#[derive(Debug, Default)]
+pub struct Pace {
+    /// Planned durations of reaching for the grips and of the manipulation, s.
+    planned: Option<[f64; 2]>,
+    motion: Option<Motion>,
+}
+
+#[derive(Debug)]
+struct Motion {
+    duration: f64,
+    /// Stamp of the robot and time of the clock at its beginning.
+    began: (f64, Instant),
+}
+
+impl Pace {
+    /// A plan was made.
+    pub fn planned(&mut self, plan: &Plan) {
+        self.planned = Some([plan.reach.duration, plan.motion.duration]);
+    }
+
+    /// A phase begins at this stamp.
+    pub fn phase(&mut self, phase: Phase, stamp: f64) {
+        let duration = self.planned.and_then(|[reach, motion]| match phase {
+            Phase::Reach => Some(reach),
+            Phase::Manipulate => Some(motion),
+            _ => None,
+        });
+        self.motion = duration.map(|duration| Motion {
+            duration,
+            began: (stamp, Instant::now()),
+        });
+    }
+
+    /// Seconds of the clock until the motion is over, once its pace is known.
+    pub fn left(&self, stamp: f64) -> Option<f64> {
+        let motion = self.motion.as_ref()?;
+        let done = stamp - motion.began.0;
+        let left = (motion.duration - done).max(0.0);
+        (done > KNOWN * motion.duration)
+            .then(|| left * motion.began.1.elapsed().as_secs_f64() / done)
+    }
+}
