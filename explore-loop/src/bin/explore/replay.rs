@@ -1,6 +1,7 @@
 //! `explore replay`: the canonical model from a recording.
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
+use crate::without::{Part, names, refuse};
 use crate::{Failure, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped};
 use explore_loop::canonical::topology::{self, Topology};
@@ -16,6 +17,11 @@ use std::time::Instant;
 
 /// Reconstructs the whole recording; true when it got to its end.
 pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
+    refuse(
+        &args.without,
+        Part::is_of_exploring,
+        "a replay does not have",
+    )?;
     let mut reader = SessionReader::default();
     for (role, topic) in &args.topics {
         reader = reader.with_topic(role.clone(), topic);
@@ -28,7 +34,11 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let started = Instant::now();
     let mut cell = ReplayCell::streamed(session)?;
     let mut truth = Truth::read(&reader, &args.session, args.quiet)?;
-    let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
+    let mut options = ReconstructOptions::new(spacing);
+    for part in &args.without {
+        part.leave_out_of_reconstruction(&mut options);
+    }
+    let mut reconstructor = Reconstructor::new(options)?;
     let bar = if args.quiet {
         indicatif::ProgressBar::hidden()
     } else {
@@ -278,6 +288,7 @@ fn metrics(
             "ended"
         }
         .into(),
+        without: names(&args.without),
         betti: topology.persistent,
         nm_cut: Cut::of(topology.cut),
         nm_remaining: topology.non_manifold,
