@@ -1,7 +1,7 @@
 //! The plot of a study as an SVG: text is text, in whatever sans-serif font the reader has.
 
 use super::ending::Ending;
-use super::study::{Plot, Study};
+use super::study::{MANIPULATIONS, Plot, Study};
 use super::summary::{Spread, Summary};
 use crate::Failure;
 use plotters::coord::Shift;
@@ -13,8 +13,9 @@ const WIDTH: u32 = 860;
 const CURVES: u32 = 300;
 const LINE: u32 = 30;
 const AROUND: u32 = 90;
-/// Room for the names of the rows.
-const NAMES: u32 = 210;
+/// Room for the names of the rows, and for how they ended.
+const NAMES: u32 = 170;
+const ENDS: u32 = 230;
 
 const BLUE_INK: RGBColor = RGBColor(38, 92, 168);
 const FAILED: RGBColor = RGBColor(200, 30, 40);
@@ -52,7 +53,7 @@ pub(super) fn svg(study: &Study, summaries: &[Summary]) -> Result<String, Failur
             match study.plot {
                 Plot::Curves { over, .. } => curve(study, summaries, over, panel, &area)?,
                 Plot::Whiskers { .. } => whiskers(study, summaries, panel, &area)?,
-                Plot::Explored => explored(summaries, &area)?,
+                Plot::Explored => explored(study, summaries, &area)?,
             }
         }
         root.present()?;
@@ -143,6 +144,7 @@ fn curve(
 
 /// Names of the rows at the left of a chart whose rows count downwards.
 fn name_rows(
+    study: &Study,
     summaries: &[Summary],
     area: &Area<'_>,
     of: impl Fn(usize) -> i32,
@@ -152,7 +154,13 @@ fn name_rows(
         .color(&BLACK)
         .pos(Pos::new(HPos::Right, VPos::Center));
     for (k, summary) in summaries.iter().enumerate() {
-        let name = summary.row.values.join(", ");
+        let told = summary.row.values.iter().zip(study.keys);
+        // A number says nothing without what it counts.
+        let word = |(value, key): (&String, &&str)| match value.parse::<f64>() {
+            Ok(_) => format!("{value} {key}"),
+            Err(_) => value.clone(),
+        };
+        let name = told.map(word).collect::<Vec<_>>().join(", ");
         area.draw(&Text::new(name, (NAMES as i32 + 2, of(k)), style.clone()))?;
     }
     Ok(())
@@ -199,7 +207,7 @@ fn whiskers(
     }
     let down = |k: usize| chart.backend_coord(&(0.0, k as f64 + 0.5)).1;
     let origin = area.get_pixel_range().1.start;
-    name_rows(summaries, area, |k| down(k) - origin)
+    name_rows(study, summaries, area, |k| down(k) - origin)
 }
 
 /// The share explored at the start, and what each manipulation added, on the average of the runs of a row; runs that are over add nothing more.
@@ -217,13 +225,13 @@ fn stages(summary: &Summary) -> Vec<f64> {
     (0..longest).map(mean).collect()
 }
 
-fn explored(summaries: &[Summary], area: &Area<'_>) -> Result<(), Failure> {
+fn explored(study: &Study, summaries: &[Summary], area: &Area<'_>) -> Result<(), Failure> {
     let rows = summaries.len() as f64;
     let mut chart = ChartBuilder::on(area)
         .margin(12)
         .x_label_area_size(42)
         .y_label_area_size(NAMES)
-        .right_y_label_area_size(130)
+        .right_y_label_area_size(ENDS)
         .build_cartesian_2d(0.0..100.0, rows..0.0)?;
     chart
         .configure_mesh()
@@ -253,17 +261,20 @@ fn explored(summaries: &[Summary], area: &Area<'_>) -> Result<(), Failure> {
         chart.backend_coord(&(100.0, 0.0)).0,
     );
     let origin = area.get_pixel_range().1.start;
-    name_rows(summaries, area, |k| down(k) - origin)?;
+    name_rows(study, summaries, area, |k| down(k) - origin)?;
     let style = ("sans-serif", 13)
         .into_font()
         .color(&BLACK)
         .pos(Pos::new(HPos::Left, VPos::Center));
     for (k, summary) in summaries.iter().enumerate() {
-        let closed = format!(
-            "{} of {} closed",
-            summary.ended(Ending::Closed),
-            summary.runs.len()
-        );
+        let counted = summary
+            .runs
+            .iter()
+            .filter_map(|(_, r)| (MANIPULATIONS.of)(r));
+        let after = Spread::of(&counted.collect::<Vec<f64>>())
+            .map_or(String::new(), |s| format!(", {:.1} manipulations", s.mean));
+        let (closed, runs) = (summary.ended(Ending::Closed), summary.runs.len());
+        let closed = format!("{closed} of {runs} closed{after}");
         area.draw(&Text::new(
             closed,
             (right + 8, down(k) - origin),

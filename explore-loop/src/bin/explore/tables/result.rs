@@ -43,8 +43,10 @@ impl Ran {
         told.or(self.error.as_deref())
     }
 
+    /// Without what differs from one time to another: the times, and where the recording of a replay lay.
     fn without_times(&self) -> Self {
         let metrics = self.metrics.clone().map(|m| Metrics {
+            scene: String::new(),
             registration_ms: Timing::default(),
             frame_ms: Timing::default(),
             wall_s: 0.0,

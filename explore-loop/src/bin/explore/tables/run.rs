@@ -137,10 +137,13 @@ impl<'a> Runner<'a> {
             Ok(runs) => runs,
             Err(ended) => return Ok(ended),
         };
+        // A run that went on has the time of before in its metrics.
+        let told = runs.iter().filter_map(|ran| ran.metrics.as_ref());
+        let told: f64 = told.map(|metrics| metrics.wall_s).sum();
         let result = Done {
             study: job.study.into(),
             seed: job.seed,
-            seconds: started.elapsed().as_secs_f64(),
+            seconds: started.elapsed().as_secs_f64().max(told),
             version: env!("CARGO_PKG_VERSION").into(),
             runs,
         };
@@ -208,20 +211,19 @@ impl<'a> Runner<'a> {
             .stdin(Stdio::from(held.try_clone()?))
             .stdout(Stdio::null());
         let mut child = command.stderr(File::create(&log)?).spawn()?;
-        let Some(status) = self.wait(&mut child)? else {
-            return Ok(Step::Interrupted);
-        };
+        let status = self.wait(&mut child)?;
         let said = std::fs::read_to_string(&log).unwrap_or_default();
         let said = said
             .lines()
             .rfind(|line| !line.trim().is_empty())
             .unwrap_or_default()
             .to_owned();
-        if said.starts_with("error: interrupted") {
-            return Ok(Step::Interrupted);
-        }
         if let Some(metrics) = read(&metrics)? {
             return Ok(Step::Ended(Some(metrics), None));
+        }
+        let asked = self.interrupted.load(Ordering::Relaxed);
+        if asked || said.starts_with("error: interrupted") {
+            return Ok(Step::Interrupted);
         }
         if resumes {
             // What is there cannot be gone on from.
@@ -237,12 +239,12 @@ impl<'a> Runner<'a> {
         })
     }
 
-    /// Waits for a process; `None` when the study was interrupted meanwhile.
-    fn wait(&self, child: &mut Child) -> Result<Option<ExitStatus>, Failure> {
+    /// Waits for a process, and not for long once the study was interrupted.
+    fn wait(&self, child: &mut Child) -> Result<ExitStatus, Failure> {
         let mut asked: Option<Instant> = None;
         loop {
             if let Some(status) = child.try_wait()? {
-                return Ok(asked.is_none().then_some(status));
+                return Ok(status);
             }
             if self.interrupted.load(Ordering::Relaxed) {
                 // What was typed at a terminal has reached the process as well.

@@ -8,7 +8,7 @@
 
 use super::ending::Ending;
 use super::result::Ran;
-use super::study::{Column, Show, Study};
+use super::study::{Column, Plot, Show, Study};
 use super::summary::{Spread, Summary};
 use crate::Failure;
 use std::fmt::Write as _;
@@ -150,13 +150,27 @@ pub(super) fn markdown(
     for line in (study.remark)(summaries) {
         let _ = writeln!(text, "\n{line}");
     }
+    let (title, name) = (study.title, study.name);
     let _ = writeln!(
         text,
-        "\n![{}]({}.svg)\n\n## Runs\n",
-        study.title, study.name
+        "\n![{title}]({name}.svg)\n\n{}\n\n## Runs\n",
+        caption(study.plot)
     );
     text += &runs_table(study, summaries);
     text
+}
+
+/// What the plot shows.
+fn caption(plot: Plot) -> &'static str {
+    match plot {
+        Plot::Curves { .. } => "Medians and quartiles; a red cross where not every run closed.",
+        Plot::Whiskers { .. } => {
+            "Medians and quartiles; of explorations, red where not every run closed."
+        }
+        Plot::Explored => {
+            "Means over the runs; one that is over adds nothing more. Manipulations without runs that a fault of ours ended."
+        }
+    }
 }
 
 fn unfinished(missing: usize) -> String {
