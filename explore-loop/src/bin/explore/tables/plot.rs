@@ -161,7 +161,11 @@ fn name_rows(
             Err(_) => value.clone(),
         };
         let name = told.map(word).collect::<Vec<_>>().join(", ");
-        area.draw(&Text::new(name, (NAMES as i32 + 2, of(k)), style.clone()))?;
+        area.draw(&Text::new(
+            name,
+            (NAMES.cast_signed() + 2, of(k)),
+            style.clone(),
+        ))?;
     }
     Ok(())
 }

@@ -48,7 +48,7 @@ enum Attempt {
 
 /// What came of a process.
 enum Step {
-    Ended(Option<Metrics>, Option<String>),
+    Ended(Option<Box<Metrics>>, Option<String>),
     Interrupted,
     Failed(String),
 }
@@ -219,7 +219,7 @@ impl<'a> Runner<'a> {
             .unwrap_or_default()
             .to_owned();
         if let Some(metrics) = read(&metrics)? {
-            return Ok(Step::Ended(Some(metrics), None));
+            return Ok(Step::Ended(Some(Box::new(metrics)), None));
         }
         let asked = self.interrupted.load(Ordering::Relaxed);
         if asked || said.starts_with("error: interrupted") {
@@ -269,7 +269,7 @@ impl Step {
         let ran = |row: &Row| Ran {
             row: row.values.clone(),
             command: command(job, row),
-            metrics: metrics.clone(),
+            metrics: metrics.as_deref().cloned(),
             error: error.clone(),
         };
         Ok(job.rows.iter().map(ran).collect())
