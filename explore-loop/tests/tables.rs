@@ -48,6 +48,10 @@ fn untimed(path: &Path) -> Vec<BTreeMap<String, String>> {
         line.remove("registration_median_ms");
     }
     assert!(!lines.is_empty());
+    // No two columns of one name.
+    let header = reader.headers().unwrap();
+    let names: std::collections::BTreeSet<&str> = header.iter().collect();
+    assert_eq!(names.len(), header.len());
     lines
 }
 
@@ -222,11 +226,12 @@ fn synthetic(out: &Path) {
         );
     }
     let ends = [
-        ("closed", 2),
-        ("nothing_to_grip", 3),
-        ("too_many_manipulations", 8),
-        ("lost", 1),
-        ("cell_failed", 0),
+        "runs",
+        "ended_closed",
+        "ended_attached",
+        "ended_grips",
+        "ended_ours",
+        "ended_open",
     ];
     for (seed, (stop, manipulations)) in ends.into_iter().enumerate() {
         planned(

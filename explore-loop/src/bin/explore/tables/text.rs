@@ -39,7 +39,7 @@ fn names(study: &Study) -> Vec<String> {
 /// `NAME.csv`.
 pub(super) fn summary_csv(study: &Study, summaries: &[Summary]) -> Result<Vec<u8>, Failure> {
     let mut writer = csv::Writer::from_writer(Vec::new());
-    let endings = Ending::ALL.map(|e| e.word().to_owned());
+    let endings = Ending::ALL.map(|e| format!("ended_{}", e.word()));
     let figures = [
         "figure",
         "count",
