@@ -226,12 +226,11 @@ fn synthetic(out: &Path) {
         );
     }
     let ends = [
-        "runs",
-        "ended_closed",
-        "ended_attached",
-        "ended_grips",
-        "ended_ours",
-        "ended_open",
+        ("closed", 2),
+        ("nothing_to_grip", 3),
+        ("too_many_manipulations", 8),
+        ("lost", 1),
+        ("cell_failed", 0),
     ];
     for (seed, (stop, manipulations)) in ends.into_iter().enumerate() {
         planned(
@@ -282,7 +281,14 @@ fn results_with_known_medians_are_summed_up_as_such() {
         numbers(&line("random", "manipulations_needed"), &all),
         [3.0, 6.0, 2.0, 5.0, 8.0, 8.0, 8.0]
     );
-    let ends = ["runs", "closed", "attached", "grips", "ours", "open"];
+    let ends = [
+        "runs",
+        "ended_closed",
+        "ended_attached",
+        "ended_grips",
+        "ended_ours",
+        "ended_open",
+    ];
     assert_eq!(
         numbers(&line("random", "manipulations_needed"), &ends),
         [5.0, 1.0, 0.0, 2.0, 2.0, 0.0]
