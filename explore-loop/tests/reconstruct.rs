@@ -332,6 +332,34 @@ fn consolidating_nothing_is_harmless() {
     assert!(!reconstructor.model().is_empty());
 }
 
+/// What is left out is not done: no hollow body is followed, and the shape is not fused anew.
+#[test]
+fn a_hypothesis_and_the_fusion_can_be_left_out() {
+    let mut without = ReconstructOptions::new(SPACING);
+    (without.hollow, without.fusion_rounds) = (None, 0);
+    let follow = |options: ReconstructOptions| {
+        let mut reconstructor = Reconstructor::new(options).unwrap();
+        let film = film();
+        let reports = film
+            .iter()
+            .take(20)
+            .map(|(_, frame)| reconstructor.process(frame, &table()).unwrap());
+        let reports: Vec<FrameReport> = reports.collect();
+        let before = reconstructor.model().clone();
+        reconstructor.consolidate(&table());
+        (reports, before.rest == reconstructor.model().rest)
+    };
+    let (reports, as_it_grew) = follow(without);
+    assert!(
+        reports
+            .iter()
+            .all(|r| r.hollow_over_solid.is_none() && !r.fused)
+            && as_it_grew
+    );
+    let (reports, as_it_grew) = follow(ReconstructOptions::new(SPACING));
+    assert!(reports.iter().any(|r| r.hollow_over_solid.is_some()) && !as_it_grew);
+}
+
 /// What moves clearly farther than ξ = 15 mm between two frames is reported, and model and body stay as they were; what moves less is followed.
 #[test]
 fn motion_past_the_limit_is_reported_and_not_taken() {

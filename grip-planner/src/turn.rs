@@ -43,7 +43,7 @@ const STANDS: f64 = 0.7;
 /// Cosine to the direction of the camera under which surface is seen too nearly edge-on.
 const EDGE_ON: f64 = 0.17;
 /// Share of the surface that may be left unseen by a turn before a tilt is worth its time.
-const LEFT: f64 = 0.005;
+const LEFT: f64 = 0.001;
 
 /// A turn about one side of the agent box.
 #[derive(Debug, Clone, Copy, PartialEq)]

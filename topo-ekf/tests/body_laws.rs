@@ -9,7 +9,9 @@ use common::Noise;
 use dense::{TABLE, UP, block, elastic, skin};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 use proptest::prelude::*;
-use topo_ekf::body::{BodyFilter, BodyFrame, BodyOptions, Embedding, Lattice, Pose, Row};
+use topo_ekf::body::{
+    BodyFilter, BodyFrame, BodyOptions, BodyReport, Embedding, Lattice, Pose, Progress, Row, Table,
+};
 use topo_ekf::{Plane, Status};
 
 const H: f64 = 0.016;
@@ -310,4 +312,41 @@ fn a_body_at_rest_stays() {
         // Pressed in by weight over the contact stiffness, and taken out again.
         assert!((p - rest).norm() < 5e-4, "{p} {rest}");
     }
+}
+
+/// A block that is pushed into the table: to a micrometre above it, to within the springs of its contact, or as deep as it is pushed.
+#[test]
+fn the_table_is_a_constraint_or_a_contact_or_absent() {
+    let depth = |table: Table| {
+        let options = BodyOptions::default()
+            .with_table(table)
+            .with_motion_sigma(1.0);
+        let mut body = BodyFilter::new(block([3, 2, 1], H), TABLE, &options).unwrap();
+        let surface: Vec<Embedding> = skin(body.lattice()).iter().map(|s| s.0).collect();
+        let top: Vec<Embedding> = (0..6).map(|c| Embedding::new(c, [0.5, 0.5, 1.0])).collect();
+        let mut report = BodyReport::default();
+        for _ in 0..10 {
+            let frame = BodyFrame::new(&[], &surface);
+            let observe = &mut |lattice: &Lattice, _: &Pose, _: Progress| {
+                let row = |at: &Embedding| {
+                    let target = lattice.warp(lattice.rest(), at) - 0.004 * UP.into_inner();
+                    Row::point(*at, target, 1e6)
+                };
+                top.iter().map(row).collect()
+            };
+            report = body.step(&frame, observe, &mut |_, _| {}).unwrap();
+        }
+        let height = |at: &Embedding| TABLE.height(&body.pose().position(body.lattice(), at));
+        let lowest = surface.iter().map(height).fold(f64::INFINITY, f64::min);
+        (-lowest, report.table_force)
+    };
+    let (kept, _) = depth(Table::Constraint);
+    let (pressed, force) = depth(Table::Contact);
+    let (sunk, nothing) = depth(Table::Absent);
+    assert!(kept < 1e-6, "{kept}");
+    // The rows pull with 6e6 of weight against a contact of 4e6 for every point of the skin.
+    assert!((1e-5..2e-3).contains(&pressed), "{pressed}");
+    // Nothing holds it: it is where it was pushed.
+    assert!(sunk > 0.0035, "{sunk}");
+    assert!(force > 0.0 && nothing == 0.0, "{force} {nothing}");
 }

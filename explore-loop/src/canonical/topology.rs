@@ -92,6 +92,12 @@ impl Topology {
         self.obstacle().is_none()
     }
 
+    /// Whether the Betti numbers at the scale of the complex, (1, 2g, 1), are those of a closed surface of the genus asked for. Necessary, and alone
+    /// easily fooled: see [`Self::is_closed`].
+    pub fn has_betti_numbers_of_closed(&self) -> bool {
+        Genus::of_betti(self.betti).is_some_and(|genus| self.genus.allows(genus))
+    }
+
     /// What keeps the surface from counting as closed, if anything.
     pub fn obstacle(&self) -> Option<Obstacle> {
         let found = Genus::of_betti(self.persistent).filter(|genus| self.genus.allows(*genus));

@@ -1,6 +1,6 @@
 //! Whether the surface is closed, and if it is not, what is done next.
 
-use super::{Event, Explorer, Halt, Manipulation, Outcome, Phase, State, Stop};
+use super::{ClosedBy, Event, Explorer, Halt, Manipulation, Outcome, Phase, State, Stop};
 use crate::Error;
 use crate::canonical::surface::{triangulate, vertex_areas};
 use crate::canonical::topology::{self, Topology};
@@ -15,7 +15,11 @@ impl Explorer<'_> {
         let topology = self.analyse()?;
         self.tell(Event::Topology(&topology))?;
         self.moves.decide(&topology);
-        let stop = if topology.is_closed() {
+        let closed = match self.options.closed_by {
+            ClosedBy::Surface => topology.is_closed(),
+            ClosedBy::BettiNumbers => topology.has_betti_numbers_of_closed(),
+        };
+        let stop = if closed {
             Stop::Closed
         } else if let Some(held) = self.held(&topology).filter(|_| self.moves.in_vain()) {
             Stop::ClosedButAttached(held)

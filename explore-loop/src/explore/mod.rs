@@ -66,7 +66,7 @@ mod watch;
 
 pub use guard::FrameFault;
 pub use held::Held;
-pub use options::ExploreOptions;
+pub use options::{ClosedBy, ExploreOptions};
 pub use resume::SavedState;
 pub use set_point::{Bounds, Limits};
 pub use trouble::{Stop, Trouble};

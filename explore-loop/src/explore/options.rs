@@ -11,6 +11,8 @@ pub struct ExploreOptions {
     pub spacing: f64,
     /// How many handles a surface may have that counts as closed. Default: as many as it has.
     pub genus: Genus,
+    /// What makes a surface count as closed.
+    pub closed_by: ClosedBy,
     /// What the arms may do. Holding: the speed given, 0.05 m/s², 1 rad/s. Empty: 0.25 m/s, 0.4 m/s², 1.5 rad/s. A set-point is at most 30 mm
     /// from the one before.
     pub limits: Limits,
@@ -38,6 +40,17 @@ pub struct ExploreOptions {
     pub arrival: f64,
 }
 
+/// What makes a surface count as closed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ClosedBy {
+    /// All of [`Topology::is_closed`](crate::canonical::topology::Topology::is_closed): Betti numbers, handles, and a surface that was wholly seen.
+    Surface,
+    /// The Betti numbers at the scale of the complex alone, as in the paper (section on the stop condition): those of a closed surface of the genus
+    /// asked for.
+    BettiNumbers,
+}
+
 impl ExploreOptions {
     /// Defaults at a spacing and a fastest grip speed, m and m/s.
     pub fn new(spacing: f64, speed: f64) -> Self {
@@ -54,6 +67,7 @@ impl ExploreOptions {
         Self {
             spacing,
             genus: Genus::Any,
+            closed_by: ClosedBy::Surface,
             limits: Limits {
                 holding,
                 empty,

@@ -16,19 +16,19 @@ pub struct CoveragePlanner {
     pub options: PlanOptions,
     /// Sets that would lift the body over more than this times its length along the axis come last.
     pub upright: f64,
+    /// Holes inside the outline that are tried for stretching, largest first; with 0 the body is only turned over. Default 3.
+    pub holes: usize,
 }
 
 /// Sets that keep a body flat come first unless they are worth less than this share of the best one that does not.
 const POOR: f64 = 0.9;
-
-/// Holes that are tried, largest first.
-const HOLES: usize = 3;
 
 impl Default for CoveragePlanner {
     fn default() -> Self {
         Self {
             options: PlanOptions::default(),
             upright: 1.1,
+            holes: 3,
         }
     }
 }
@@ -39,7 +39,7 @@ impl Planner for CoveragePlanner {
         let (model, scene) = (model(input), scene(input.cell, &arms));
         let options = paced(&self.options, input);
         let mut refused = Vec::new();
-        for hole in hole::seen_inside(input).iter().take(HOLES) {
+        for hole in hole::seen_inside(input).iter().take(self.holes) {
             for action in actions(hole) {
                 match grip_planner::plan(&model, &scene, action, &options) {
                     Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),

@@ -41,9 +41,6 @@ const SUNK: f64 = 0.004;
 /// Evidence below which a vertex goes.
 const REFUTED: f64 = -1.5;
 
-/// Rounds of fitting the poses and fusing.
-const ROUNDS: usize = 2;
-
 /// A point of a keyframe at rest.
 struct Sample {
     place: Point3<f64>,
@@ -61,13 +58,13 @@ struct Fused {
     weight: f64,
 }
 
-/// Fuses the rest shape of a track anew: once from the poses as they were tracked, and again from poses fitted to that shape.
+/// Fuses the rest shape of a track anew: once from the poses as they were tracked, and in every further round from poses fitted to that shape.
 pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOptions) {
-    for round in 0..ROUNDS {
+    for round in 0..options.fusion_rounds {
         if round > 0 {
             track.refit_keyframes(options);
         }
-        if !refuse_once(track, table, options.spacing) {
+        if !refuse_once(track, table, options) {
             break;
         }
     }
@@ -76,7 +73,8 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOpti
 }
 
 /// One round; false when too little came of it.
-fn refuse_once(track: &mut Track, table: &Plane, spacing: f64) -> bool {
+fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -> bool {
+    let spacing = options.spacing;
     track.keyframes.extend(track.body.lattice());
     let samples = samples(track);
     let fused = fuse(&samples, table, spacing);
@@ -88,20 +86,20 @@ fn refuse_once(track: &mut Track, table: &Plane, spacing: f64) -> bool {
     track.retain(&keep);
     track.settle_edges(spacing);
     track.pose();
-    refill(track, spacing);
+    refill(track, options);
     true
 }
 
 /// Fills the lattice anew from the closed surface through the fused vertices, if one can be drawn.
-fn refill(track: &mut Track, spacing: f64) {
+fn refill(track: &mut Track, options: &ReconstructOptions) {
     let weights = vec![1.0; track.model.len()];
-    let options = ClosedSurfaceOptions::new(spacing);
+    let drawing = ClosedSurfaceOptions::new(options.spacing);
     let (points, normals) = (&track.model.rest, &track.model.rest_normals);
-    let Ok(surface) = closed_surface(points, normals, &weights, &options) else {
+    let Ok(surface) = closed_surface(points, normals, &weights, &drawing) else {
         return;
     };
     let columns = Columns::of_mesh(&surface.vertices, &surface.triangles, track.body.lattice());
-    track.refill(&columns, 1.0);
+    track.refill(&columns, 1.0, options.material);
 }
 
 /// All points of all keyframes at rest.

@@ -9,6 +9,7 @@
 //!
 //! | file | question |
 //! |---|---|
+//! | `options` | what can be set, and what left out? |
 //! | `view` | what does the frame show? |
 //! | `matching` | which point does each vertex meet? |
 //! | `fill` | where is its material? |
@@ -23,10 +24,10 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
+pub use options::{Material, ReconstructOptions};
 pub use stage::Reconstruct;
 use std::sync::Arc;
 use std::time::Instant;
-use topo_ekf::body::{BodyOptions, Limits};
 use track::{Fill, Track};
 use view::FrameView;
 
@@ -35,55 +36,12 @@ mod fuse;
 mod grow;
 mod keyframe;
 mod matching;
+mod options;
 mod pieces;
 mod relocate;
 mod stage;
 mod track;
 mod view;
-
-/// Settings of the reconstruction; the defaults follow from the spacing.
-#[derive(Debug, Clone, PartialEq)]
-#[non_exhaustive]
-#[derive(serde::Serialize, serde::Deserialize)]
-pub struct ReconstructOptions {
-    /// Spacing ε of the model, metres.
-    pub spacing: f64,
-    /// Edge of the cells that carry the body, metres; larger for a body of more than 300 cells.
-    pub cell: f64,
-    /// Vertices within this distance of a tip when its jaw closes move with it, metres.
-    pub grip_radius: f64,
-    /// Least cosine between normal and camera for a vertex to be matched.
-    pub min_facing: f64,
-    /// Mean motion a frame below which the object rests, metres.
-    pub rest_motion: f64,
-    /// Mean motion between keyframes, metres.
-    pub keyframe_motion: f64,
-    /// What is believed of a frame: how far the surface moves between two frames (ξ), how far it falls between two frames when it was
-    /// let go, and how hard grips pull before one must be slipping.
-    pub limits: Limits,
-    /// The elastic body.
-    pub body: BodyOptions,
-}
-
-impl ReconstructOptions {
-    /// Defaults at a spacing.
-    pub fn new(spacing: f64) -> Self {
-        Self {
-            spacing,
-            cell: 0.013,
-            grip_radius: 0.010,
-            min_facing: 0.12,
-            rest_motion: 0.0006,
-            keyframe_motion: 0.012,
-            limits: Limits {
-                motion: 0.015,
-                fall: 0.100,
-                pull: 5.0,
-            },
-            body: BodyOptions::default(),
-        }
-    }
-}
 
 /// What happened in a frame.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -149,8 +107,6 @@ const STILL: usize = 3;
 const LOST: f64 = 0.004;
 const LOST_SHARE: f64 = 0.3;
 
-/// Share of the inside that a hollow body is taken to be filled with.
-const HOLLOW: f64 = 0.02;
 /// Held frames and motion, metres, that tell the hypotheses apart at the end of a manipulation, and the motion from which they may before it.
 const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
@@ -322,14 +278,14 @@ impl Reconstructor {
     ) -> Result<Track, Error> {
         let mut track = Track::begin(&view, table, &self.options, Fill { inner: 1.0 })?;
         self.first = Some(view.depth.clone());
-        let hollow = Fill { inner: HOLLOW };
-        let mut rival = Track::begin(&view, table, &self.options, hollow)?;
+        let hollow = self.options.hollow.map(|inner| Fill { inner });
+        let rival = hollow.map(|fill| Track::begin(&view, table, &self.options, fill));
+        self.rival = rival.transpose()?;
         let view = Arc::new(view);
-        for hypothesis in [&mut track, &mut rival] {
+        for hypothesis in std::iter::once(&mut track).chain(self.rival.as_mut()) {
             hypothesis.keep_keyframe(Arc::clone(&view), &observation.arms, true);
             hypothesis.take_grips(&observation.arms, self.options.grip_radius);
         }
-        self.rival = Some(rival);
         Ok(track)
     }
 
@@ -390,7 +346,7 @@ impl Reconstructor {
             self.decide(track, true);
             fuse::refuse(track, table, &self.options);
             report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
-            report.fused = true;
+            report.fused = self.options.fusion_rounds > 0;
             self.fused = true;
             self.handled = false;
         }
@@ -460,7 +416,7 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
         if added > 0 {
             track.settle_edges(spacing);
             if !frame.fused {
-                track.refill_as_seen(spacing);
+                track.refill_as_seen(options);
             }
         }
     }

@@ -8,6 +8,7 @@
 //! Fingers and folds nearer to each other than a cell are different pieces of it, with nodes of their own. A cell with surface but without
 //! material belongs to the neighbour with most material, and to others as far as they hang together around it.
 
+use super::Material;
 use super::fill::{ALONG, Columns, EMPTY, SKIPPED};
 use std::collections::{BTreeMap, BTreeSet};
 use topo_ekf::body::{Lattice, Occupancy, PARTS, Piece};
@@ -46,10 +47,14 @@ impl Pieces {
         lattice: &Lattice,
         surface: &BTreeSet<[i32; 3]>,
         inner: f64,
+        material: Material,
     ) -> Self {
         let segments = segments(columns);
         let links = links(&segments);
-        let part_of = within_cells(&segments, &links);
+        let part_of = match material {
+            Material::Connected => within_cells(&segments, &links),
+            Material::Whole => by_cell(&segments),
+        };
         let mut parts: BTreeMap<usize, Occupancy> = BTreeMap::new();
         for (segment, part) in segments.iter().zip(&part_of) {
             add(segment, parts.entry(*part).or_insert([0.0; PARTS]));
@@ -79,7 +84,10 @@ impl Pieces {
             };
             piece.occupancy = piece.occupancy.map(|o| (o * scale).clamp(EMPTY, 1.0));
         }
-        let joined = joins.pairs(&pieces);
+        let joined = match material {
+            Material::Connected => joins.pairs(&pieces),
+            Material::Whole => neighbours(&pieces),
+        };
         Self { pieces, joined }
     }
 }
@@ -147,6 +155,28 @@ fn within_cells(segments: &[Segment], links: &[[usize; 2]]) -> Vec<usize> {
         }
     }
     (0..segments.len()).map(|i| find(&roots, i)).collect()
+}
+
+/// For every segment the first one of its cell.
+fn by_cell(segments: &[Segment]) -> Vec<usize> {
+    let mut first = BTreeMap::new();
+    let of = |(i, s): (usize, &Segment)| *first.entry(s.place()).or_insert(i);
+    segments.iter().enumerate().map(of).collect()
+}
+
+/// Pairs of pieces in cells that touch, where every cell has one.
+fn neighbours(pieces: &[Piece]) -> Vec<[usize; 2]> {
+    let at: BTreeMap<[i32; 3], usize> = pieces.iter().map(|p| p.place).zip(0..).collect();
+    let steps = (0..27).map(|k| [k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1]);
+    let mut pairs = Vec::new();
+    for (a, piece) in pieces.iter().enumerate() {
+        let beside = steps
+            .clone()
+            .map(|step| [0, 1, 2].map(|k| piece.place[k] + step[k]));
+        let there = beside.filter_map(|place| at.get(&place).copied());
+        pairs.extend(there.filter(|&b| b > a).map(|b| [a, b]));
+    }
+    pairs
 }
 
 /// Adds a segment to the parts of its cell.

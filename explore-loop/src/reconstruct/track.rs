@@ -160,7 +160,7 @@ impl Track {
             self.refuse(why);
             return Ok(());
         }
-        let contacts = self.own_contacts();
+        let contacts = self.own_contacts(options.separation);
         let (model, embeddings) = (&self.model, &self.embeddings);
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);

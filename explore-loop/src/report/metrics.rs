@@ -98,6 +98,9 @@ pub struct Metrics {
     pub speed_m_s: Option<f64>,
     /// Spacing ε of the model, metres.
     pub spacing_m: f64,
+    /// Parts that were left out (`--without`).
+    #[serde(default)]
+    pub without: Vec<String>,
     /// Manipulations made.
     pub manipulations: usize,
     /// Why the run ended: `closed`, or what stopped it.
@@ -110,6 +113,9 @@ pub struct Metrics {
     pub troubles: Vec<String>,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
+    /// The same before the first manipulation and after each.
+    #[serde(default)]
+    pub betti_before: Vec<[usize; 3]>,
     /// Share of the true area within one spacing of the model's points, before the first manipulation and after each.
     pub explored: Option<Vec<f64>>,
     /// The same within two spacings, as the paper counts it.

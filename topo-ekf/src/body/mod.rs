@@ -84,7 +84,7 @@ pub use cube::{Occupancy, PARTS};
 pub use filter::BodyFilter;
 pub use frame::{BodyFrame, BodyReport, Limits, Progress};
 pub use lattice::{Cell, Embedding, Lattice};
-pub use options::BodyOptions;
+pub use options::{BodyOptions, Table};
 pub use pieces::Piece;
 pub use pose::{AtRest, Pose};
 pub use row::{BodyInequality, Row};

@@ -34,6 +34,8 @@ pub struct BodyOptions {
     pub friction: f64,
     /// Height below which a point is taken to touch the table, metres.
     pub touch: f64,
+    /// What the table does. Default: nothing of the body is ever under it.
+    pub table: Table,
     /// Steps with all data in a frame.
     pub steps: usize,
     /// Steps by grips, table and weight alone before the data are looked at, when something is held.
@@ -52,6 +54,20 @@ pub struct BodyOptions {
     pub initial_weight_sigma: f64,
 }
 
+/// What the table does to points of the body, each variant less than the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Table {
+    /// It pushes back with [`BodyOptions::contact_sigma`] and holds by friction, and what is left below it is projected out: to a micrometre, no point
+    /// of the estimate is below.
+    Constraint,
+    /// It pushes back and holds, without the projection: points that are pressed into it stay in it.
+    Contact,
+    /// There is none, as in a filter without constraints; the weight of what stands is then borne by its feet alone.
+    Absent,
+}
+
 impl Default for BodyOptions {
     fn default() -> Self {
         Self {
@@ -64,6 +80,7 @@ impl Default for BodyOptions {
             stick_sigma: 0.3e-3,
             friction: 1.0,
             touch: 0.002,
+            table: Table::Constraint,
             steps: 4,
             presteps: 2,
             release_steps: 10,
@@ -101,6 +118,7 @@ setters! {
     with_stick_sigma stick_sigma: f64,
     with_friction friction: f64,
     with_touch touch: f64,
+    with_table table: Table,
     with_steps steps: usize,
     with_presteps presteps: usize,
     with_release_steps release_steps: usize,

@@ -13,8 +13,12 @@ mod run;
 mod saved;
 mod tables;
 mod view;
+mod without;
 
 use crate::object::ObjectArgs;
+use crate::tables::Shard;
+use crate::without::Part;
+use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::mesh::Format;
 use mesh_io::program::{self, Failure, Output, not_negative, positive};
@@ -104,6 +108,9 @@ struct RunArgs {
     /// Most manipulations before giving up
     #[arg(long, default_value_t = 8)]
     max_manipulations: usize,
+    /// Leave parts of the method out, to learn what each is worth
+    #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
+    without: Vec<Part>,
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "explored")]
     out: PathBuf,
@@ -149,6 +156,9 @@ struct ReplayArgs {
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
+    /// Leave parts of the method out, to learn what each is worth
+    #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
+    without: Vec<Part>,
     /// Print the metrics as one JSON object
     #[arg(long)]
     json: bool,
@@ -196,6 +206,7 @@ impl Default for RunArgs {
             seed_point: None,
             genus: None,
             max_manipulations: 8,
+            without: Vec::new(),
             out: "explored".into(),
             resume: false,
             pictures: false,
@@ -206,37 +217,53 @@ impl Default for RunArgs {
     }
 }
 
-/// A study of many runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Study {
-    /// The same object once for each seed
-    Seeds,
-}
-
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example: explore tables --only seeds --scene ellipsoid --seeds 0-4 --out study"
 )]
 struct TablesArgs {
-    /// The study to make
-    #[arg(long, value_enum, default_value_t = Study::Seeds)]
-    only: Study,
+    /// The studies to make; all but seeds otherwise
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = PossibleValuesParser::new(tables::names()))]
+    only: Vec<String>,
+    /// Say which studies there are, how many jobs they have, and how long those will take
+    #[arg(long)]
+    list: bool,
     #[command(flatten)]
     object: ObjectArgs,
-    /// Number of arms
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
-    arms: u8,
-    /// Seeds: numbers and ranges, such as 0-19 or 0,3,7-9
-    #[arg(long, value_name = "LIST", default_value = "0-19", value_parser = seeds)]
-    seeds: Seeds,
-    /// Folder for the tables, with a folder for each run
+    /// Number of arms of --only seeds: 2 or 3, otherwise 3
+    #[arg(long, value_parser = clap::value_parser!(u8).range(2..=3))]
+    arms: Option<u8>,
+    /// Seeds: numbers and ranges, such as 0-19 or 0,3,7-9; otherwise as many as the study has
+    #[arg(long, value_name = "LIST", value_parser = seeds)]
+    seeds: Option<Seeds>,
+    /// Jobs at a time
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_a_time)]
+    jobs: usize,
+    /// Only the Ith of N shares of the jobs, for as many machines; I from 1
+    #[arg(long, value_name = "I/N", conflicts_with = "merge")]
+    shard: Option<Shard>,
+    /// Run nothing: make the tables of what was run into these folders
+    #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with = "list")]
+    merge: Vec<PathBuf>,
+    /// Folder for the tables and the results of the runs; what is done there is not run again
     #[arg(long, value_name = "DIR", default_value = "tables")]
     out: PathBuf,
-    /// Take over the runs that are finished in the folder already
+    /// With --only seeds: take over the runs that are finished in the folder already
     #[arg(long)]
     keep: bool,
     #[command(flatten)]
     output: Output,
+    /// Further options of `explore run` for every run of the studies, such as --camera realsense
+    #[arg(last = true, value_name = "RUN_OPTIONS")]
+    further: Vec<String>,
+}
+
+/// Most jobs at a time.
+const MOST_JOBS: usize = 1024;
+
+fn at_a_time(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|n| (1..=MOST_JOBS).contains(n));
+    number.ok_or_else(|| format!("'{text}' is not a number from 1 to {MOST_JOBS}"))
 }
 
 /// Seeds in the order in which they were given.

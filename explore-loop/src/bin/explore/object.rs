@@ -48,6 +48,11 @@ impl Default for ObjectArgs {
 }
 
 impl ObjectArgs {
+    /// Whether another object than the usual one was asked for.
+    pub fn is_given(&self) -> bool {
+        self.mesh.is_some() || self.scene != Self::default().scene
+    }
+
     /// The object.
     pub fn read(&self) -> Result<Scene, Failure> {
         let Some(path) = &self.mesh else {

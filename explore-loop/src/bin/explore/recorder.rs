@@ -3,6 +3,7 @@
 use crate::output::{FinalMesh, OutputFolder, command_line, mm};
 use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
+use crate::without::names;
 use crate::{Failure, Grips, RunArgs};
 use dvrk_io::session::SessionWriter;
 use explore_loop::Error;
@@ -214,6 +215,7 @@ impl<'a> Recorder<'a> {
         let spacing = self.args.spacing * 1e-3;
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
         self.so_far.shapes.push(shape.unwrap_or_default());
+        self.so_far.betti.push(topology.persistent);
         self.say(&format!(
             "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.so_far.last_stamp,
@@ -310,7 +312,9 @@ impl<'a> Recorder<'a> {
             stop: outcome.stop.word().into(),
             reason: outcome.stop.reason(),
             troubles: outcome.troubles.iter().map(ToString::to_string).collect(),
+            without: names(&args.without),
             betti: outcome.topology.persistent,
+            betti_before: self.so_far.betti.clone(),
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
             thinned: outcome.topology.thinned,

@@ -1,6 +1,7 @@
 //! `explore replay`: the canonical model from a recording.
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
+use crate::without::{Part, names, refuse};
 use crate::{Failure, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped, TopicCount};
 use explore_loop::canonical::topology::{self, Topology};
@@ -17,6 +18,11 @@ use std::time::Instant;
 
 /// Reconstructs the whole recording; true when it got to its end.
 pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
+    refuse(
+        &args.without,
+        Part::is_of_exploring,
+        "a replay does not have",
+    )?;
     let mut reader = SessionReader::default();
     for (role, topic) in &args.topics {
         reader = reader.with_topic(role.clone(), topic);
@@ -35,7 +41,11 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     remark(args.output(), &cell);
     let mut truth =
         Truth::read(&reader, &args.session, args.output()).map_err(|error| wrong(&error))?;
-    let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
+    let mut options = ReconstructOptions::new(spacing);
+    for part in &args.without {
+        part.leave_out_of_reconstruction(&mut options);
+    }
+    let mut reconstructor = Reconstructor::new(options)?;
     let bar = args.output().progress(cell.remaining() as u64, "frames");
     let mut log = Log::new(args, &cell);
     watch(
@@ -327,6 +337,7 @@ fn metrics(
             "ended"
         }
         .into(),
+        without: names(&args.without),
         betti: topology.persistent,
         nm_cut: Cut::of(topology.cut),
         nm_remaining: topology.non_manifold,

@@ -3,13 +3,15 @@
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::recorder::Recorder;
 use crate::saved::Saved;
+use crate::without::{Part, planner_without, refuse};
 use crate::{Camera, Failure, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::canonical::genus::Genus;
 use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
-use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
+use explore_loop::plan::{Planner, RandomPlanner};
+use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::metrics::{Metrics, Timing};
 use mesh_io::program::unless_closed;
 use std::process::ExitCode;
@@ -30,14 +32,27 @@ pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
 
 /// Explores, writes the results, and returns what was measured.
 pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
+    if args.grips == Grips::Random {
+        refuse(
+            &args.without,
+            Part::is_of_planner,
+            "random grips do not have",
+        )?;
+    }
     let options = simulation(args)?;
     let out = OutputFolder::create(&args.out)?;
     let (mut cell, truth) = SimCell::new(&options)?;
     let mut planner: Box<dyn Planner> = match args.grips {
-        Grips::Planned => Box::new(CoveragePlanner::default()),
+        Grips::Planned => Box::new(planner_without(&args.without)),
         Grips::Random => Box::new(RandomPlanner::new(args.seed)),
     };
     let mut exploring = ExploreOptions::new(args.spacing * 1e-3, args.speed * 1e-3);
+    let mut reconstruction = ReconstructOptions::new(exploring.spacing);
+    for part in &args.without {
+        part.leave_out_of_loop(&mut exploring);
+        part.leave_out_of_reconstruction(&mut reconstruction);
+    }
+    let reconstructor = Reconstructor::new(reconstruction)?;
     exploring.max_manipulations = args.max_manipulations;
     exploring.genus = args.genus.map_or(Genus::Any, Genus::Exactly);
     let saved = if args.resume {
@@ -47,7 +62,9 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     };
     let mut recorder = Recorder::new(args, &out, options.scene.name(), &cell, truth)?;
     let state = recorder.resume(saved, &mut cell)?;
-    let mut explorer = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?;
+    let (watcher, planner) = (&mut recorder, &mut *planner);
+    let mut explorer =
+        Explorer::with_reconstructor(&mut cell, planner, watcher, exploring, reconstructor);
     let resumed = state.map_or(Ok(()), |state| explorer.resume(state));
     let outcome = resumed.and_then(|()| explorer.run());
     drop(explorer);

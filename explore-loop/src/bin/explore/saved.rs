@@ -30,7 +30,7 @@ impl Saved {
         let object = args.object.identity()?;
         Ok(Self {
             run: format!(
-                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --seed-point {:?} --genus {} --max-manipulations {}",
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
                 args.arms,
                 args.grips,
                 args.seed,
@@ -40,7 +40,8 @@ impl Saved {
                 args.noise,
                 args.seed_point,
                 args.genus.map_or_else(|| "any".into(), |g| g.to_string()),
-                args.max_manipulations
+                args.max_manipulations,
+                args.without
             )
             .to_lowercase(),
             commands: Vec::new(),
@@ -70,6 +71,7 @@ pub(crate) struct SoFar {
     pub failures: usize,
     pub constraints: ConstraintMeasures,
     pub shapes: Vec<ShapeMeasures>,
+    pub betti: Vec<[usize; 3]>,
     pub last_stamp: f64,
     pub lines: String,
     pub model: CanonicalModel,

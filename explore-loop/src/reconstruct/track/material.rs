@@ -10,10 +10,10 @@ use super::grips::Grip;
 use crate::Error;
 use crate::canonical::graph;
 use crate::cell::Plane;
-use crate::reconstruct::ReconstructOptions;
 use crate::reconstruct::fill::{self, Columns, Seen};
 use crate::reconstruct::pieces::Pieces;
 use crate::reconstruct::view::FrameView;
+use crate::reconstruct::{Material, ReconstructOptions};
 use nalgebra::{Point3, Rotation3, UnitVector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -60,7 +60,7 @@ pub(super) fn filled(
         columns = under(&lattice);
     }
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
-    let found = Pieces::new(&columns, &lattice, &surface, fill.inner);
+    let found = Pieces::new(&columns, &lattice, &surface, fill.inner, options.material);
     lattice.set_pieces(&found.pieces, &found.joined)?;
     let feet = columns.feet(&lattice);
     Ok((lattice, feet))
@@ -110,11 +110,11 @@ impl Track {
     }
 
     /// Fills every cell as far as the columns say, parts what is not connected in a cell, and lets the body stand where the columns do.
-    pub fn refill(&mut self, columns: &Columns, inner: f64) {
+    pub fn refill(&mut self, columns: &Columns, inner: f64, material: Material) {
         let cells = self.body.lattice().cells();
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
-        let found = Pieces::new(columns, self.body.lattice(), &surface, inner);
+        let found = Pieces::new(columns, self.body.lattice(), &surface, inner, material);
         self.body.edit(|lattice| {
             // Pieces are given for every place, and joined only where they touch.
             let _cells = lattice.set_pieces(&found.pieces, &found.joined);
@@ -163,7 +163,8 @@ impl Track {
     }
 
     /// Fills the body anew from what was seen since the first view, once that has grown by enough.
-    pub fn refill_as_seen(&mut self, spacing: f64) {
+    pub fn refill_as_seen(&mut self, options: &ReconstructOptions) {
+        let spacing = options.spacing;
         let later: Vec<usize> = (0..self.model.len())
             .filter(|&i| self.model.born[i] > 0)
             .collect();
@@ -187,7 +188,7 @@ impl Track {
             normals: &normals,
         };
         let columns = Columns::under(first, later, self.body.lattice(), spacing);
-        self.refill(&columns, self.fill.inner);
+        self.refill(&columns, self.fill.inner, options.material);
         self.renew_contact(spacing);
     }
 }

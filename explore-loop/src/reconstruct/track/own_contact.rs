@@ -4,9 +4,6 @@ use super::Track;
 use crate::canonical::surface::triangulate;
 use topo_ekf::body::{BodyInequality, SelfContact};
 
-/// How near two parts of the surface may come to each other, metres.
-const SEPARATION: f64 = 0.0005;
-
 /// The surface as it was looked at last.
 #[derive(Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct OwnContact {
@@ -37,14 +34,17 @@ impl Track {
     }
 
     /// What keeps the surface from passing through itself in the next frame.
-    pub(super) fn own_contacts(&mut self) -> Vec<BodyInequality> {
+    pub(super) fn own_contacts(&mut self, separation: Option<f64>) -> Vec<BodyInequality> {
         let own = &mut self.own_contact;
+        let Some(separation) = separation else {
+            return Vec::new();
+        };
         if own.triangles.is_empty() {
             return Vec::new();
         }
         if own.contact.is_none() {
             let rest = &self.model.rest[..own.vertices];
-            own.contact = SelfContact::new(&own.triangles, rest, SEPARATION).ok();
+            own.contact = SelfContact::new(&own.triangles, rest, separation).ok();
         }
         let contact = own.contact.as_mut();
         let rows = contact.and_then(|c| c.inequalities(&self.model.live, &self.embeddings).ok());

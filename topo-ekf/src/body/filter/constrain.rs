@@ -8,6 +8,7 @@ use super::{BodyFilter, Setting};
 use crate::body::elastic::{Elastic, Solved};
 use crate::body::frame::{BodyFrame, BodyReport};
 use crate::body::lattice::Embedding;
+use crate::body::options::Table;
 use crate::body::project::{DEPTH, FEASIBLE, Half, deepest, project, shift};
 use crate::body::row::BodyInequality;
 use crate::{Error, Status};
@@ -62,7 +63,9 @@ impl BodyFilter {
             let here = self.state.pose.position(&self.lattice, at);
             (-self.table.height(&here)).max(0.0)
         });
-        report.table_force = contact * pressed.sum::<f64>();
+        let borne = contact * pressed.sum::<f64>();
+        let table = self.options.table != Table::Absent;
+        report.table_force = if table { borne } else { 0.0 };
         let held = frame.grips.iter();
         let pulls = held.map(|(at, target)| target - self.state.pose.position(&self.lattice, at));
         report.grip_force = pulls.sum::<Vector3<f64>>() * grip;
@@ -90,7 +93,8 @@ impl BodyFilter {
     /// Every constraint as a row.
     fn halves(&self, frame: &BodyFrame<'_>, unknowns: &Matrix3<f64>) -> Vec<Half> {
         let (lattice, pose) = (&self.lattice, &self.state.pose);
-        let above = self.touching(frame);
+        let kept_up = self.options.table == Table::Constraint;
+        let above = self.touching(frame).filter(|_| kept_up);
         let above = above.map(|at| Half::above(lattice, pose, at, &self.table));
         let own = (0u32..).zip(frame.inequalities);
         let own = own.map(|(k, row): (u32, &BodyInequality)| {

@@ -10,12 +10,16 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 
 use super::{BodyFilter, Setting};
 use crate::body::lattice::Embedding;
+use crate::body::options::Table;
 use crate::body::pose::Pose;
 use crate::body::row::Row;
 
 impl BodyFilter {
     /// Contact and friction of the surface and of the feet.
     pub(super) fn touch(&self, setting: &Setting<'_>, pose: &Pose, rows: &mut Vec<Row>) {
+        if self.options.table == Table::Absent {
+            return;
+        }
         let stick = self.options.stick_sigma.powi(-2);
         for at in setting.frame.surface {
             self.touch_one(at, pose, setting.before, 0.25 * stick, rows);

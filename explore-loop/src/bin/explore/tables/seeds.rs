@@ -1,11 +1,11 @@
-//! `explore tables`: studies over many runs.
+//! The study `seeds`.
 //!
-//! `seeds` explores the same object once for each seed, with the defaults of `explore run`, and puts what a user would see side
+//! It explores the same object once for each seed, with the defaults of `explore run`, and puts what a user would see side
 //! by side: one good run says little.
 
 use crate::output::OutputFolder;
 use crate::run;
-use crate::{Failure, RunArgs, Study, TablesArgs};
+use crate::{Failure, RunArgs, TablesArgs};
 use explore_loop::report::metrics::Metrics;
 use mesh_io::program::unless_closed;
 use serde::Serialize;
@@ -14,12 +14,11 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Makes the tables; true when every run came to an end.
-pub fn tables(args: &TablesArgs) -> Result<bool, Failure> {
-    match args.only {
-        Study::Seeds => seeds(args),
-    }
-}
+/// Seeds from 0 unless others are given.
+const USUAL: u64 = 20;
+
+/// Arms unless another number is given.
+const ARMS: u8 = 3;
 
 /// What became of a seed.
 struct Row {
@@ -44,12 +43,14 @@ struct Failed<'a> {
     error: &'a str,
 }
 
-fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
+/// Explores from every seed; true when every run came to an end.
+pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
     // The object is looked up before the first run, and for the name under which kept runs were stored.
     let scene = args.object.read()?;
     let out = OutputFolder::create(&args.out)?;
     let mut rows = Vec::new();
-    for &seed in &args.seeds.0 {
+    let asked = args.seeds.as_ref().map(|seeds| seeds.0.clone());
+    for seed in asked.unwrap_or_else(|| (0..USUAL).collect()) {
         let folder = out.file(&format!("seed_{seed}"));
         let kept = args
             .keep
@@ -78,7 +79,7 @@ fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
 fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
     RunArgs {
         object: args.object.clone(),
-        arms: args.arms,
+        arms: args.arms.unwrap_or(ARMS),
         seed,
         out,
         quiet: true,
@@ -90,8 +91,9 @@ fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
 fn kept(folder: &Path, args: &TablesArgs, scene: &str, seed: u64) -> Option<Metrics> {
     let text = std::fs::read(folder.join("metrics.json")).ok()?;
     let metrics: Metrics = serde_json::from_slice(&text).ok()?;
-    let same =
-        metrics.scene == scene && metrics.arms == usize::from(args.arms) && metrics.seed == seed;
+    let same = metrics.scene == scene
+        && metrics.arms == usize::from(args.arms.unwrap_or(ARMS))
+        && metrics.seed == seed;
     same.then_some(metrics)
 }
 
@@ -105,7 +107,7 @@ fn write(out: &OutputFolder, args: &TablesArgs, scene: &str, rows: &[Row]) -> Re
 fn summary<'a>(args: &TablesArgs, scene: &'a str, rows: &'a [Row]) -> Seeds<'a> {
     Seeds {
         scene,
-        arms: args.arms,
+        arms: args.arms.unwrap_or(ARMS),
         runs: finished(rows),
         failed: rows
             .iter()

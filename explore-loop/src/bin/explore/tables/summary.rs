@@ -1,0 +1,87 @@
+//! The runs of a row together.
+//!
+//! ```text
+//! quantile q of x₁ ≤ … ≤ xₙ      x at 1 + (n − 1) q, between two values in proportion      (Hyndman and Fan 1996, type 7)
+//! ```
+
+use super::ending::Ending;
+use super::result::Ran;
+use super::study::{Column, Row, Study};
+
+/// The runs of a row: how they ended, and their figures.
+pub(super) struct Summary {
+    pub row: Row,
+    /// By seed.
+    pub runs: Vec<(u64, Ran)>,
+    /// For each column of the study, what the runs have of it.
+    pub figures: Vec<Option<Spread>>,
+}
+
+/// Values of several runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spread {
+    /// How many runs have one.
+    pub count: usize,
+    pub mean: f64,
+    pub least: f64,
+    pub lower_quartile: f64,
+    pub median: f64,
+    pub upper_quartile: f64,
+    pub most: f64,
+}
+
+impl Spread {
+    /// Of finite values; `None` of none.
+    pub fn of(values: &[f64]) -> Option<Self> {
+        let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+        sorted.sort_by(f64::total_cmp);
+        let (least, most) = (*sorted.first()?, *sorted.last()?);
+        let quantile = |share: f64| {
+            let place = share * (sorted.len() - 1) as f64;
+            let (below, above) = (place.floor() as usize, place.ceil() as usize);
+            sorted[below] + place.fract() * (sorted[above] - sorted[below])
+        };
+        Some(Self {
+            count: sorted.len(),
+            mean: sorted.iter().sum::<f64>() / sorted.len() as f64,
+            least,
+            lower_quartile: quantile(0.25),
+            median: quantile(0.5),
+            upper_quartile: quantile(0.75),
+            most,
+        })
+    }
+}
+
+impl Summary {
+    /// A summary for each row of a study that was run.
+    pub fn all(study: &Study, runs: &[(u64, Ran)]) -> Vec<Self> {
+        let of = |row: &Row| {
+            let own = runs.iter().filter(|(_, ran)| ran.row == row.values);
+            let mut own: Vec<(u64, Ran)> = own.cloned().collect();
+            own.sort_by_key(|(seed, _)| *seed);
+            let values = |column: &Column| -> Vec<f64> {
+                own.iter().filter_map(|(_, ran)| (column.of)(ran)).collect()
+            };
+            let figures = study.columns.iter().map(|c| Spread::of(&values(c)));
+            Self {
+                row: row.clone(),
+                figures: figures.collect(),
+                runs: own,
+            }
+        };
+        let rows = study.rows.iter().map(of);
+        rows.filter(|summary| !summary.runs.is_empty()).collect()
+    }
+
+    /// How many runs ended in this way.
+    pub fn ended(&self, ending: Ending) -> usize {
+        let same = |(_, ran): &&(u64, Ran)| Ending::of(ran) == ending;
+        self.runs.iter().filter(same).count()
+    }
+
+    /// Whether every run closed.
+    pub fn all_closed(&self) -> bool {
+        self.ended(Ending::Closed) == self.runs.len()
+    }
+}
