@@ -217,7 +217,10 @@ fn number(text: &str) -> Result<f64, String> {
 /// What is wrong with the command line, in one line: clap lists missing arguments on lines of their own.
 fn one_line(error: &clap::Error, command: &clap::Command) -> String {
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        let names: Vec<&str> = command.get_subcommands().map(|c| c.get_name()).collect();
+        let names: Vec<&str> = command
+            .get_subcommands()
+            .map(clap::Command::get_name)
+            .collect();
         return format!("error: no command given: {}", names.join(", "));
     }
     let text = error.to_string();
