@@ -160,10 +160,12 @@ impl Tally {
     fn words(&self) -> String {
         let mut line = format!("{:6} {:4}", self.vertices, self.false_junction);
         if let Some(first) = self.first_interior {
-            line += &format!("   {:.2} {first:.2} {}", self.last_boundary, self.missed);
+            let more = format!("   {:.2} {first:.2} {}", self.last_boundary, self.missed);
+            line.push_str(&more);
         }
         if self.at_junction > 0 {
-            line += &format!("   {} of {}", self.found, self.at_junction);
+            let more = format!("   {} of {}", self.found, self.at_junction);
+            line.push_str(&more);
         }
         line
     }

@@ -69,6 +69,9 @@ impl Reconstruct for ByArms {
 }
 
 /// How it ended, manipulations, and the share of the egg that was shown.
+///
+/// # Errors
+/// What stops the exploration.
 pub fn explored() -> Result<(&'static str, usize, f64), Error> {
     let mut cell = egg::EggCell::new(0);
     let mut planner = RandomPlanner::new(0);

@@ -218,7 +218,7 @@ fn answers_come_in_words_or_as_one_json_object() {
 #[test]
 fn a_reader_may_go_away() {
     let files = Files::make();
-    for program in PROGRAMS.iter() {
+    for program in PROGRAMS {
         let Some(path) = built(program) else {
             continue;
         };
@@ -246,7 +246,7 @@ fn nobody_reads() -> Stdio {
 #[test]
 fn missing_files_and_files_of_something_else_are_named() {
     let files = Files::make();
-    for program in PROGRAMS.iter() {
+    for program in PROGRAMS {
         let (Some(path), Some(input)) = (built(program), program.input) else {
             continue;
         };
@@ -257,7 +257,9 @@ fn missing_files_and_files_of_something_else_are_named() {
         ] {
             let mut words = files.call(program.call);
             // The ending says what it should be.
-            let ending = Path::new(&words[input]).extension().map(|e| e.to_owned());
+            let ending = Path::new(&words[input])
+                .extension()
+                .map(std::ffi::OsStr::to_owned);
             let mut wrong = files.path("wrong");
             ending.map(|ending| wrong.set_extension(ending));
             let _none_yet = std::fs::remove_file(&wrong);

@@ -43,9 +43,12 @@ fn seen(frame: u64) -> Vec<Point3<f64>> {
     points.into_iter().map(single).collect()
 }
 
+/// Makes the message of a cloud from its stamp, ns, and its points.
+type MakeCloud = Box<dyn Fn(u64, Vec<Point3<f64>>) -> Vec<u8>>;
+
 /// The messages of the plain recording, with these clouds and what else is asked for.
 struct Recording {
-    cloud: Box<dyn Fn(u64, Vec<Point3<f64>>) -> Vec<u8>>,
+    cloud: MakeCloud,
     log: fn(u64) -> u64,
     arms: bool,
     table: bool,

@@ -89,8 +89,10 @@ impl Arguments {
         } else {
             None
         };
-        let mut options = Options::default();
-        options.node_spacing = self.spacing;
+        let options = Options {
+            node_spacing: self.spacing,
+            ..Options::default()
+        };
         let (from, to) = (source.cloud(), target.cloud());
         let mut registrar = Registrar::new(options);
         let result = registrar.register(&from, &to, &landmarks, &features, initial.as_deref());

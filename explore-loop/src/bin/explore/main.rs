@@ -69,6 +69,7 @@ enum Camera {
     Realsense,
 }
 
+#[allow(clippy::struct_excessive_bools, reason = "options of a command line")]
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example: explore run --mesh liver.stl --units mm --arms 2 --out liver
