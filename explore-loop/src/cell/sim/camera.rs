@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::links::Links;
 use super::options::{CameraModel, CameraOptions};
 use super::realsense::TrueImage;
 
@@ -266,24 +267,25 @@ fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
     polygon
 }
 
-/// The visible part of an arm in its tip frame: a shaft along −z and two fingers that open by `opening` along ±y.
+/// The visible part of an arm: its links, and two fingers that open by `opening` along ±y.
 pub(super) fn gripper(
     camera_from_tip: &Isometry3<f64>,
     opening: f64,
+    links: &Links,
 ) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
-    const RADIUS: f64 = 0.004;
-    const LENGTH: f64 = 0.25;
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for k in 0..SHAFT_SIDES {
-        let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
-        let (x, y) = (RADIUS * angle.cos(), RADIUS * angle.sin());
-        vertices.extend([Point3::new(x, y, -LENGTH), Point3::new(x, y, -0.012)]);
-        let (a, b) = (2 * k, 2 * ((k + 1) % SHAFT_SIDES));
-        triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+    for ends in links.0.windows(2) {
+        prism(
+            camera_from_tip,
+            [ends[0], ends[1]],
+            &mut vertices,
+            &mut triangles,
+        );
     }
+    let (mut fingers, mut corners) = (Vec::new(), Vec::new());
     for side in [-1.0, 1.0] {
         // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, `opening` off the middle at its end.
-        let first = vertices.len();
+        let first = fingers.len();
         for (z, y) in [(-0.014, 0.002), (0.006, opening + 0.001)] {
             for (dx, dy) in [
                 (-0.002, -0.001),
@@ -291,20 +293,43 @@ pub(super) fn gripper(
                 (0.002, 0.001),
                 (-0.002, 0.001),
             ] {
-                vertices.push(Point3::new(dx, side * y + dy, z));
+                fingers.push(Point3::new(dx, side * y + dy, z));
             }
         }
         for k in 0..4 {
             let (a, b) = (first + k, first + (k + 1) % 4);
-            triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+            corners.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
         }
-        triangles.extend([
+        corners.extend([
             [first + 4, first + 5, first + 6],
             [first + 4, first + 6, first + 7],
         ]);
     }
-    (
-        vertices.iter().map(|p| camera_from_tip * p).collect(),
-        triangles,
-    )
+    let first = vertices.len();
+    vertices.extend(fingers.iter().map(|p| camera_from_tip * p));
+    triangles.extend(corners.iter().map(|t: &[usize; 3]| t.map(|v| v + first)));
+    (vertices, triangles)
+}
+
+/// A round link between two points, as a prism whose first edge lies beside the x axis of the tip.
+fn prism(
+    camera_from_tip: &Isometry3<f64>,
+    [start, end]: [Point3<f64>; 2],
+    vertices: &mut Vec<Point3<f64>>,
+    triangles: &mut Vec<[usize; 3]>,
+) {
+    const RADIUS: f64 = 0.004;
+    let axis = (end - start).try_normalize(0.0).unwrap_or_default();
+    let beside = camera_from_tip.rotation * Vector3::x();
+    let x = (beside - axis * axis.dot(&beside)).try_normalize(1e-6);
+    let x = x.unwrap_or_else(|| camera_from_tip.rotation * Vector3::y());
+    let y = axis.cross(&x);
+    let first = vertices.len();
+    for k in 0..SHAFT_SIDES {
+        let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
+        let off = x * (RADIUS * angle.cos()) + y * (RADIUS * angle.sin());
+        vertices.extend([end + off, start + off]);
+        let (a, b) = (first + 2 * k, first + 2 * ((k + 1) % SHAFT_SIDES));
+        triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+    }
 }

@@ -33,6 +33,7 @@
 // Grid coordinates are clamped to be non-negative before they become indices.
 #![allow(clippy::cast_sign_loss)]
 
+mod arms;
 mod body;
 mod camera;
 mod clutter;
@@ -44,6 +45,7 @@ mod hollows;
 mod implicit;
 mod journal;
 mod lattice;
+mod links;
 mod mesh;
 mod options;
 mod realsense;
@@ -60,7 +62,9 @@ pub use clutter::Attachment;
 pub use error::SimError;
 pub use journal::{Command, Journal};
 pub use mesh::{MAX_TRIANGLES, TriangleMesh};
-pub use options::{CameraModel, CameraOptions, Fidelity, JawOptions, Material, SimOptions};
+pub use options::{
+    ArmModel, CameraModel, CameraOptions, Fidelity, JawOptions, Material, SimOptions,
+};
 pub use realsense::StereoOptions;
 pub use scene::{SCENES, Scene, about};
 pub use truth::Truth;

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::arms::{arms, remote_centres};
 use super::body::Body;
 use super::clutter::choose;
 use super::gripper::Gripper;
@@ -16,7 +17,7 @@ use super::options::CameraModel;
 use super::realsense::FrameClock;
 use super::sight::{Sight, View};
 use super::{SimError, SimOptions, Truth};
-use crate::cell::{ArmInfo, Cell, CellError, CellInfo, Observation, Plane};
+use crate::cell::{Cell, CellError, CellInfo, Observation, Plane};
 
 /// The object is let go this far above the table, metres.
 const DROP: f64 = 0.002;
@@ -100,13 +101,16 @@ impl SimCell {
         let settled = laid.body.surface();
         let settled = settled.iter().map(|p| camera_from_world * p).collect();
         let truth = Truth::new(laid.surface.triangles.clone(), settled);
-        let arms = arms(options, &camera_from_world);
+        let arms = arms(options, &camera_from_world)
+            .map_err(|error| SimError::Camera(error.to_string()))?;
+        let remote_centres = remote_centres(options, &camera_from_world);
         let table = Plane {
             normal: -Vector3::z_axis(),
             offset: height,
         };
         let triangles = laid.surface.triangles;
         let sight = Sight::new(options, &table, triangles, laid.own, laid.beside)
+            .map(|sight| sight.with_remote_centres(remote_centres))
             .map_err(|error| SimError::Camera(error.to_string()))?;
         let cell = Self {
             grippers: arms.iter().cloned().map(Gripper::new).collect(),
@@ -295,6 +299,9 @@ impl SimCell {
                 info.reach
             ));
         }
+        if info.poses.as_ref().is_some_and(|p| !p.contains(pose)) {
+            return Err("its joints do not reach that pose of the tip".to_owned());
+        }
         let height = self.info.table.height(&tip);
         if height < 0.0 {
             Err(format!("the tip would be {:.4} m under the table", -height))
@@ -459,33 +466,4 @@ fn settle(body: &mut Body, step: f64) -> Result<(), SimError> {
     }
     body.broken()
         .map_or(Ok(()), |reason| Err(SimError::Engine(reason)))
-}
-
-/// Arms from the right, the left and behind: homes low outside the camera's view, pointing at the middle and down.
-fn arms(options: &SimOptions, camera_from_world: &Isometry3<f64>) -> Vec<ArmInfo> {
-    // In the world frame; the camera's −y, where the third arm stands, is the world's +y.
-    let sides = [Vector3::x(), -Vector3::x(), Vector3::y()];
-    sides
-        .iter()
-        .take(options.arms)
-        .enumerate()
-        .map(|(k, side)| {
-            let base = Point3::from(side * 0.40 + Vector3::z() * 0.10);
-            let tip = Point3::from(side * 0.34 + Vector3::z() * 0.16);
-            let approach = -(side + Vector3::z());
-            let world_from_home = Isometry3::from_parts(
-                Translation3::from(tip.coords),
-                // y is horizontal: the jaws open sideways.
-                UnitQuaternion::face_towards(&approach, &side.cross(&Vector3::z())),
-            );
-            ArmInfo {
-                name: format!("PSM{}", k + 1),
-                camera_from_home: camera_from_world * world_from_home,
-                base: camera_from_world * base,
-                reach: 0.65,
-                jaw_radius: options.jaw.half_opening,
-                max_speed: options.max_speed,
-            }
-        })
-        .collect()
 }
