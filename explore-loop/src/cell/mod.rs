@@ -27,10 +27,13 @@
 //! - **Time passes in [`Cell::observe`] and [`Cell::home`] only**, as far as the loop can tell: commanded motions go on there.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+#[cfg(feature = "dvrk")]
+pub mod dvrk;
 pub mod faults;
 pub mod replay;
 #[cfg(feature = "sim")]
@@ -196,6 +199,16 @@ pub enum CellError {
     /// The world behind the cell failed.
     #[error("the cell failed: {0}")]
     Failed(String),
+    /// What a file says cannot be used.
+    #[error("{}:{line}: {reason}", path.display())]
+    BadFile {
+        /// The file.
+        path: PathBuf,
+        /// Its line; 0 when it is the whole file.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
     /// A recording has no next frame.
     #[error("the recording ended")]
     Ended,

@@ -1,15 +1,19 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
-//! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
-//! that is held to the table (`run`). Errors are one line on standard error.
+//! Exit codes: 0 the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study came to an end
+//! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
+//! that is held to the table (`run`, `robot`). Errors are one line on standard error.
 
 mod object;
 mod output;
 mod recorder;
 mod replay;
+#[cfg(feature = "dvrk")]
+mod robot;
 mod run;
 mod saved;
+#[cfg(feature = "dvrk")]
+mod serve;
 mod tables;
 mod view;
 
@@ -33,6 +37,12 @@ enum Command {
     Run(RunArgs),
     /// Reconstruct from a recorded session
     Replay(ReplayArgs),
+    /// Explore with the arms and the camera of a dVRK over ROS 2, real or served
+    #[cfg(feature = "dvrk")]
+    Robot(robot::RobotArgs),
+    /// Serve the simulated cell as a dVRK over ROS 2, in real time, for any CRTK client
+    #[cfg(feature = "dvrk")]
+    Serve(serve::ServeArgs),
     /// Make the tables of a study over many runs
     Tables(TablesArgs),
     /// Open the report of a run in the browser
@@ -292,6 +302,10 @@ fn main() -> ExitCode {
     let outcome = match &cli.command {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::replay(args).map(whole),
+        #[cfg(feature = "dvrk")]
+        Command::Robot(args) => robot::robot(args),
+        #[cfg(feature = "dvrk")]
+        Command::Serve(args) => serve::serve(args),
         Command::Tables(args) => tables::tables(args).map(whole),
         Command::View(args) => view::view(args).map(whole),
     };
@@ -304,7 +318,7 @@ fn main() -> ExitCode {
 /// What is wrong with the command line, in one line.
 fn one_line(error: &clap::Error) -> String {
     if error.kind() == clap::error::ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return "error: no command given: run, replay, tables or view".into();
+        return "error: no command given: run, replay, robot, serve, tables or view".into();
     }
     let text = error.to_string();
     // The first paragraph: clap lists missing arguments on lines of their own.

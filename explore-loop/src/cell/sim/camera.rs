@@ -267,25 +267,27 @@ fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
     polygon
 }
 
-/// The visible part of an arm: its links, and two fingers that open by `opening` along ±y.
+/// The visible part of an arm: its shaft, and two fingers that open by `opening` along ±y.
 pub(super) fn gripper(
     camera_from_tip: &Isometry3<f64>,
     opening: f64,
     links: &Links,
 ) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
+    const RADIUS: f64 = 0.004;
+    const LENGTH: f64 = 0.25;
     let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for ends in links.0.windows(2) {
-        prism(
-            camera_from_tip,
-            [ends[0], ends[1]],
-            &mut vertices,
-            &mut triangles,
-        );
+    // In the tip frame, along −z.
+    let sides = if links.straight { SHAFT_SIDES } else { 0 };
+    for k in 0..sides {
+        let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
+        let (x, y) = (RADIUS * angle.cos(), RADIUS * angle.sin());
+        vertices.extend([Point3::new(x, y, -LENGTH), Point3::new(x, y, -0.012)]);
+        let (a, b) = (2 * k, 2 * ((k + 1) % SHAFT_SIDES));
+        triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
     }
-    let (mut fingers, mut corners) = (Vec::new(), Vec::new());
     for side in [-1.0, 1.0] {
         // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, `opening` off the middle at its end.
-        let first = fingers.len();
+        let first = vertices.len();
         for (z, y) in [(-0.014, 0.002), (0.006, opening + 0.001)] {
             for (dx, dy) in [
                 (-0.002, -0.001),
@@ -293,42 +295,47 @@ pub(super) fn gripper(
                 (0.002, 0.001),
                 (-0.002, 0.001),
             ] {
-                fingers.push(Point3::new(dx, side * y + dy, z));
+                vertices.push(Point3::new(dx, side * y + dy, z));
             }
         }
         for k in 0..4 {
             let (a, b) = (first + k, first + (k + 1) % 4);
-            corners.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
+            triangles.extend([[a, b, b + 4], [a, b + 4, a + 4]]);
         }
-        corners.extend([
+        triangles.extend([
             [first + 4, first + 5, first + 6],
             [first + 4, first + 6, first + 7],
         ]);
     }
-    let first = vertices.len();
-    vertices.extend(fingers.iter().map(|p| camera_from_tip * p));
-    triangles.extend(corners.iter().map(|t: &[usize; 3]| t.map(|v| v + first)));
+    vertices
+        .iter_mut()
+        .for_each(|p: &mut Point3<f64>| *p = camera_from_tip * *p);
+    if !links.straight {
+        for ends in links.points.windows(2) {
+            prism(&ends[0], &ends[1], &mut vertices, &mut triangles);
+        }
+    }
     (vertices, triangles)
 }
 
-/// A round link between two points, as a prism whose first edge lies beside the x axis of the tip.
+/// A round link between two points.
 fn prism(
-    camera_from_tip: &Isometry3<f64>,
-    [start, end]: [Point3<f64>; 2],
+    start: &Point3<f64>,
+    end: &Point3<f64>,
     vertices: &mut Vec<Point3<f64>>,
     triangles: &mut Vec<[usize; 3]>,
 ) {
     const RADIUS: f64 = 0.004;
     let axis = (end - start).try_normalize(0.0).unwrap_or_default();
-    let beside = camera_from_tip.rotation * Vector3::x();
-    let x = (beside - axis * axis.dot(&beside)).try_normalize(1e-6);
-    let x = x.unwrap_or_else(|| camera_from_tip.rotation * Vector3::y());
+    // The coordinate axis that is most square to it.
+    let beside = Vector3::ith(axis.iamin(), 1.0);
+    let x = axis.cross(&beside).try_normalize(0.0).unwrap_or_default();
     let y = axis.cross(&x);
     let first = vertices.len();
     for k in 0..SHAFT_SIDES {
         let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
         let off = x * (RADIUS * angle.cos()) + y * (RADIUS * angle.sin());
-        vertices.extend([end + off, start + off]);
+        vertices.extend([start + off, end + off]);
         let (a, b) = (first + 2 * k, first + 2 * ((k + 1) % SHAFT_SIDES));
         triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
     }

@@ -17,15 +17,22 @@ const LENGTH: f64 = 0.25;
 /// How far a shaft goes on behind its remote centre, metres.
 const BEHIND: f64 = 0.1;
 
-/// A chain of points, camera frame, from the fingers on.
+/// A chain of points, camera frame, to the fingers.
 #[derive(Debug, Clone)]
-pub(super) struct Links(pub Vec<Point3<f64>>);
+pub(super) struct Links {
+    pub points: Vec<Point3<f64>>,
+    /// Whether they are one shaft straight behind the tip.
+    pub straight: bool,
+}
 
 impl Links {
     /// Of a shaft straight behind the tip.
     pub fn straight(camera_from_tip: &Isometry3<f64>) -> Self {
         let at = |z: f64| camera_from_tip * Point3::new(0.0, 0.0, -z);
-        Self(vec![at(FINGERS), at(LENGTH)])
+        Self {
+            points: vec![at(LENGTH), at(FINGERS)],
+            straight: true,
+        }
     }
 
     /// Of a shaft through a remote centre.
@@ -35,6 +42,9 @@ impl Links {
         let wrist = at(instrument.jaw + instrument.wrist);
         let way = centre - wrist;
         let end = centre + way.try_normalize(0.0).unwrap_or_default() * BEHIND;
-        Self(vec![at(FINGERS), wrist, end])
+        Self {
+            points: vec![end, wrist, at(FINGERS)],
+            straight: false,
+        }
     }
 }

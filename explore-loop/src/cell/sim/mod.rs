@@ -15,6 +15,7 @@
 //! | everything adjustable | [`SimOptions`] |
 //! | the cell | [`SimCell`] |
 //! | the ground truth | [`Truth`] |
+//! | the same world for clients of a robot | [`SimCell::drive`], [`SimCell::depth_image`], [`PsmStand`] |
 //! | what it was told, to bring another cell to the same state | [`Journal`], [`SimCell::repeat`] |
 //!
 //! ```
@@ -37,6 +38,7 @@ mod arms;
 mod body;
 mod camera;
 mod clutter;
+mod driven;
 mod embedding;
 mod error;
 mod glove;
@@ -59,6 +61,7 @@ mod truth;
 mod world;
 
 pub use clutter::Attachment;
+pub use driven::PsmStand;
 pub use error::SimError;
 pub use journal::{Command, Journal};
 pub use mesh::{MAX_TRIANGLES, TriangleMesh};

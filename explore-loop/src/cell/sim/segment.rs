@@ -140,6 +140,6 @@ pub(super) fn capsules(
             radius,
         }
     };
-    let shaft = chain(&links.0, &vec![SHAFT; links.0.len()]);
+    let shaft = chain(&links.points, &vec![SHAFT; links.points.len()]);
     shaft.into_iter().chain([-1.0, 1.0].map(finger)).collect()
 }

@@ -5,6 +5,7 @@
 //!                                   └─► depth image ──► the object found in it         (a real camera, or other bodies in view)
 //! ```
 
+use dvrk_io::depth::DepthImage;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::body::Body;
@@ -147,6 +148,13 @@ impl Sight {
             segmenter.follow(&seen);
         }
         Ok(seen)
+    }
+
+    /// The depth image of a view, with the noise of frame `frame`: table and arms included.
+    pub fn image(&mut self, view: &View, frame: u64) -> Result<DepthImage, CellError> {
+        self.draw(view);
+        let image = self.camera.image(self.seed, frame);
+        image.map_err(|error| CellError::Failed(error.to_string()))
     }
 
     fn draw(&mut self, view: &View) {

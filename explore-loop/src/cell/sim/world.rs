@@ -33,23 +33,23 @@ const RETREAT: (f64, f64) = (0.03, 0.05);
 
 /// A simulated cell.
 pub struct SimCell {
-    info: CellInfo,
-    options: SimOptions,
-    body: Body,
+    pub(super) info: CellInfo,
+    pub(super) options: SimOptions,
+    pub(super) body: Body,
     /// Nodes that are held to the table, with where they are (world frame).
-    anchored: Vec<(usize, Point3<f64>)>,
-    grippers: Vec<Gripper>,
-    sight: Sight,
-    camera_from_world: Isometry3<f64>,
-    truth: Truth,
-    step: f64,
-    steps_per_frame: usize,
-    frame: u64,
-    failure: Option<String>,
-    journal: Journal,
+    pub(super) anchored: Vec<(usize, Point3<f64>)>,
+    pub(super) grippers: Vec<Gripper>,
+    pub(super) sight: Sight,
+    pub(super) camera_from_world: Isometry3<f64>,
+    pub(super) truth: Truth,
+    pub(super) step: f64,
+    pub(super) steps_per_frame: usize,
+    pub(super) frame: u64,
+    pub(super) failure: Option<String>,
+    pub(super) journal: Journal,
     /// The camera's own clock, if it has one, and what was before it when it last ticked.
-    clock: Option<FrameClock>,
-    ticked: Option<View>,
+    pub(super) clock: Option<FrameClock>,
+    pub(super) ticked: Option<View>,
 }
 
 impl std::fmt::Debug for SimCell {
@@ -150,7 +150,6 @@ impl SimCell {
         if let Some(reason) = &self.failure {
             return Err(CellError::Failed(reason.clone()));
         }
-        let world_from_camera = self.camera_from_world.inverse();
         let begun = self.frame as f64 / self.info.camera_rate;
         let end = (self.frame + 1) as f64 / self.info.camera_rate;
         let tick = self.clock.map(|clock| clock.newest(end) - begun);
@@ -161,15 +160,7 @@ impl SimCell {
             let share = share.filter(|s| *s > 0.0 && (*s <= 1.0 || last));
             let before = share.map(|_| self.view(begun));
             self.grippers.iter_mut().for_each(|g| g.advance(self.step));
-            let targets: Vec<_> = self
-                .grippers
-                .iter()
-                .flat_map(Gripper::targets)
-                .map(|(node, p)| (node, world_from_camera * p))
-                .chain(self.anchored.iter().copied())
-                .collect();
-            self.body.step(&targets);
-            self.slip();
+            self.step_body();
             if let Some((before, share)) = before.zip(share) {
                 let stamp = begun + tick.unwrap_or_default();
                 let after = self.view(stamp);
@@ -182,6 +173,18 @@ impl SimCell {
             return Err(CellError::Failed(reason));
         }
         Ok(())
+    }
+
+    /// One step of the physics, with the tips where they are.
+    pub(super) fn step_body(&mut self) {
+        let world_from_camera = self.camera_from_world.inverse();
+        let held = self.grippers.iter().flat_map(Gripper::targets);
+        let targets: Vec<_> = held
+            .map(|(node, p)| (node, world_from_camera * p))
+            .chain(self.anchored.iter().copied())
+            .collect();
+        self.body.step(&targets);
+        self.slip();
     }
 
     /// A jaw that pulls too hard loses what it holds, and stays shut.
@@ -200,7 +203,7 @@ impl SimCell {
     }
 
     /// What is before the camera now.
-    fn view(&self, stamp: f64) -> View {
+    pub(super) fn view(&self, stamp: f64) -> View {
         View::of(
             &self.body,
             &self.grippers,
