@@ -136,6 +136,7 @@ fn a_served_cell_is_found_well_and_commanded_by_nobody() {
         "PSM1, streams",
         "PSM2, clock",
         "PSM3, who else commands",
+        "PSM2, jaw",
         "camera",
         "table",
         "PSM1, home",
@@ -285,6 +286,18 @@ fn ctrl_c_opens_nothing_and_drops_nothing() {
     let code = robot.wait().unwrap().code();
     let after = jaws(2, &served);
     println!("jaws after Ctrl-C: {after:?}");
+    // Who comes next is told, and moves nothing.
+    let next = explore()
+        .arg("robot")
+        .arg(served.slow_cell())
+        .output()
+        .unwrap();
+    assert_eq!(next.status.code(), Some(1));
+    assert!(
+        text(&next).contains("it holds something"),
+        "{}",
+        text(&next)
+    );
     assert_eq!(code, Some(1));
     assert!(after.iter().any(|angle| *angle < 0.5), "{after:?}");
     let metrics = std::fs::read(out.join("metrics.json")).unwrap();

@@ -232,10 +232,13 @@ impl<'a> Recorder<'a> {
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
         self.so_far.shapes.push(shape.unwrap_or_default());
         self.say(&format!(
-            "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
+            "{:5.1} s  {} manipulations: explored {}, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.so_far.last_stamp,
             self.so_far.shapes.len() - 1,
-            100.0 * shape.unwrap_or_default().explored,
+            shape.map_or_else(
+                || "unknown".into(),
+                |s| format!("{:.1} %", 100.0 * s.explored)
+            ),
             topology.betti,
             topology.persistent,
             100.0 * topology.boundary_share(),

@@ -173,6 +173,15 @@ impl Preflight {
         };
         self.say(format!("{name}, clock"), clock);
         self.say(format!("{name}, who else commands"), nobody_else(&arm));
+        let jaw = match arm.jaw().map(|jaw| jaw.value) {
+            None => Ok("not told before the arm is powered".into()),
+            Some(jaw) if jaw.gap() > entry.jaw.holds_above.get() => Err(format!(
+                "it holds something, {:.2} rad more open than it was sent to be: an exploration begins by opening the jaws",
+                jaw.gap()
+            )),
+            Some(jaw) => Ok(format!("{:.2} rad, holds nothing", jaw.angle)),
+        };
+        self.say(format!("{name}, jaw"), jaw);
         let frames = if status.mode == Mode::Enabled {
             arm.check().map_or_else(
                 |error| Err(error.to_string()),
