@@ -63,7 +63,7 @@ impl Plane {
 
 /// Which poses a tip can have (camera frame): joint limits and the like, which no distance tells. Equal to its clones only.
 #[derive(Clone)]
-pub struct Poses(Arc<dyn Fn(&Isometry3<f64>) -> bool + Send + Sync>);
+pub struct Poses(grip_planner::PoseTest);
 
 impl Poses {
     /// Those that pass a test.

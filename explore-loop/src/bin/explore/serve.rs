@@ -172,7 +172,9 @@ pub(crate) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
         std::thread::spawn(move || {
             while !ended.load(Ordering::Relaxed) {
                 let now = transport.now();
-                servers.iter_mut().for_each(|server| server.tick(now));
+                for server in &mut servers {
+                    server.tick(now);
+                }
                 transport.wait(now + Duration::from_millis(2));
             }
         })

@@ -19,7 +19,7 @@ use super::see::{Eye, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
 /// A camera that is silent for this long gives a frame without points, and after so much longer the cell has failed.
-const SILENT: Duration = Duration::from_millis(1000);
+const SILENT: Duration = Duration::from_secs(1);
 const DEAD: Duration = Duration::from_secs(30);
 /// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
 const NEARLY: f64 = 0.8;
@@ -239,7 +239,7 @@ impl DvrkCell {
         let since = *self.silent_since.get_or_insert(now);
         if now > since + DEAD {
             self.hold();
-            let silent = (now - since).as_secs_f64();
+            let silent = now.saturating_sub(since).as_secs_f64();
             return Err(CellError::Failed(format!(
                 "the camera has been silent for {silent:.0} s"
             )));

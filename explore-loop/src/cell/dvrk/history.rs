@@ -37,7 +37,8 @@ impl History {
         let Some((to_time, to)) = self.0.get(after) else {
             return Some(*from);
         };
-        let (way, whole) = (stamp - *from_time, *to_time - *from_time);
+        let way = stamp.saturating_sub(*from_time);
+        let whole = to_time.saturating_sub(*from_time);
         let share = way.as_secs_f64() / whole.as_secs_f64().max(1e-9);
         Some(from.try_lerp_slerp(to, share, 1e-9).unwrap_or(*to))
     }

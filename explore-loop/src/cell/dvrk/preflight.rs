@@ -18,6 +18,8 @@ use crate::cell::CellError;
 
 /// States that were published before we came arrive with the next heartbeat of DDS, up to 3 s later.
 const PATIENCE: Duration = Duration::from_secs(8);
+/// Time in which latched messages come, once the first has.
+const SETTLES: Duration = Duration::from_millis(300);
 /// A joint reading that is this old or this far in the future tells clocks that are not synchronised.
 const CLOCKS: f64 = 0.1;
 /// Fewest points that are an object.
@@ -132,10 +134,7 @@ impl Preflight {
 
     fn arm(&mut self, entry: &ArmEntry, transport: Arc<dyn Transport>) {
         let name = &entry.name;
-        let now = {
-            let transport = Arc::clone(&transport);
-            move || transport.now()
-        };
+        let clock = Arc::clone(&transport);
         let connected = options(&self.file, entry)
             .and_then(|options| Arm::connect(transport, name, options, PATIENCE));
         let mut arm = match connected {
@@ -145,7 +144,12 @@ impl Preflight {
                 return;
             }
         };
-        arm.tick();
+        // Of the states that were said before we came the last one counts: they come one after the other.
+        let settled = clock.now() + SETTLES;
+        while clock.now() < settled {
+            arm.tick();
+            clock.wait(clock.now() + Duration::from_millis(5));
+        }
         let status = arm.status();
         let state = match status.mode {
             Mode::Fault => Err(format!(
@@ -162,7 +166,7 @@ impl Preflight {
         let clock = match arm.joints() {
             None => Ok("not told before the arm is powered".into()),
             Some(joints) => {
-                let age = now().as_secs_f64() - joints.stamp.as_secs_f64();
+                let age = clock.now().as_secs_f64() - joints.stamp.as_secs_f64();
                 let text = format!("readings are {:.0} ms old", 1e3 * age);
                 if age.abs() <= CLOCKS {
                     Ok(text)

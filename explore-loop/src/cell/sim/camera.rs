@@ -275,7 +275,7 @@ pub(super) fn gripper(
 ) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
     const RADIUS: f64 = 0.004;
     const LENGTH: f64 = 0.25;
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
+    let (mut vertices, mut triangles) = (Vec::<Point3<f64>>::new(), Vec::new());
     // In the tip frame, along −z.
     let sides = if links.straight { SHAFT_SIDES } else { 0 };
     for k in 0..sides {
@@ -307,9 +307,9 @@ pub(super) fn gripper(
             [first + 4, first + 6, first + 7],
         ]);
     }
-    vertices
-        .iter_mut()
-        .for_each(|p: &mut Point3<f64>| *p = camera_from_tip * *p);
+    for p in &mut vertices {
+        *p = camera_from_tip * *p;
+    }
     if !links.straight {
         for ends in links.points.windows(2) {
             prism(&ends[0], &ends[1], &mut vertices, &mut triangles);
