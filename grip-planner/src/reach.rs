@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Three routes are tried, each more careful than the one before: straight, all arms together; up, across at the height of the highest home, and
-//! down, together; the same one arm after the other. The lying body is an obstacle all the way, except to the jaws on
+//! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, they turn on the way instead of in place. The lying body is an obstacle all the way, except to the jaws on
 //! the straight last part.
 
 use nalgebra::{Isometry3, Point3, Translation3};
@@ -62,6 +62,7 @@ enum Route {
     Straight,
     Over,
     OneByOne,
+    Turning,
 }
 
 /// Largest step between two way points, metres and radians.
@@ -77,6 +78,9 @@ pub(crate) fn reach(
     let level = level(grips, scene);
     let way = |grip: &Grip, route: Route| {
         let home = scene.arms[grip.arm].home;
+        if matches!(route, Route::Turning) {
+            return vec![home, grip.camera_from_approach, grip.camera_from_tip];
+        }
         let turned = with_rotation(&home, &grip.camera_from_tip);
         let mut way = vec![home, turned];
         if !matches!(route, Route::Straight) {
@@ -146,6 +150,9 @@ fn leave(
         let home = scene.arms[grip.arm].home;
         let at = grips.iter().position(|g| g.arm == grip.arm);
         let (end, retreat) = at.map_or((home, home), |at| ends[at]);
+        if matches!(route, Route::Turning) {
+            return vec![end, retreat, home];
+        }
         let turned = with_rotation(&home, &retreat);
         let mut way = vec![end, retreat];
         if !matches!(route, Route::Straight) {
@@ -196,6 +203,11 @@ fn first_free(
     along(Route::Straight).or_else(|reason| {
         along(Route::Over)
             .or_else(|_| along(Route::OneByOne))
+            .or_else(|other| match reason {
+                // An arm may have an orientation here and not there.
+                Refusal::OutOfWorkspace { .. } => along(Route::Turning),
+                _ => Err(other),
+            })
             .map_err(|_| reason)
     })
 }

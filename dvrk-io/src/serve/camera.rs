@@ -1,8 +1,20 @@
 //! A depth camera, served: clouds, or depth images with their camera.
 //!
-//! *Limits.* A message goes out in one burst of packets. Readers with the receive buffers that Linux gives by default (0.2 MB)
-//! lose parts of those above a megabyte: 100,000 points as a cloud arrive at a reader of Fast DDS, 300,000 do not, unless it has
-//! larger buffers. As a depth image the same 300,000 are 0.6 MB, and arrive.
+//! A message goes out in one burst of packets. Readers with the receive buffers that Linux gives by default (0.2 MB) lose most
+//! of one that is larger, and are sent it again, 0.6 MB a second at best; a newer one in the midst of it costs them more than
+//! it brings. So what is seen while a reader still fetches the last message is not published:
+//!
+//! ```text
+//! publish  ⇔  every reliable reader has the last message,  or it was sent 1 s + bytes/(0.3 MB/s) ago
+//! ```
+//! A reader that is gone without a goodbye thus holds up the others no longer than that, message for message, until the network
+//! gives it up.
+//!
+//! *Limits.* A reader of Fast DDS with default buffers gets a cloud of 300,000 points (3.6 MB) every few seconds, and a depth image
+//! of as many pixels (0.6 MB) about every second. They come at the rate of the camera when its buffers take a whole message:
+//! `sysctl -w net.core.rmem_max=16777216 net.core.rmem_default=16777216` on its machine, or the same `rmem_max` and a profile of
+//! Fast DDS with `<receiveBufferSize>16777216</receiveBufferSize>` for its UDP transport. Readers of this crate ask for 16 MB
+//! themselves, and get up to `rmem_max`.
 
 use std::time::Duration;
 
@@ -10,12 +22,35 @@ use nalgebra::Point3;
 
 use crate::Error;
 use crate::arm::header;
-use crate::cdr::{CameraInfo, Image, PointCloud2};
+use crate::cdr::{CameraInfo, Image, Message, PointCloud2};
 use crate::depth::{DepthImage, Intrinsics};
 use crate::transport::{Qos, Transport, Writer};
 
 /// Millimetres in a metre.
 const MILLI: f64 = 1e3;
+
+/// How long a message waits for readers that fetch the one before: as long as it takes to send that one again, and half as long
+/// once more.
+fn patience(bytes: usize) -> Duration {
+    const REPAIR_BYTES_PER_SECOND: f64 = 0.3e6;
+    Duration::from_secs(1) + Duration::from_secs_f64(bytes as f64 / REPAIR_BYTES_PER_SECOND)
+}
+
+/// When the last message was sent, and until when the next one waits for its readers.
+#[derive(Debug, Default)]
+struct Pace {
+    next: Duration,
+}
+
+impl Pace {
+    fn allows<M: Message>(&self, stamp: Duration, writer: &Writer<M>) -> bool {
+        stamp >= self.next || writer.is_delivered()
+    }
+
+    fn sent(&mut self, stamp: Duration, bytes: usize) {
+        self.next = stamp + patience(bytes);
+    }
+}
 
 fn quality(reliable: bool) -> Qos {
     Qos {
@@ -27,8 +62,9 @@ fn quality(reliable: bool) -> Qos {
 
 /// Publishes clouds as a depth camera does.
 pub struct CloudServer {
-    clouds: Writer<PointCloud2>,
     frame: String,
+    clouds: Writer<PointCloud2>,
+    pace: Pace,
 }
 
 impl std::fmt::Debug for CloudServer {
@@ -54,16 +90,23 @@ impl CloudServer {
         Ok(Self {
             clouds: Writer::new(transport, topic, quality(reliable))?,
             frame: frame.to_owned(),
+            pace: Pace::default(),
         })
     }
 
-    /// Publishes the points that were seen at a time, metres.
+    /// Publishes the points that were seen at a time, metres. Whether they were sent: not while a reader still fetches the
+    /// last ones.
     ///
     /// # Errors
     /// [`Error::NonFinitePoint`]; [`Error::OnTopic`] when the network does not take it.
-    pub fn publish(&mut self, stamp: Duration, points: &[Point3<f64>]) -> Result<(), Error> {
+    pub fn publish(&mut self, stamp: Duration, points: &[Point3<f64>]) -> Result<bool, Error> {
+        if !self.pace.allows(stamp, &self.clouds) {
+            return Ok(false);
+        }
         let cloud = PointCloud2::from_points(header(stamp, &self.frame), points)?;
-        self.clouds.publish(&cloud)
+        self.clouds.publish(&cloud)?;
+        self.pace.sent(stamp, cloud.data.len());
+        Ok(true)
     }
 }
 
@@ -72,6 +115,7 @@ pub struct DepthServer {
     images: Writer<Image>,
     infos: Writer<CameraInfo>,
     info: CameraInfo,
+    pace: Pace,
 }
 
 impl std::fmt::Debug for DepthServer {
@@ -113,14 +157,16 @@ impl DepthServer {
                 p: [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
                 ..CameraInfo::default()
             },
+            pace: Pace::default(),
         })
     }
 
     /// Publishes the depths that were seen at a time. Where nothing was measured, or more than 65.5 m, the pixel is 0.
+    /// Whether they were sent: not while a reader still fetches the last image.
     ///
     /// # Errors
     /// [`Error::ImageSize`] for an image of another size than the camera; [`Error::OnTopic`] when the network does not take it.
-    pub fn publish(&mut self, stamp: Duration, depths: &DepthImage) -> Result<(), Error> {
+    pub fn publish(&mut self, stamp: Duration, depths: &DepthImage) -> Result<bool, Error> {
         let (width, height) = (self.info.width as usize, self.info.height as usize);
         if (depths.width(), depths.height()) != (width, height) {
             return Err(Error::ImageSize {
@@ -128,6 +174,9 @@ impl DepthServer {
                 height,
                 length: depths.width() * depths.height(),
             });
+        }
+        if !self.pace.allows(stamp, &self.images) {
+            return Ok(false);
         }
         let millimetres = |depth: f64| {
             let rounded = (MILLI * depth).round();
@@ -151,6 +200,8 @@ impl DepthServer {
             data,
         };
         self.infos.publish(&self.info)?;
-        self.images.publish(&image)
+        self.images.publish(&image)?;
+        self.pace.sent(stamp, image.data.len());
+        Ok(true)
     }
 }

@@ -151,4 +151,9 @@ pub trait Publisher: Send {
     /// # Errors
     /// The message is not sent.
     fn publish(&mut self, message: Vec<u8>) -> Result<(), Error>;
+
+    /// Whether every reliable reader has all that was sent. Those who do not know say yes.
+    fn is_delivered(&self) -> bool {
+        true
+    }
 }

@@ -146,4 +146,9 @@ impl<M: Message> Writer<M> {
             .and_then(|bytes| self.end.inner.publish(bytes))
             .map_err(|source| self.end.on_topic(source))
     }
+
+    /// Whether every reliable reader has all that was sent: of big messages, some still fetch what they lost.
+    pub fn is_delivered(&self) -> bool {
+        self.end.inner.is_delivered()
+    }
 }

@@ -56,6 +56,7 @@ impl EggCell {
             ),
             base: Point3::new(0.4 * side, 0.0, TABLE - 0.1),
             reach: 0.65,
+            poses: None,
             jaw_radius: 0.006,
             max_speed: 0.3,
         };

@@ -26,8 +26,14 @@
 //!   next may have moved by one ξ more. In the twelve frames after all jaws opened the object may fall by 100 mm a frame.
 //! - **Time passes in [`Cell::observe`] and [`Cell::home`] only**, as far as the loop can tell: commanded motions go on there.
 
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
+#[cfg(feature = "dvrk")]
+pub mod dvrk;
 pub mod faults;
 pub mod replay;
 #[cfg(feature = "sim")]
@@ -55,6 +61,34 @@ impl Plane {
     }
 }
 
+/// Which poses a tip can have (camera frame): joint limits and the like, which no distance tells. Equal to its clones only.
+#[derive(Clone)]
+pub struct Poses(grip_planner::PoseTest);
+
+impl Poses {
+    /// Those that pass a test.
+    pub fn new(test: impl Fn(&Isometry3<f64>) -> bool + Send + Sync + 'static) -> Self {
+        Self(Arc::new(test))
+    }
+
+    /// Whether the tip can be at `camera_from_tip`.
+    pub fn contains(&self, camera_from_tip: &Isometry3<f64>) -> bool {
+        (self.0)(camera_from_tip)
+    }
+}
+
+impl fmt::Debug for Poses {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Poses(..)")
+    }
+}
+
+impl PartialEq for Poses {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.0, &other.0)
+    }
+}
+
 /// What the loop may know of an arm before it moves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmInfo {
@@ -66,6 +100,8 @@ pub struct ArmInfo {
     pub base: Point3<f64>,
     /// Farthest distance of the tip from `base`, metres.
     pub reach: f64,
+    /// Which poses the tip can have within that reach; nothing: all.
+    pub poses: Option<Poses>,
     /// Half the width of what fits between the open jaws, metres.
     pub jaw_radius: f64,
     /// The fastest the tip may go, m/s.
@@ -163,6 +199,16 @@ pub enum CellError {
     /// The world behind the cell failed.
     #[error("the cell failed: {0}")]
     Failed(String),
+    /// What a file says cannot be used.
+    #[error("{}:{line}: {reason}", path.display())]
+    BadFile {
+        /// The file.
+        path: PathBuf,
+        /// Its line; 0 when it is the whole file.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
     /// A recording has no next frame.
     #[error("the recording ended")]
     Ended,

@@ -146,6 +146,7 @@ fn recorded_arm(name: &str) -> ArmInfo {
         camera_from_home: Isometry3::identity(),
         base: Point3::origin(),
         reach: 0.0,
+        poses: None,
         jaw_radius: 0.0,
         max_speed: 0.0,
     }

@@ -356,6 +356,10 @@ impl Explorer<'_> {
             go_home(live, scene, &tips, RETREAT, &options)
                 // What lies over an open jaw is drawn off it; a way that only the body is in is better than none.
                 .or_else(|_| go_home(&[], scene, &tips, RETREAT, &options))
+                // Joints may not go back so far.
+                .or_else(|reason| {
+                    go_home(&[], scene, &tips, 0.3 * RETREAT, &options).map_err(|_| reason)
+                })
         });
         let motion = motion.map_err(no_way)?;
         self.follow(&motion, Care::Empty, options.speed)

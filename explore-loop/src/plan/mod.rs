@@ -17,13 +17,14 @@
 
 use crate::Error;
 use crate::canonical::topology::Topology;
-use crate::cell::CellInfo;
+use crate::cell::{ArmInfo, CellInfo};
 use crate::explore::Limits;
 use grip_planner::{
     Arm, GripSet, Model, Plan, PlanOptions, ReachOptions, Reason, Refusal, RefusedSet, Scene,
     Workspace,
 };
 use nalgebra::{Point3, UnitVector3, Vector3};
+use std::sync::Arc;
 
 mod coverage;
 mod hole;
@@ -160,14 +161,22 @@ pub(crate) fn arms(cell: &CellInfo) -> Vec<Arm> {
         .iter()
         .map(|arm| Arm {
             base: arm.base,
-            workspace: Workspace::Ball {
-                center: arm.base,
-                radius: arm.reach,
-            },
+            workspace: workspace(arm),
             home: arm.camera_from_home,
             max_speed: arm.max_speed,
         })
         .collect()
+}
+
+fn workspace(arm: &ArmInfo) -> Workspace {
+    let (center, radius) = (arm.base, arm.reach);
+    let ball = Workspace::Ball { center, radius };
+    match arm.poses.clone() {
+        None => ball,
+        Some(poses) => Workspace::Custom(Arc::new(move |camera_from_tip| {
+            ball.contains(camera_from_tip) && poses.contains(camera_from_tip)
+        })),
+    }
 }
 
 /// Table, arms and camera as the planner sees them.

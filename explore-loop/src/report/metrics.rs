@@ -189,7 +189,9 @@ impl Metrics {
     #[must_use]
     pub fn with_shape(self, times: &[ShapeMeasures], end: Option<&ShapeMeasures>) -> Self {
         let list = |field: fn(&ShapeMeasures) -> f64| {
-            (!times.is_empty()).then(|| times.iter().map(field).collect())
+            // Without a truth there is nothing that was compared.
+            let compared = !times.is_empty() && end.is_some();
+            compared.then(|| times.iter().map(field).collect())
         };
         Self {
             explored: list(|s| s.explored),

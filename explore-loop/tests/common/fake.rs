@@ -69,6 +69,7 @@ impl FakeCell {
                     camera_from_home: camera_from_world * home,
                     base: camera_from_world * Point3::from(side * 0.40 + Vector3::z() * 0.10),
                     reach: 0.65,
+                    poses: None,
                     jaw_radius: 0.006,
                     max_speed: 0.25,
                 }

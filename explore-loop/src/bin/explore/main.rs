@@ -1,16 +1,20 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
-//! Exit codes: 0 the surface closed (`run`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), or there is a report (`view`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
-//! that is held to the table (`run`). Errors are one line on standard error.
+//! Exit codes: 0 the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study came to an end
+//! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
+//! that is held to the table (`run`, `robot`). Errors are one line on standard error.
 
 mod object;
 mod output;
 mod pace;
 mod recorder;
 mod replay;
+#[cfg(feature = "dvrk")]
+mod robot;
 mod run;
 mod saved;
+#[cfg(feature = "dvrk")]
+mod serve;
 mod tables;
 mod view;
 mod without;
@@ -44,6 +48,12 @@ enum Command {
     Run(RunArgs),
     /// Reconstruct from a recorded session
     Replay(ReplayArgs),
+    /// Explore with the arms and the camera of a dVRK over ROS 2, real or served
+    #[cfg(feature = "dvrk")]
+    Robot(robot::RobotArgs),
+    /// Serve the simulated cell as a dVRK over ROS 2, in real time, for any CRTK client
+    #[cfg(feature = "dvrk")]
+    Serve(serve::ServeArgs),
     /// Make the tables of a study over many runs
     Tables(TablesArgs),
     /// Open the report of a run in the browser
@@ -328,6 +338,10 @@ fn main() -> ExitCode {
     program::run(|cli: &Cli| match &cli.command {
         Command::Run(args) => run::run(args),
         Command::Replay(args) => replay::replay(args).map(whole),
+        #[cfg(feature = "dvrk")]
+        Command::Robot(args) => robot::robot(args),
+        #[cfg(feature = "dvrk")]
+        Command::Serve(args) => serve::serve(args),
         Command::Tables(args) => tables::tables(args).map(whole),
         Command::View(args) => view::view(args).map(whole),
     })

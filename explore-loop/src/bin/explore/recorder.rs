@@ -9,8 +9,8 @@ use dvrk_io::session::SessionWriter;
 use explore_loop::Error;
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::Topology;
-use explore_loop::cell::sim::{Journal, SimCell, SimOptions, Truth};
-use explore_loop::cell::{Cell, Observation};
+use explore_loop::cell::sim::{Journal, SimCell, Truth};
+use explore_loop::cell::{Cell, CellInfo, Observation};
 use explore_loop::checkpoint;
 use explore_loop::explore::{Event, Outcome, Phase, SavedState, Watcher};
 use explore_loop::measure::{Measurer, TrueSurface};
@@ -23,6 +23,22 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+/// What a simulated cell was told, and what is true of it.
+pub(crate) struct Simulated {
+    pub journal: Journal,
+    pub truth: Truth,
+}
+
+/// A flag that the first Ctrl-C sets; the second one ends the program at once.
+pub(crate) fn interruption() -> Result<Arc<AtomicBool>, Failure> {
+    let interrupted = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&interrupted))?;
+        signal_hook::flag::register(signal, Arc::clone(&interrupted))?;
+    }
+    Ok(interrupted)
+}
+
 /// Watches a run: progress on the terminal, the session file, the measures.
 pub(crate) struct Recorder<'a> {
     args: &'a RunArgs,
@@ -30,8 +46,8 @@ pub(crate) struct Recorder<'a> {
     session: Option<dvrk_io::session::SessionWriter>,
     subject: String,
     arm_names: Vec<String>,
-    journal: Journal,
-    truth: Truth,
+    /// What only a simulated cell has: what it was told, and the truth.
+    simulated: Option<Simulated>,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
     doing: &'static str,
@@ -46,10 +62,10 @@ impl<'a> Recorder<'a> {
         args: &'a RunArgs,
         out: &'a OutputFolder,
         subject: &str,
-        cell: &SimCell,
-        truth: Truth,
+        info: &CellInfo,
+        simulated: Option<Simulated>,
+        interrupted: Arc<AtomicBool>,
     ) -> Result<Self, Failure> {
-        let info = cell.info();
         // A run that goes on keeps the old recording until the new one has caught up with it.
         let mut session = SessionWriter::create(out.file(if args.resume {
             "session.mcap.part"
@@ -65,20 +81,13 @@ impl<'a> Recorder<'a> {
         bar.set_style(indicatif::ProgressStyle::with_template(
             "{spinner} {elapsed} {msg}",
         )?);
-        let interrupted = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
-            // The second one ends the program at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&interrupted))?;
-            signal_hook::flag::register(signal, Arc::clone(&interrupted))?;
-        }
         Ok(Self {
             args,
             out,
             session: Some(session),
             subject: subject.to_owned(),
             arm_names: info.arms.iter().map(|a| a.name.clone()).collect(),
-            journal: cell.journal(),
-            truth,
+            simulated,
             measurer: None,
             bar,
             doing: "",
@@ -102,18 +111,11 @@ impl<'a> Recorder<'a> {
             self.record(&observation)
         })?;
         self.so_far = saved.recorder;
-        self.so_far.report.goes_on(
-            About {
-                subject: self.subject.clone(),
-                command: command_line(),
-                version: env!("CARGO_PKG_VERSION").into(),
-                spacing: self.args.spacing * 1e-3,
-                ..About::default()
-            }
-            .with_cell(cell.info()),
-        );
-        if let Some(gathered) = self.so_far.measurer.take() {
-            let mut measurer = Measurer::new(self.true_surface(self.truth.rest().vertices))?;
+        self.begin(cell.info());
+        if let Some(gathered) = self.so_far.measurer.take()
+            && let Some(rest) = self.surface_at_rest()
+        {
+            let mut measurer = Measurer::new(rest)?;
             measurer.restore(gathered)?;
             self.measurer = Some(measurer);
         }
@@ -126,11 +128,28 @@ impl<'a> Recorder<'a> {
         Ok(saved.explorer)
     }
 
+    /// Says in the report what it is of.
+    pub fn begin(&mut self, info: &CellInfo) {
+        self.so_far.report.goes_on(
+            About {
+                subject: self.subject.clone(),
+                command: command_line(),
+                version: env!("CARGO_PKG_VERSION").into(),
+                spacing: self.args.spacing * 1e-3,
+                ..About::default()
+            }
+            .with_cell(info),
+        );
+    }
+
     /// Writes the checkpoint.
     fn save(&self, explorer: Option<&SavedState>) -> Result<(), Error> {
         let saved = Saved {
             run: Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
-            commands: self.journal.commands(),
+            commands: self
+                .simulated
+                .as_ref()
+                .map_or_else(Vec::new, |simulated| simulated.journal.commands()),
             explorer: explorer.cloned(),
             recorder: SoFar {
                 measurer: self.measurer.as_ref().map(Measurer::save),
@@ -161,17 +180,15 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    fn true_surface(&self, vertices: Vec<explore_loop::nalgebra::Point3<f64>>) -> TrueSurface {
-        let triangles = self
-            .truth
-            .triangles()
-            .iter()
-            .map(|t| t.map(|i| i as u32))
-            .collect();
-        TrueSurface {
-            vertices,
-            triangles,
-        }
+    /// The true surface as it is now; nothing where there is none to know.
+    fn true_surface(&self) -> Option<TrueSurface> {
+        let truth = &self.simulated.as_ref()?.truth;
+        Some(surface(truth, truth.live()))
+    }
+
+    fn surface_at_rest(&self) -> Option<TrueSurface> {
+        let truth = &self.simulated.as_ref()?.truth;
+        Some(surface(truth, truth.rest().vertices))
     }
 
     /// Compares with the truth, which only this recorder holds.
@@ -181,12 +198,12 @@ impl<'a> Recorder<'a> {
         measured: &[bool],
         model: &CanonicalModel,
     ) -> Result<Vec<f64>, Error> {
+        let Some(now) = self.true_surface() else {
+            return Ok(Vec::new());
+        };
         if self.measurer.is_none() {
-            self.measurer = Some(Measurer::new(
-                self.true_surface(self.truth.rest().vertices),
-            )?);
+            self.measurer = self.surface_at_rest().map(Measurer::new).transpose()?;
         }
-        let now = self.true_surface(self.truth.live());
         let held = observation.arms.iter().any(|arm| arm.holding);
         match &mut self.measurer {
             Some(measurer) => Ok(measurer.frame(model, measured, held, &now)?),
@@ -207,7 +224,9 @@ impl<'a> Recorder<'a> {
             session.pose(observation.stamp, name, &arm.camera_from_tip)?;
             session.jaw(observation.stamp, name, arm.jaw)?;
         }
-        session.truth(observation.stamp, &self.truth.live())?;
+        if let Some(simulated) = &self.simulated {
+            session.truth(observation.stamp, &simulated.truth.live())?;
+        }
         Ok(())
     }
 
@@ -217,10 +236,13 @@ impl<'a> Recorder<'a> {
         self.so_far.shapes.push(shape.unwrap_or_default());
         self.so_far.betti.push(topology.persistent);
         self.say(&format!(
-            "{:5.1} s  {} manipulations: explored {:.1} %, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
+            "{:5.1} s  {} manipulations: explored {}, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.so_far.last_stamp,
             self.so_far.shapes.len() - 1,
-            100.0 * shape.unwrap_or_default().explored,
+            shape.map_or_else(
+                || "unknown".into(),
+                |s| format!("{:.1} %", 100.0 * s.explored)
+            ),
             topology.betti,
             topology.persistent,
             100.0 * topology.boundary_share(),
@@ -267,10 +289,10 @@ impl<'a> Recorder<'a> {
     }
 
     /// What can be said of a run that an error has ended.
-    pub fn failure(&self, args: &RunArgs, options: &SimOptions, error: &Error) -> Metrics {
+    pub fn failure(&self, args: &RunArgs, error: &Error) -> Metrics {
         Metrics {
-            scene: options.scene.name().to_owned(),
-            arms: options.arms,
+            scene: self.subject.clone(),
+            arms: self.arm_names.len(),
             seed: args.seed,
             spacing_m: args.spacing * 1e-3,
             stop: "error".into(),
@@ -285,7 +307,6 @@ impl<'a> Recorder<'a> {
     pub fn metrics(
         &self,
         args: &RunArgs,
-        options: &SimOptions,
         outcome: &Outcome,
         mesh: &FinalMesh,
     ) -> Result<Metrics, Failure> {
@@ -298,8 +319,8 @@ impl<'a> Recorder<'a> {
             measurer.map(Measurer::surface),
         )?;
         let metrics = Metrics {
-            scene: options.scene.name().to_owned(),
-            arms: options.arms,
+            scene: self.subject.clone(),
+            arms: self.arm_names.len(),
             grips: match args.grips {
                 Grips::Planned => "planned",
                 Grips::Random => "random",
@@ -393,6 +414,14 @@ impl Watcher for Recorder<'_> {
 
     fn wants_state(&self) -> bool {
         true
+    }
+}
+
+fn surface(truth: &Truth, vertices: Vec<explore_loop::nalgebra::Point3<f64>>) -> TrueSurface {
+    let triangles = truth.triangles();
+    TrueSurface {
+        vertices,
+        triangles: triangles.iter().map(|t| t.map(|i| i as u32)).collect(),
     }
 }
 

@@ -1,12 +1,14 @@
 //! `explore run`: an exploration in the simulated cell.
 
+use crate::object::ObjectArgs;
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, Simulated, interruption};
 use crate::saved::Saved;
 use crate::without::{Part, planner_without, refuse};
 use crate::{Camera, Failure, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::canonical::genus::Genus;
+use explore_loop::cell::Cell;
 use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
@@ -60,7 +62,10 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     } else {
         Saved::new(args)?
     };
-    let mut recorder = Recorder::new(args, &out, options.scene.name(), &cell, truth)?;
+    let journal = cell.journal();
+    let simulated = Some(Simulated { journal, truth });
+    let (name, info) = (options.scene.name(), cell.info());
+    let mut recorder = Recorder::new(args, &out, name, info, simulated, interruption()?)?;
     let state = recorder.resume(saved, &mut cell)?;
     let (watcher, planner) = (&mut recorder, &mut *planner);
     let mut explorer =
@@ -82,7 +87,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         // What went wrong first is what there is to say, not that the recording or the metrics cannot be written after it.
         Err(error) => {
             if let Ok(recorder) = finished {
-                let metrics = recorder.failure(args, &options, &error);
+                let metrics = recorder.failure(args, &error);
                 let _unwritten = out.metrics(&metrics);
                 let _unwritten = out.report(&recorder.so_far.report, &metrics, rows(&metrics));
             }
@@ -90,26 +95,38 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         }
         Ok(outcome) => outcome,
     };
-    write(args, &options, &out, finished?, &outcome)
+    write(args, &out, finished?, &outcome)
 }
 
 /// The object and the cell that were asked for.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
-    let mut options = SimOptions::new(args.object.read()?);
-    options.arms = usize::from(args.arms);
-    options.seed = args.seed;
-    if args.camera == Camera::Realsense {
+    scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
+        options.seed_point = args.seed_point.map(Point3::from);
+        options
+    })
+}
+
+/// An object with arms around it before a camera with a noise in mm.
+pub fn scene(
+    object: &ObjectArgs,
+    arms: u8,
+    camera: Camera,
+    noise: f64,
+    seed: u64,
+) -> Result<SimOptions, Failure> {
+    let mut options = SimOptions::new(object.read()?);
+    options.arms = usize::from(arms);
+    options.seed = seed;
+    if camera == Camera::Realsense {
         options.camera = CameraOptions::realsense();
     }
-    options.camera.noise = args.noise * 1e-3;
-    options.seed_point = args.seed_point.map(Point3::from);
+    options.camera.noise = noise * 1e-3;
     Ok(options)
 }
 
 /// Writes the results of a run that came to an end of its own.
-fn write(
+pub fn write(
     args: &RunArgs,
-    options: &SimOptions,
     out: &OutputFolder,
     mut recorder: Recorder<'_>,
     outcome: &Outcome,
@@ -124,7 +141,7 @@ fn write(
     if let Some(measurer) = &recorder.measurer {
         out.truth(measurer.rest())?;
     }
-    let metrics = recorder.metrics(args, options, outcome, &mesh)?;
+    let metrics = recorder.metrics(args, outcome, &mesh)?;
     out.metrics(&metrics)?;
     if matches!(outcome.stop, Stop::Trouble(_)) {
         // What ended the run came between two decisions: the page shows what was known then, too.
@@ -135,7 +152,7 @@ fn write(
 }
 
 /// The closing table.
-fn rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
+pub fn rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
     let timing = |t: &Timing| format!("{:.1} ms median, {:.1} ms p95", t.median, t.p95);
     let mut rows = vec![
         (

@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point2, Point3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::links::Links;
 use super::options::{CameraModel, CameraOptions};
 use super::realsense::TrueImage;
 
@@ -266,15 +267,18 @@ fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
     polygon
 }
 
-/// The visible part of an arm in its tip frame: a shaft along −z and two fingers that open by `opening` along ±y.
+/// The visible part of an arm: its shaft, and two fingers that open by `opening` along ±y.
 pub(super) fn gripper(
     camera_from_tip: &Isometry3<f64>,
     opening: f64,
+    links: &Links,
 ) -> (Vec<Point3<f64>>, Vec<[usize; 3]>) {
     const RADIUS: f64 = 0.004;
     const LENGTH: f64 = 0.25;
-    let (mut vertices, mut triangles) = (Vec::new(), Vec::new());
-    for k in 0..SHAFT_SIDES {
+    let (mut vertices, mut triangles) = (Vec::<Point3<f64>>::new(), Vec::new());
+    // In the tip frame, along −z.
+    let sides = if links.straight { SHAFT_SIDES } else { 0 };
+    for k in 0..sides {
         let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
         let (x, y) = (RADIUS * angle.cos(), RADIUS * angle.sin());
         vertices.extend([Point3::new(x, y, -LENGTH), Point3::new(x, y, -0.012)]);
@@ -303,8 +307,36 @@ pub(super) fn gripper(
             [first + 4, first + 6, first + 7],
         ]);
     }
-    (
-        vertices.iter().map(|p| camera_from_tip * p).collect(),
-        triangles,
-    )
+    for p in &mut vertices {
+        *p = camera_from_tip * *p;
+    }
+    if !links.straight {
+        for ends in links.points.windows(2) {
+            prism(&ends[0], &ends[1], &mut vertices, &mut triangles);
+        }
+    }
+    (vertices, triangles)
+}
+
+/// A round link between two points.
+fn prism(
+    start: &Point3<f64>,
+    end: &Point3<f64>,
+    vertices: &mut Vec<Point3<f64>>,
+    triangles: &mut Vec<[usize; 3]>,
+) {
+    const RADIUS: f64 = 0.004;
+    let axis = (end - start).try_normalize(0.0).unwrap_or_default();
+    // The coordinate axis that is most square to it.
+    let beside = Vector3::ith(axis.iamin(), 1.0);
+    let x = axis.cross(&beside).try_normalize(0.0).unwrap_or_default();
+    let y = axis.cross(&x);
+    let first = vertices.len();
+    for k in 0..SHAFT_SIDES {
+        let angle = std::f64::consts::TAU * k as f64 / SHAFT_SIDES as f64;
+        let off = x * (RADIUS * angle.cos()) + y * (RADIUS * angle.sin());
+        vertices.extend([start + off, end + off]);
+        let (a, b) = (first + 2 * k, first + 2 * ((k + 1) % SHAFT_SIDES));
+        triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
+    }
 }

@@ -84,6 +84,12 @@ impl Gripper {
         });
     }
 
+    /// Puts the tip to a pose, at once.
+    pub fn place(&mut self, pose: Isometry3<f64>) {
+        self.pose = pose;
+        self.motion = None;
+    }
+
     pub fn stop(&mut self) {
         self.motion = None;
     }

@@ -15,6 +15,7 @@
 //! | everything adjustable | [`SimOptions`] |
 //! | the cell | [`SimCell`] |
 //! | the ground truth | [`Truth`] |
+//! | the same world for clients of a robot | [`SimCell::drive`], [`SimCell::depth_image`], [`PsmStand`] |
 //! | what it was told, to bring another cell to the same state | [`Journal`], [`SimCell::repeat`] |
 //!
 //! ```
@@ -33,9 +34,11 @@
 // Grid coordinates are clamped to be non-negative before they become indices.
 #![allow(clippy::cast_sign_loss)]
 
+mod arms;
 mod body;
 mod camera;
 mod clutter;
+mod driven;
 mod embedding;
 mod error;
 mod glove;
@@ -44,6 +47,7 @@ mod hollows;
 mod implicit;
 mod journal;
 mod lattice;
+mod links;
 mod mesh;
 mod options;
 mod realsense;
@@ -57,10 +61,13 @@ mod truth;
 mod world;
 
 pub use clutter::Attachment;
+pub use driven::PsmStand;
 pub use error::SimError;
 pub use journal::{Command, Journal};
 pub use mesh::{MAX_TRIANGLES, TriangleMesh};
-pub use options::{CameraModel, CameraOptions, Fidelity, JawOptions, Material, SimOptions};
+pub use options::{
+    ArmModel, CameraModel, CameraOptions, Fidelity, JawOptions, Material, SimOptions,
+};
 pub use realsense::StereoOptions;
 pub use scene::{SCENES, Scene, about};
 pub use truth::Truth;

@@ -188,6 +188,16 @@ impl Fidelity {
     }
 }
 
+/// What the arms of a cell can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ArmModel {
+    /// Every pose within their reach.
+    #[default]
+    Free,
+    /// What the joints of a patient-side manipulator (da Vinci S or Si, large needle driver) allow.
+    Psm,
+}
+
 /// A simulated cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SimOptions {
@@ -195,6 +205,8 @@ pub struct SimOptions {
     pub scene: Scene,
     /// Number of arms, 2 or 3: from the right (+x), from the left (−x), from behind (−y in the camera frame).
     pub arms: usize,
+    /// What they can do.
+    pub arm_model: ArmModel,
     /// Decides how the object lies and, with the frame number, the noise of each frame.
     pub seed: u64,
     /// A point on or next to the body that is to be explored, camera frame, where there are several. Default: the scene's own, which is the
@@ -217,6 +229,7 @@ impl SimOptions {
     pub fn new(scene: Scene) -> Self {
         Self {
             arms: 3,
+            arm_model: ArmModel::default(),
             seed: 0,
             seed_point: None,
             material: *scene.material(),

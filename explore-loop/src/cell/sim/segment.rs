@@ -7,9 +7,12 @@
 //! Nothing here knows which pixel shows what. Of several bodies the one next to the seed point is the object, else the largest; from then on the
 //! point of its cloud that was in its middle is the seed.
 
-use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, find_object};
+use dvrk_io::depth::{
+    Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, chain, find_object,
+};
 use nalgebra::{Isometry3, Point3};
 
+use super::links::Links;
 use super::options::CameraOptions;
 use crate::cell::Plane;
 
@@ -19,8 +22,9 @@ const VOXEL: f64 = 0.0022;
 const GAP: f64 = 0.018;
 /// Where arms and table are is known well here, metres.
 const CLEARANCE: f64 = 0.004;
-/// Shaft and fingers of a tool, metres: radius, and where they begin and end along z.
-const SHAFT: (f64, f64, f64) = (0.004, -0.25, -0.012);
+/// Radius of a shaft, metres.
+const SHAFT: f64 = 0.004;
+/// A finger, metres: its radius, and where it begins and ends along z.
 const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 
 /// Finds the object in one image after the other.
@@ -122,12 +126,20 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
 }
 
 /// The visible part of an arm whose fingers are `opening` off the middle.
-pub(super) fn capsules(camera_from_tip: &Isometry3<f64>, opening: f64) -> [Capsule; 3] {
-    let capsule = |[y0, y1]: [f64; 2], (radius, z0, z1): (f64, f64, f64)| Capsule {
-        start: camera_from_tip * Point3::new(0.0, y0, z0),
-        end: camera_from_tip * Point3::new(0.0, y1, z1),
-        radius,
+pub(super) fn capsules(
+    camera_from_tip: &Isometry3<f64>,
+    opening: f64,
+    links: &Links,
+) -> Vec<Capsule> {
+    let finger = |side: f64| {
+        let (radius, z0, z1) = FINGER;
+        let at = |y: f64, z: f64| camera_from_tip * Point3::new(0.0, side * y, z);
+        Capsule {
+            start: at(0.002, z0),
+            end: at(opening + 0.001, z1),
+            radius,
+        }
     };
-    let finger = |side: f64| capsule([side * 0.002, side * (opening + 0.001)], FINGER);
-    [capsule([0.0, 0.0], SHAFT), finger(-1.0), finger(1.0)]
+    let shaft = chain(&links.points, &vec![SHAFT; links.points.len()]);
+    shaft.into_iter().chain([-1.0, 1.0].map(finger)).collect()
 }

@@ -5,11 +5,13 @@
 //!                                   └─► depth image ──► the object found in it         (a real camera, or other bodies in view)
 //! ```
 
+use dvrk_io::depth::DepthImage;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::body::Body;
 use super::camera::{DepthCamera, Thing, gripper};
 use super::gripper::{Gripper, between};
+use super::links::Links;
 use super::mesh::TriangleMesh;
 use super::options::{CameraModel, JawOptions, SimOptions};
 use super::segment::{Seen, Segmenter, capsules};
@@ -76,6 +78,8 @@ pub(super) struct Sight {
     own: Vec<Point3<f64>>,
     /// The body beside the object, camera frame.
     beside: Option<TriangleMesh>,
+    /// Where the shafts of the arms pass, camera frame; none: straight behind their tips.
+    remote_centres: Vec<Isometry3<f64>>,
     /// Finds the object in images, where it has to be looked for.
     segmenter: Option<Segmenter>,
 }
@@ -99,8 +103,25 @@ impl Sight {
             texture: Texture::of(options.scene.name(), options.seed),
             own,
             beside,
+            remote_centres: Vec::new(),
             segmenter: segmenter.transpose()?,
         })
+    }
+
+    /// Of arms whose shafts pass these points.
+    pub fn with_remote_centres(self, remote_centres: Vec<Isometry3<f64>>) -> Self {
+        Self {
+            remote_centres,
+            ..self
+        }
+    }
+
+    /// The links of an arm, from its fingers on.
+    fn links(&self, arm: usize, camera_from_tip: &Isometry3<f64>) -> Links {
+        match self.remote_centres.get(arm) {
+            None => Links::straight(camera_from_tip),
+            Some(centre) => Links::through(camera_from_tip, &centre.translation.vector.into()),
+        }
     }
 
     /// The points of the object in a view, with the noise of frame `frame`.
@@ -113,9 +134,12 @@ impl Sight {
                 colours: self.camera.object_pixels().map(colour).collect(),
             });
         };
-        let arms = view.arms.iter().zip(&view.openings);
+        let arms = view.arms.iter().zip(&view.openings).enumerate();
         let tools: Vec<_> = arms
-            .flat_map(|(arm, opening)| capsules(&arm.camera_from_tip, *opening))
+            .flat_map(|(k, (arm, opening))| {
+                let pose = &arm.camera_from_tip;
+                capsules(pose, *opening, &self.links(k, pose))
+            })
             .collect();
         let image = self.camera.image(self.seed, frame);
         let seen = image.and_then(|image| segmenter.points(&image, &tools, colour));
@@ -126,6 +150,13 @@ impl Sight {
         Ok(seen)
     }
 
+    /// The depth image of a view, with the noise of frame `frame`: table and arms included.
+    pub fn image(&mut self, view: &View, frame: u64) -> Result<DepthImage, CellError> {
+        self.draw(view);
+        let image = self.camera.image(self.seed, frame);
+        image.map_err(|error| CellError::Failed(error.to_string()))
+    }
+
     fn draw(&mut self, view: &View) {
         self.camera.clear();
         self.camera
@@ -134,8 +165,9 @@ impl Sight {
             self.camera
                 .draw(&beside.vertices, &beside.triangles, Thing::Beside);
         }
-        for (arm, opening) in view.arms.iter().zip(&view.openings) {
-            let (vertices, triangles) = gripper(&arm.camera_from_tip, *opening);
+        for (k, (arm, opening)) in view.arms.iter().zip(&view.openings).enumerate() {
+            let links = self.links(k, &arm.camera_from_tip);
+            let (vertices, triangles) = gripper(&arm.camera_from_tip, *opening, &links);
             self.camera.draw(&vertices, &triangles, Thing::Arm);
         }
     }

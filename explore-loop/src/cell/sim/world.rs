@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
+use super::arms::{arms, remote_centres};
 use super::body::Body;
 use super::clutter::choose;
 use super::gripper::Gripper;
@@ -16,7 +17,7 @@ use super::options::CameraModel;
 use super::realsense::FrameClock;
 use super::sight::{Sight, View};
 use super::{SimError, SimOptions, Truth};
-use crate::cell::{ArmInfo, Cell, CellError, CellInfo, Observation, Plane};
+use crate::cell::{Cell, CellError, CellInfo, Observation, Plane};
 
 /// The object is let go this far above the table, metres.
 const DROP: f64 = 0.002;
@@ -32,23 +33,23 @@ const RETREAT: (f64, f64) = (0.03, 0.05);
 
 /// A simulated cell.
 pub struct SimCell {
-    info: CellInfo,
-    options: SimOptions,
-    body: Body,
+    pub(super) info: CellInfo,
+    pub(super) options: SimOptions,
+    pub(super) body: Body,
     /// Nodes that are held to the table, with where they are (world frame).
-    anchored: Vec<(usize, Point3<f64>)>,
-    grippers: Vec<Gripper>,
-    sight: Sight,
-    camera_from_world: Isometry3<f64>,
-    truth: Truth,
-    step: f64,
-    steps_per_frame: usize,
-    frame: u64,
-    failure: Option<String>,
-    journal: Journal,
+    pub(super) anchored: Vec<(usize, Point3<f64>)>,
+    pub(super) grippers: Vec<Gripper>,
+    pub(super) sight: Sight,
+    pub(super) camera_from_world: Isometry3<f64>,
+    pub(super) truth: Truth,
+    pub(super) step: f64,
+    pub(super) steps_per_frame: usize,
+    pub(super) frame: u64,
+    pub(super) failure: Option<String>,
+    pub(super) journal: Journal,
     /// The camera's own clock, if it has one, and what was before it when it last ticked.
-    clock: Option<FrameClock>,
-    ticked: Option<View>,
+    pub(super) clock: Option<FrameClock>,
+    pub(super) ticked: Option<View>,
 }
 
 impl std::fmt::Debug for SimCell {
@@ -100,13 +101,16 @@ impl SimCell {
         let settled = laid.body.surface();
         let settled = settled.iter().map(|p| camera_from_world * p).collect();
         let truth = Truth::new(laid.surface.triangles.clone(), settled);
-        let arms = arms(options, &camera_from_world);
+        let arms = arms(options, &camera_from_world)
+            .map_err(|error| SimError::Camera(error.to_string()))?;
+        let remote_centres = remote_centres(options, &camera_from_world);
         let table = Plane {
             normal: -Vector3::z_axis(),
             offset: height,
         };
         let triangles = laid.surface.triangles;
         let sight = Sight::new(options, &table, triangles, laid.own, laid.beside)
+            .map(|sight| sight.with_remote_centres(remote_centres))
             .map_err(|error| SimError::Camera(error.to_string()))?;
         let cell = Self {
             grippers: arms.iter().cloned().map(Gripper::new).collect(),
@@ -146,7 +150,6 @@ impl SimCell {
         if let Some(reason) = &self.failure {
             return Err(CellError::Failed(reason.clone()));
         }
-        let world_from_camera = self.camera_from_world.inverse();
         let begun = self.frame as f64 / self.info.camera_rate;
         let end = (self.frame + 1) as f64 / self.info.camera_rate;
         let tick = self.clock.map(|clock| clock.newest(end) - begun);
@@ -157,15 +160,7 @@ impl SimCell {
             let share = share.filter(|s| *s > 0.0 && (*s <= 1.0 || last));
             let before = share.map(|_| self.view(begun));
             self.grippers.iter_mut().for_each(|g| g.advance(self.step));
-            let targets: Vec<_> = self
-                .grippers
-                .iter()
-                .flat_map(Gripper::targets)
-                .map(|(node, p)| (node, world_from_camera * p))
-                .chain(self.anchored.iter().copied())
-                .collect();
-            self.body.step(&targets);
-            self.slip();
+            self.step_body();
             if let Some((before, share)) = before.zip(share) {
                 let stamp = begun + tick.unwrap_or_default();
                 let after = self.view(stamp);
@@ -178,6 +173,18 @@ impl SimCell {
             return Err(CellError::Failed(reason));
         }
         Ok(())
+    }
+
+    /// One step of the physics, with the tips where they are.
+    pub(super) fn step_body(&mut self) {
+        let world_from_camera = self.camera_from_world.inverse();
+        let held = self.grippers.iter().flat_map(Gripper::targets);
+        let targets: Vec<_> = held
+            .map(|(node, p)| (node, world_from_camera * p))
+            .chain(self.anchored.iter().copied())
+            .collect();
+        self.body.step(&targets);
+        self.slip();
     }
 
     /// A jaw that pulls too hard loses what it holds, and stays shut.
@@ -196,7 +203,7 @@ impl SimCell {
     }
 
     /// What is before the camera now.
-    fn view(&self, stamp: f64) -> View {
+    pub(super) fn view(&self, stamp: f64) -> View {
         View::of(
             &self.body,
             &self.grippers,
@@ -294,6 +301,9 @@ impl SimCell {
                 "the tip would be {distance:.3} m from the base, beyond its reach of {:.3} m",
                 info.reach
             ));
+        }
+        if info.poses.as_ref().is_some_and(|p| !p.contains(pose)) {
+            return Err("its joints do not reach that pose of the tip".to_owned());
         }
         let height = self.info.table.height(&tip);
         if height < 0.0 {
@@ -459,33 +469,4 @@ fn settle(body: &mut Body, step: f64) -> Result<(), SimError> {
     }
     body.broken()
         .map_or(Ok(()), |reason| Err(SimError::Engine(reason)))
-}
-
-/// Arms from the right, the left and behind: homes low outside the camera's view, pointing at the middle and down.
-fn arms(options: &SimOptions, camera_from_world: &Isometry3<f64>) -> Vec<ArmInfo> {
-    // In the world frame; the camera's −y, where the third arm stands, is the world's +y.
-    let sides = [Vector3::x(), -Vector3::x(), Vector3::y()];
-    sides
-        .iter()
-        .take(options.arms)
-        .enumerate()
-        .map(|(k, side)| {
-            let base = Point3::from(side * 0.40 + Vector3::z() * 0.10);
-            let tip = Point3::from(side * 0.34 + Vector3::z() * 0.16);
-            let approach = -(side + Vector3::z());
-            let world_from_home = Isometry3::from_parts(
-                Translation3::from(tip.coords),
-                // y is horizontal: the jaws open sideways.
-                UnitQuaternion::face_towards(&approach, &side.cross(&Vector3::z())),
-            );
-            ArmInfo {
-                name: format!("PSM{}", k + 1),
-                camera_from_home: camera_from_world * world_from_home,
-                base: camera_from_world * base,
-                reach: 0.65,
-                jaw_radius: options.jaw.half_opening,
-                max_speed: options.max_speed,
-            }
-        })
-        .collect()
 }

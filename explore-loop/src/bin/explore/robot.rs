@@ -1,0 +1,153 @@
+//! `explore robot`: an exploration with the arms and the camera of a dVRK.
+
+use crate::output::{OutputFolder, table};
+use crate::recorder::{Recorder, interruption};
+use crate::run::{rows, write};
+use crate::{Failure, RunArgs};
+use dvrk_io::transport::{Participant, Transport};
+use explore_loop::Error;
+use explore_loop::canonical::genus::Genus;
+use explore_loop::cell::Cell;
+use explore_loop::cell::dvrk::{CellFile, Preflight};
+use explore_loop::explore::{ExploreOptions, Explorer, Outcome};
+use explore_loop::mesh::Format;
+use explore_loop::nalgebra::Point3;
+use explore_loop::plan::CoveragePlanner;
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct RobotArgs {
+    /// What the cell is made of: arms, camera, calibration, limits (TOML; `explore serve --write-cell` writes one)
+    cell: PathBuf,
+    /// Look whether all is well, print it, and command nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Fastest grip speed, mm/s
+    #[arg(long, value_name = "MM_S", default_value_t = 20.0, value_parser = crate::positive)]
+    speed: f64,
+    /// Spacing of the model, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = crate::positive)]
+    spacing: f64,
+    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
+    #[arg(long, value_name = "X,Y,Z", value_parser = crate::point, allow_hyphen_values = true)]
+    seed_point: Option<[f64; 3]>,
+    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
+    #[arg(long, value_name = "N")]
+    genus: Option<usize>,
+    /// Most manipulations before giving up
+    #[arg(long, default_value_t = 8)]
+    max_manipulations: usize,
+    /// Folder for the results
+    #[arg(long, value_name = "DIR", default_value = "explored")]
+    out: PathBuf,
+    /// Also write a picture of the model after every manipulation
+    #[arg(long)]
+    pictures: bool,
+    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
+    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
+    export: Vec<Format>,
+    /// Print nothing but errors
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl RobotArgs {
+    /// The options that it shares with a run in the simulated cell.
+    fn run(&self) -> RunArgs {
+        RunArgs {
+            speed: self.speed,
+            spacing: self.spacing,
+            seed_point: self.seed_point,
+            genus: self.genus,
+            max_manipulations: self.max_manipulations,
+            out: self.out.clone(),
+            pictures: self.pictures,
+            export: self.export.clone(),
+            quiet: self.quiet,
+            ..RunArgs::default()
+        }
+    }
+}
+
+/// Looks whether all is well, then explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
+pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
+    let file = CellFile::load(&args.cell)?;
+    let stop = interruption()?;
+    let participant = Participant::join(&file.network()?)?;
+    let node = || -> Arc<dyn Transport> { Arc::new(participant.clone()) };
+    let preflight = Preflight::run(&file, &node, args.seed_point.map(Point3::from));
+    list(args, &preflight)?;
+    if args.dry_run || !preflight.is_ok() {
+        return Ok(if preflight.is_ok() {
+            ExitCode::SUCCESS
+        } else {
+            ExitCode::from(1)
+        });
+    }
+    let run = args.run();
+    let out = OutputFolder::create(&run.out)?;
+    let mut cell = preflight.start()?.stop_flag(Arc::clone(&stop));
+    let name = args.cell.file_stem().unwrap_or_default().to_string_lossy();
+    let mut recorder = Recorder::new(&run, &out, &name, cell.info(), None, Arc::clone(&stop))?;
+    recorder.begin(cell.info());
+    let mut planner = CoveragePlanner::default();
+    let mut options = ExploreOptions::new(run.spacing * 1e-3, run.speed * 1e-3);
+    options.max_manipulations = run.max_manipulations;
+    options.genus = run.genus.map_or(Genus::Any, Genus::Exactly);
+    options.limits.empty.speed = options.limits.empty.speed.min(file.limits.speed.get());
+    let outcome = Explorer::new(&mut cell, &mut planner, &mut recorder, options)?.run();
+    // From here on the arms hold where they are.
+    drop(cell);
+    finish(&run, &out, recorder, outcome, stop.load(Ordering::Relaxed))
+}
+
+/// Prints what was looked at; also when quiet where all is not well.
+fn list(args: &RobotArgs, preflight: &Preflight) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    for check in preflight.checks() {
+        if check.found.is_err() {
+            eprintln!("{check}");
+        } else if !args.quiet {
+            writeln!(out, "{check}")?;
+        }
+    }
+    Ok(())
+}
+
+fn finish(
+    run: &RunArgs,
+    out: &OutputFolder,
+    recorder: Recorder<'_>,
+    outcome: Result<Outcome, Error>,
+    stopped: bool,
+) -> Result<ExitCode, Failure> {
+    let finished = recorder.finish();
+    let outcome = match outcome {
+        Ok(outcome) => outcome,
+        Err(error) => {
+            if let Ok(recorder) = finished {
+                let metrics = recorder.failure(run, &error);
+                let _unwritten = out.metrics(&metrics);
+                let _unwritten = out.report(&recorder.so_far.report, &metrics, rows(&metrics));
+            }
+            return Err(if stopped {
+                "stopped: the arms hold where they are, the jaws stay as they are".into()
+            } else {
+                error.into()
+            });
+        }
+    };
+    let metrics = write(run, out, finished?, &outcome)?;
+    if !run.quiet {
+        table(&rows(&metrics))?;
+    }
+    Ok(match metrics.stop.as_str() {
+        "closed" => ExitCode::SUCCESS,
+        "closed_but_attached" => ExitCode::from(3),
+        _ => ExitCode::from(1),
+    })
+}

@@ -1,0 +1,435 @@
+//! The cell itself, once its arms are powered and homed.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use dvrk_io::Error;
+use dvrk_io::arm::{Arm, ArmThread, CameraFromRcm, CameraFromTip, Stop};
+use dvrk_io::camera::{Camera, CameraFrame};
+use dvrk_io::depth::Capsule;
+use dvrk_io::kinematics::Kinematics;
+use dvrk_io::transport::Transport;
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+
+use super::file::{ArmEntry, CellFile};
+use super::history::History;
+use super::preflight::{home, workspace};
+use super::see::{Eye, links};
+use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
+
+/// A camera that is silent for this long gives a frame without points, and after so much longer the cell has failed.
+const SILENT: Duration = Duration::from_secs(1);
+const DEAD: Duration = Duration::from_secs(30);
+/// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
+const NEARLY: f64 = 0.8;
+/// How often it is looked for a frame while waiting for one, and where the arms are then.
+const LOOK: Duration = Duration::from_millis(5);
+/// Longest time for a jaw, and for a way home.
+const JAW: Duration = Duration::from_secs(5);
+const HOME: Duration = Duration::from_secs(60);
+/// A jaw has come to rest so long after its set-point.
+const JAW_RESTS: Duration = Duration::from_millis(300);
+/// How far an arm backs out before it goes home, along its tool and up, metres, and the shares of it that are tried.
+const RETREAT: (f64, f64) = (0.03, 0.05);
+const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
+
+/// An arm that a thread drives.
+#[derive(Debug)]
+pub(super) struct Driven {
+    entry: ArmEntry,
+    kinematics: Kinematics,
+    camera_from_rcm: CameraFromRcm,
+    thread: ArmThread,
+    history: History,
+    joints: Option<[f64; 6]>,
+    /// Whether the jaw was closed on something.
+    closed: bool,
+}
+
+impl Driven {
+    pub fn new(entry: ArmEntry, arm: Arm) -> Result<Self, CellError> {
+        let failed = |error: Error| CellError::Failed(error.to_string());
+        Ok(Self {
+            kinematics: entry.kinematics().map_err(failed)?,
+            camera_from_rcm: CameraFromRcm(entry.camera_from_rcm()),
+            thread: ArmThread::spawn(arm).map_err(failed)?,
+            entry,
+            history: History::default(),
+            joints: None,
+            closed: false,
+        })
+    }
+
+    /// Notes where the arm is.
+    fn note(&mut self) {
+        let arm = self.thread.lock();
+        let (tip, joints) = (arm.rcm_from_tip(), arm.joints());
+        drop(arm);
+        if let Some(tip) = tip {
+            let CameraFromTip(pose) = self.camera_from_rcm * tip.value;
+            self.history.add(tip.stamp, pose);
+        }
+        self.joints = joints.map(|joints| joints.value).or(self.joints);
+    }
+
+    /// As it was at an instant. An arm that is silent is nowhere.
+    fn state(&self, stamp: Duration) -> ArmState {
+        let arm = self.thread.lock();
+        let (jaw, speaks) = (arm.jaw(), arm.rcm_from_tip().is_some());
+        let moving = arm.is_moving();
+        drop(arm);
+        let pose = self.history.at(stamp).filter(|_| speaks);
+        let jaw = jaw.map(|jaw| jaw.value);
+        let holds = jaw.is_some_and(|jaw| jaw.gap() > self.entry.jaw.holds_above.get());
+        ArmState {
+            camera_from_tip: pose.unwrap_or_else(|| {
+                Isometry3::from(Translation3::new(f64::NAN, f64::NAN, f64::NAN))
+            }),
+            jaw: jaw.map_or(f64::NAN, |jaw| jaw.angle),
+            holding: self.closed && holds,
+            moving,
+        }
+    }
+
+    /// What of the arm may be in view.
+    fn links(&self) -> Result<Vec<Capsule>, Error> {
+        let Some(joints) = &self.joints else {
+            return Ok(Vec::new());
+        };
+        let opening = self.entry.jaw.radius.get();
+        links(&self.kinematics, &self.camera_from_rcm.0, joints, opening)
+    }
+
+    fn here(&self) -> Option<Isometry3<f64>> {
+        let tip = self.thread.lock().rcm_from_tip()?;
+        Some((self.camera_from_rcm * tip.value).0)
+    }
+
+    fn go(&self, camera_from_tip: Isometry3<f64>, speed: f64) -> Result<(), Error> {
+        let goal = self
+            .camera_from_rcm
+            .rcm_from_tip(&CameraFromTip(camera_from_tip));
+        self.thread.lock().start_line(&goal, speed)
+    }
+
+    fn jaw(&self, angle: f64) -> Result<(), Error> {
+        self.thread.lock().start_jaw(angle)?;
+        self.thread.wait(JAW)
+    }
+}
+
+/// A cell of dVRK arms and a depth camera: see [`dvrk`](super). Made by [`Preflight::start`](super::Preflight::start).
+///
+/// When it is dropped, the arms hold where they are; they stay powered, and their jaws as they are.
+pub struct DvrkCell {
+    info: CellInfo,
+    arms: Vec<Driven>,
+    camera: Camera,
+    camera_frame: String,
+    eye: Eye,
+    transport: Arc<dyn Transport>,
+    start: Duration,
+    silent_since: Option<Duration>,
+    /// Stamp of the last frame that was used.
+    last: Duration,
+    asked_to_stop: Arc<AtomicBool>,
+}
+
+impl std::fmt::Debug for DvrkCell {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DvrkCell")
+            .field("info", &self.info)
+            .finish_non_exhaustive()
+    }
+}
+
+impl DvrkCell {
+    pub(super) fn new(
+        file: &CellFile,
+        arms: Vec<Driven>,
+        camera: Camera,
+        eye: Eye,
+        table: Plane,
+        transport: Arc<dyn Transport>,
+    ) -> Result<Self, CellError> {
+        let speed = file.limits.speed.get();
+        let infos = arms.iter().map(|arm| info(&arm.entry, speed));
+        let infos: Result<Vec<_>, Error> = infos.collect();
+        let infos = infos.map_err(|error| CellError::Failed(error.to_string()))?;
+        Ok(Self {
+            info: CellInfo {
+                arms: infos,
+                table,
+                camera_rate: file.camera.rate.get(),
+            },
+            arms,
+            camera,
+            camera_frame: file.camera.frame.clone(),
+            eye,
+            start: transport.now(),
+            transport,
+            silent_since: None,
+            last: Duration::ZERO,
+            asked_to_stop: Arc::default(),
+        })
+    }
+
+    /// With a flag that stops everything when it is set, from a signal handler or another thread: the arms hold where they are, the jaws stay as
+    /// they are, and every call is answered with [`CellError::Failed`].
+    #[must_use]
+    pub fn stop_flag(self, flag: Arc<AtomicBool>) -> Self {
+        Self {
+            asked_to_stop: flag,
+            ..self
+        }
+    }
+
+    fn hold(&self) {
+        self.arms.iter().for_each(|arm| arm.thread.lock().hold());
+    }
+
+    fn goes_on(&self) -> Result<(), CellError> {
+        if self.asked_to_stop.load(Ordering::Relaxed) {
+            self.hold();
+            return Err(CellError::Failed(
+                "stopped: the arms hold where they are, the jaws stay as they are".into(),
+            ));
+        }
+        Ok(())
+    }
+
+    fn arm(&mut self, arm: usize) -> Result<&mut Driven, CellError> {
+        self.goes_on()?;
+        let count = self.arms.len();
+        self.arms
+            .get_mut(arm)
+            .ok_or(CellError::NoSuchArm { arm, count })
+    }
+
+    /// The next frame, no sooner after the last one than the rate that is wanted says; nothing when the camera is silent.
+    fn next_frame(&mut self) -> Result<Option<CameraFrame>, CellError> {
+        let end = self.transport.now() + SILENT + self.least_period();
+        loop {
+            self.goes_on()?;
+            self.arms.iter_mut().for_each(Driven::note);
+            // What cannot be read is as good as nothing.
+            if let Ok(Some(frame)) = self.camera.try_frame()
+                && frame.stamp >= self.last + self.least_period()
+            {
+                self.last = frame.stamp;
+                return Ok(Some(frame));
+            }
+            let now = self.transport.now();
+            if now >= end {
+                return Ok(None);
+            }
+            self.transport.wait(now + LOOK);
+        }
+    }
+
+    /// Least time between two frames that are used.
+    fn least_period(&self) -> Duration {
+        Duration::from_secs_f64(NEARLY / self.info.camera_rate)
+    }
+
+    /// A frame without points.
+    fn blind(&mut self) -> Result<Observation, CellError> {
+        let now = self.transport.now();
+        let since = *self.silent_since.get_or_insert(now);
+        if now > since + DEAD {
+            self.hold();
+            let silent = now.saturating_sub(since).as_secs_f64();
+            return Err(CellError::Failed(format!(
+                "the camera has been silent for {silent:.0} s"
+            )));
+        }
+        Ok(self.observation(now, super::see::Seen::default()))
+    }
+
+    fn observation(&self, stamp: Duration, seen: super::see::Seen) -> Observation {
+        Observation {
+            stamp: stamp.saturating_sub(self.start).as_secs_f64(),
+            points: seen.points,
+            colours: seen.colours,
+            arms: self.arms.iter().map(|arm| arm.state(stamp)).collect(),
+        }
+    }
+
+    /// Ends what the last motion of an arm has left: an arm that something held back may go on, any other reason is a fault.
+    fn ready(&self, arm: usize) -> Result<(), CellError> {
+        match self.arms[arm].thread.wait(Duration::ZERO) {
+            Ok(()) | Err(Error::ArmTimeout { .. }) => Ok(()),
+            Err(Error::ArmStopped { reason, .. }) if goes_on_after(&reason) => Ok(()),
+            Err(error) => Err(refusal(arm, error)),
+        }
+    }
+
+    fn wait_for_arms(&self) -> Result<(), CellError> {
+        let end = self.transport.now() + HOME;
+        while self.arms.iter().any(|arm| arm.thread.lock().is_moving()) {
+            self.goes_on()?;
+            if self.transport.now() >= end {
+                self.hold();
+                return Err(CellError::Failed("the arms did not get home".into()));
+            }
+            self.transport.wait(self.transport.now() + LOOK);
+        }
+        (0..self.arms.len()).try_for_each(|arm| {
+            let ended = self.arms[arm].thread.wait(Duration::ZERO);
+            ended.map_err(|error| refusal(arm, error))
+        })
+    }
+
+    /// Back along the tool and up, as far as the arm can.
+    fn back_out(&self, arm: usize, speed: f64) -> Result<(), CellError> {
+        let driven = &self.arms[arm];
+        let Some(here) = driven.here() else {
+            let reason = "it does not say where it is".to_owned();
+            return Err(CellError::ArmFault { arm, reason });
+        };
+        let up = self.info.table.normal.into_inner();
+        for share in SHARES {
+            let way = up * RETREAT.1 - here.rotation * Vector3::z() * RETREAT.0;
+            let clear = Translation3::from(way * share) * here;
+            match driven.go(clear, speed) {
+                Err(Error::Unreachable(_)) => {}
+                other => return other.map_err(|error| refusal(arm, error)),
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Whether an arm that stopped for this may be commanded again without more ado.
+fn goes_on_after(reason: &Stop) -> bool {
+    matches!(reason, Stop::Arrived | Stop::Held | Stop::Blocked { .. })
+}
+
+/// What an error of an arm is to the loop.
+fn refusal(arm: usize, error: Error) -> CellError {
+    let reason = error.to_string();
+    match error {
+        Error::Unreachable(_) | Error::OutOfRange { .. } => CellError::BadCommand { arm, reason },
+        Error::ArmStopped { reason: stop, .. } if matches!(*stop, Stop::Unreachable(_)) => {
+            CellError::BadCommand { arm, reason }
+        }
+        _ => CellError::ArmFault { arm, reason },
+    }
+}
+
+fn info(entry: &ArmEntry, speed: f64) -> Result<ArmInfo, Error> {
+    let (kinematics, space) = (entry.kinematics()?, workspace(entry)?);
+    let [_, _, [_, insertion], ..] = *kinematics.limits();
+    Ok(ArmInfo {
+        name: entry.name.clone(),
+        camera_from_home: home(entry)?,
+        base: Point3::from(entry.camera_from_rcm().translation.vector),
+        reach: insertion + kinematics.instrument().jaw,
+        poses: Some(Poses::new(move |pose| space.contains(pose))),
+        jaw_radius: entry.jaw.radius.get(),
+        max_speed: speed,
+    })
+}
+
+impl Cell for DvrkCell {
+    fn info(&self) -> &CellInfo {
+        &self.info
+    }
+
+    fn observe(&mut self) -> Result<Observation, CellError> {
+        let Some(frame) = self.next_frame()? else {
+            return self.blind();
+        };
+        self.silent_since = None;
+        if frame.frame != self.camera_frame {
+            let (found, expected) = (frame.frame, &self.camera_frame);
+            return Err(CellError::Failed(format!(
+                "the camera speaks of the frame {found}, not {expected}"
+            )));
+        }
+        self.arms.iter_mut().for_each(Driven::note);
+        let links: Result<Vec<_>, Error> = self.arms.iter().map(Driven::links).collect();
+        let seen = links.and_then(|links| self.eye.look(&frame.scan, &links.concat()));
+        // A frame in which nothing can be found is one that shows nothing.
+        Ok(self.observation(frame.stamp, seen.unwrap_or_default()))
+    }
+
+    fn move_arm(
+        &mut self,
+        arm: usize,
+        camera_from_tip: Isometry3<f64>,
+        speed: f64,
+    ) -> Result<(), CellError> {
+        self.arm(arm)?;
+        self.ready(arm)?;
+        match self.arms[arm].go(camera_from_tip, speed) {
+            // The loop sees where the arm is, and gives up when it does not get on.
+            Err(Error::ArmStopped { reason, .. }) if matches!(*reason, Stop::Blocked { .. }) => {
+                Ok(())
+            }
+            other => other.map_err(|error| refusal(arm, error)),
+        }
+    }
+
+    fn close_jaw(&mut self, arm: usize) -> Result<(), CellError> {
+        self.arm(arm)?;
+        self.ready(arm)?;
+        let driven = &self.arms[arm];
+        let jaw = driven.entry.jaw;
+        let closed = driven.jaw(jaw.closed);
+        closed.map_err(|error| refusal(arm, error))?;
+        let rest = self.transport.now() + JAW_RESTS;
+        while self.transport.now() < rest {
+            self.transport.wait(rest);
+        }
+        let angle = driven.thread.lock().jaw();
+        if angle.is_some_and(|angle| angle.value.gap() > jaw.holds_above.get()) {
+            self.arms[arm].closed = true;
+            return Ok(());
+        }
+        let opened = driven.jaw(jaw.open);
+        opened.map_err(|error| refusal(arm, error))?;
+        Err(CellError::NothingGrasped { arm })
+    }
+
+    fn open_jaw(&mut self, arm: usize) -> Result<(), CellError> {
+        let driven = self.arm(arm)?;
+        driven.closed = false;
+        let opened = driven.jaw(driven.entry.jaw.open);
+        opened.map_err(|error| refusal(arm, error))
+    }
+
+    fn home(&mut self) -> Result<(), CellError> {
+        for arm in 0..self.arms.len() {
+            self.open_jaw(arm)?;
+        }
+        let speed = self.info.arms.iter().map(|arm| arm.max_speed);
+        let speed = speed.fold(f64::INFINITY, f64::min);
+        let away: Vec<usize> = (0..self.arms.len())
+            .filter(|&arm| {
+                let home = &self.info.arms[arm].camera_from_home;
+                let here = self.arms[arm].here();
+                here.is_none_or(|here| {
+                    (here.translation.vector - home.translation.vector).norm() > 1e-3
+                        || here.rotation.angle_to(&home.rotation) > 0.01
+                })
+            })
+            .collect();
+        for &arm in &away {
+            self.back_out(arm, speed)?;
+        }
+        self.wait_for_arms()?;
+        for &arm in &away {
+            let home = self.info.arms[arm].camera_from_home;
+            let sent = self.arms[arm].go(home, speed);
+            sent.map_err(|error| refusal(arm, error))?;
+        }
+        self.wait_for_arms()
+    }
+
+    fn stop(&mut self) -> Result<(), CellError> {
+        self.hold();
+        self.goes_on()
+    }
+}

@@ -1,0 +1,112 @@
+//! The object in a frame of the camera, without table and arms.
+
+use dvrk_io::Error;
+use dvrk_io::depth::{Capsule, ObjectOptions, Scan, find_object};
+use dvrk_io::kinematics::Kinematics;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::file::CellFile;
+use crate::cell::Plane;
+
+/// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
+const VOXEL: f64 = 0.0022;
+/// An arm before the object shall not divide it: twice shaft and clearance, metres.
+const GAP: f64 = 0.018;
+/// What is this near to the table is taken for the table, metres.
+const TABLE_CLEARANCE: f64 = 0.004;
+/// Radius of a finger, metres, and how far fingers reach behind and before their tips.
+const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
+
+/// Finds the object in one frame after the other: of several bodies that which is next to where it was, else the largest.
+#[derive(Debug, Clone)]
+pub(super) struct Eye {
+    options: ObjectOptions,
+    table: Option<Plane>,
+    seed: Option<Point3<f64>>,
+}
+
+/// What a frame shows.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Seen {
+    pub points: Vec<Point3<f64>>,
+    pub colours: Option<Vec<[u8; 3]>>,
+}
+
+impl Eye {
+    pub fn new(file: &CellFile, seed: Option<Point3<f64>>) -> Self {
+        let options = ObjectOptions::default()
+            .with_clearances(TABLE_CLEARANCE, file.camera.arm_clearance.get())
+            .with_voxel(VOXEL)
+            .with_parts(GAP, 4);
+        let table = file.table.map(|table| table.plane());
+        Self {
+            options,
+            table,
+            seed,
+        }
+    }
+
+    /// The table, once it is known.
+    pub fn table(&self) -> Option<Plane> {
+        self.table
+    }
+
+    /// # Errors
+    /// No table among the points, a scan without points, an arm that is nowhere. Nothing that could be the object is no error.
+    pub fn look(&mut self, scan: &Scan, arms: &[Capsule]) -> Result<Seen, Error> {
+        let mut options = self.options;
+        if let Some(table) = &self.table {
+            options = options.with_table(table.normal, table.offset);
+        }
+        let near = self.seed.map(|seed| options.with_seed_point(seed));
+        for options in [near, Some(options)].into_iter().flatten() {
+            match find_object(scan, arms, &options) {
+                Ok(object) => {
+                    self.table.get_or_insert(Plane {
+                        normal: object.table.normal,
+                        offset: object.table.offset,
+                    });
+                    self.seed = middle(&object.points).or(self.seed);
+                    return Ok(Seen {
+                        points: object.points,
+                        colours: object.colours,
+                    });
+                }
+                Err(Error::NoObject { .. }) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(Seen::default())
+    }
+}
+
+/// The point next to the mean of all.
+fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
+    let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
+    let mean = Point3::from(sum / points.len().max(1) as f64);
+    let away = |p: &Point3<f64>| (p - mean).norm_squared();
+    let nearest = points.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+    nearest.copied()
+}
+
+/// Links and fingers of an arm whose tip is at a pose; `opening`: how far its fingers are off the middle, metres.
+pub(super) fn links(
+    kinematics: &Kinematics,
+    camera_from_rcm: &Isometry3<f64>,
+    joints: &[f64; 6],
+    opening: f64,
+) -> Result<Vec<Capsule>, Error> {
+    let camera_from_tip = camera_from_rcm * kinematics.rcm_from_tip(joints)?.0;
+    let finger = |side: f64| {
+        let (radius, behind, before) = FINGER;
+        let at = |y: f64, z: f64| camera_from_tip * Point3::new(0.0, side * y, z);
+        Capsule {
+            start: at(0.002, behind),
+            end: at(opening + 0.001, before),
+            radius,
+        }
+    };
+    let mut links = kinematics.capsules(camera_from_rcm, joints, 0.0)?;
+    links.extend([-1.0, 1.0].map(finger));
+    Ok(links)
+}

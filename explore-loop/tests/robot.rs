@@ -1,0 +1,338 @@
+//! `explore serve` and `explore robot` as two processes over DDS, on this machine only. Every test has a domain of its own.
+//!
+//! `dvrk-io/tests/ros2/install.sh FOLDER` makes the Python of the test that needs rclpy, `$DVRK_IO_ROS` names it; where it is not set, that test
+//! says that it was skipped and passes.
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests"
+)]
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use dvrk_io::Psm;
+use dvrk_io::arm::{Arm, ArmOptions, OtherWriters};
+use dvrk_io::kinematics::Kinematics;
+use dvrk_io::transport::Participant;
+use explore_loop::cell::dvrk::CellFile;
+use serde_json::Value;
+
+/// Domains of these tests: not those of the tests of dvrk-io, and most likely others in two runs at once.
+fn domain(test: u32) -> String {
+    (1 + std::process::id() % 5 * 20 + 17 + test % 3).to_string()
+}
+
+fn explore() -> Command {
+    Command::new(env!("CARGO_BIN_EXE_explore"))
+}
+
+/// The served cell, until it is dropped.
+struct Served {
+    child: Child,
+    folder: tempfile::TempDir,
+    said: Vec<String>,
+}
+
+impl Served {
+    fn start(test: u32, more: &[&str]) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut child = explore()
+            .args(["serve", "--loopback", "--domain", &domain(test)])
+            .arg("--write-cell")
+            .arg(folder.path().join("CELL.toml"))
+            .args(more)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut said = Vec::new();
+        for line in BufReader::new(child.stdout.take().unwrap()).lines() {
+            said.push(line.unwrap());
+            if said.last().unwrap().starts_with("serving") {
+                break;
+            }
+        }
+        Self {
+            child,
+            folder,
+            said,
+        }
+    }
+
+    fn cell(&self) -> PathBuf {
+        self.folder.path().join("CELL.toml")
+    }
+
+    /// The same for a computer that has other things to do: two frames a second.
+    fn slow_cell(&self) -> PathBuf {
+        let text = std::fs::read_to_string(self.cell()).unwrap();
+        assert!(text.contains("rate = 10.0"));
+        let path = self.folder.path().join("slow.toml");
+        std::fs::write(&path, text.replace("rate = 10.0", "rate = 2.0")).unwrap();
+        path
+    }
+
+    /// Ends it as Ctrl-C does.
+    fn interrupt(mut self) -> i32 {
+        signal(&self.child);
+        self.child.wait().unwrap().code().unwrap()
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+fn signal(child: &Child) {
+    let id = child.id().to_string();
+    assert!(
+        Command::new("kill")
+            .args(["-INT", &id])
+            .status()
+            .unwrap()
+            .success()
+    );
+}
+
+fn text(output: &Output) -> String {
+    let both = [output.stdout.as_slice(), &output.stderr].concat();
+    String::from_utf8_lossy(&both).into_owned()
+}
+
+#[test]
+fn a_served_cell_is_found_well_and_commanded_by_nobody() {
+    let served = Served::start(0, &["--tetrahedra", "500"]);
+    let said = served.said.join("\n");
+    for word in [
+        "/PSM1",
+        "/PSM3",
+        "image_rect_raw",
+        "camera_depth_optical_frame",
+    ] {
+        assert!(said.contains(word), "{word} is not in {said}");
+    }
+    let file = CellFile::load(&served.cell()).unwrap();
+    assert_eq!(file.arm.len(), 3);
+    // It says of itself what a file can hold, and is read back as it was.
+    let again = CellFile::parse(&file.to_toml().unwrap(), Path::new("again.toml")).unwrap();
+    assert_eq!(again, file);
+
+    let output = explore()
+        .arg("robot")
+        .arg(served.cell())
+        .arg("--dry-run")
+        .output()
+        .unwrap();
+    let found = text(&output);
+    assert!(output.status.success(), "{found}");
+    for check in [
+        "PSM1, streams",
+        "PSM2, clock",
+        "PSM3, who else commands",
+        "PSM2, jaw",
+        "camera",
+        "table",
+        "PSM1, home",
+        "object",
+        "reaches the object",
+    ] {
+        assert!(found.contains(check), "{check} is not in {found}");
+    }
+    assert!(!found.contains("NOT OK"), "{found}");
+
+    // An arm that is not there, and a camera that speaks of another frame.
+    let mut wrong = file.clone();
+    wrong.arm[0].name = "PSM9".into();
+    wrong.camera.frame = "elsewhere".into();
+    let path = served.folder.path().join("wrong.toml");
+    std::fs::write(&path, wrong.to_toml().unwrap()).unwrap();
+    let output = explore()
+        .arg("robot")
+        .arg(&path)
+        .arg("--dry-run")
+        .output()
+        .unwrap();
+    let found = text(&output);
+    assert_eq!(output.status.code(), Some(1), "{found}");
+    for why in [
+        "NOT OK   PSM9, streams",
+        "nobody publishes it",
+        "but the file has elsewhere",
+    ] {
+        assert!(found.contains(why), "{why} is not in {found}");
+    }
+    assert_eq!(served.interrupt(), 0);
+}
+
+#[test]
+fn a_script_with_rclpy_practises_on_the_served_cell() {
+    let python = std::env::var("DVRK_IO_ROS")
+        .ok()
+        .filter(|path| !path.is_empty());
+    let Some(python) = python.map(PathBuf::from) else {
+        println!("skipped: no rclpy here ($DVRK_IO_ROS)");
+        return;
+    };
+    let _served = Served::start(1, &["--tetrahedra", "500"]);
+    let prefix = python.parent().and_then(Path::parent).unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/robot/practise.py");
+    let output = Command::new(&python)
+        .arg(script)
+        .env("ROS_DOMAIN_ID", domain(1))
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .env("AMENT_PREFIX_PATH", prefix)
+        .env("LD_LIBRARY_PATH", prefix.join("lib"))
+        .output()
+        .unwrap();
+    let printed = text(&output);
+    assert!(output.status.success(), "{printed}");
+    for line in [
+        "is homed",
+        "by servo_cp",
+        "by move_cp",
+        "closed and opened",
+        "320 x 240 16UC1",
+    ] {
+        assert!(printed.contains(line), "{line} is not in {printed}");
+    }
+}
+
+#[test]
+fn a_file_that_is_wrong_is_named_with_its_line() {
+    let right = include_str!("../doc/CELL.toml");
+    let path = Path::new("cells/mine.toml");
+    CellFile::parse(right, path).unwrap();
+    let cases = [
+        ("rate = 10.0", "rate = -1.0", "positive"),
+        ("kind = \"si\"", "kind = \"mk3\"", "unknown variant"),
+        ("name = \"PSM2\"", "name = \"PSM1\"", "a second arm PSM1"),
+        ("speed = 0.05", "sped = 0.05", "unknown field"),
+        (
+            "normal = [0.0, 0.0, -1.0]",
+            "normal = [0.0, 0.0, 0.0]",
+            "no direction",
+        ),
+        ("version = 1", "version = 2", "version 1"),
+        ("open = 1.0", "open = -1.0", "cannot close"),
+    ];
+    for (from, to, why) in cases {
+        assert!(right.contains(from), "{from}");
+        let wrong = right.replacen(from, to, 1);
+        let error = CellFile::parse(&wrong, path).unwrap_err().to_string();
+        assert!(error.contains(why), "{error}");
+        let line: usize = error.split(':').nth(1).unwrap().parse().unwrap();
+        let lines: Vec<&str> = wrong.lines().collect();
+        // The line itself, or that of the arm that it is of.
+        let named = lines[line - 1];
+        assert!(named.contains(to) || named == "[[arm]]", "{error}: {named}");
+    }
+    let output = explore()
+        .args(["robot", "/nowhere/CELL.toml"])
+        .output()
+        .unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(text(&output).contains("/nowhere/CELL.toml"));
+}
+
+/// Reads the jaw of an arm that somebody else commands.
+fn jaws(test: u32, served: &Served) -> Vec<f64> {
+    let network = CellFile::load(&served.cell()).unwrap().network().unwrap();
+    assert_eq!(network.domain().to_string(), domain(test));
+    let transport = Participant::join(&network).unwrap();
+    let options = || {
+        ArmOptions::default()
+            .with_kinematics(Kinematics::new(Psm::Si))
+            .with_other_writers(OtherWriters::Allow)
+    };
+    let jaw = |name: &str| {
+        let patience = Duration::from_secs(10);
+        let node = Arc::new(transport.clone());
+        let arm = Arm::connect(node, name, options(), patience).unwrap();
+        arm.jaw().unwrap().value.angle
+    };
+    ["PSM1", "PSM2", "PSM3"].map(jaw).to_vec()
+}
+
+/// Three minutes and more: `cargo test --release -p explore-loop --test robot -- --ignored --nocapture`.
+#[test]
+#[ignore = "minutes"]
+fn ctrl_c_opens_nothing_and_drops_nothing() {
+    let served = Served::start(2, &["--seed", "1", "--tetrahedra", "800"]);
+    let out = served.folder.path().join("out");
+    let mut robot = explore()
+        .arg("robot")
+        .arg(served.slow_cell())
+        .arg("--out")
+        .arg(&out)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // The plan is told before the arms reach for it: the jaws are closed some time after.
+    let mut lines = BufReader::new(robot.stderr.take().unwrap()).lines();
+    assert!(lines.any(|line| line.unwrap().contains("turn over")));
+    let end = Instant::now() + Duration::from_secs(240);
+    while !jaws(2, &served).iter().any(|angle| *angle < 0.5) {
+        assert!(Instant::now() < end, "no jaw closes");
+    }
+    signal(&robot);
+    let code = robot.wait().unwrap().code();
+    let after = jaws(2, &served);
+    println!("jaws after Ctrl-C: {after:?}");
+    // Who comes next is told, and moves nothing.
+    let next = explore()
+        .arg("robot")
+        .arg(served.slow_cell())
+        .output()
+        .unwrap();
+    assert_eq!(next.status.code(), Some(1));
+    assert!(
+        text(&next).contains("it holds something"),
+        "{}",
+        text(&next)
+    );
+    assert_eq!(code, Some(1));
+    assert!(after.iter().any(|angle| *angle < 0.5), "{after:?}");
+    let metrics = std::fs::read(out.join("metrics.json")).unwrap();
+    let metrics: Value = serde_json::from_slice(&metrics).unwrap();
+    assert_eq!(
+        metrics["frames"].as_u64().map(|frames| frames > 0),
+        Some(true)
+    );
+}
+
+/// Ten minutes on two cores: `cargo test --release -p explore-loop --test robot -- --ignored --nocapture`.
+#[test]
+#[ignore = "minutes"]
+fn the_liver_is_explored_to_closure_over_dds() {
+    let served = Served::start(0, &["--seed", "1", "--tetrahedra", "800"]);
+    let out = served.folder.path().join("out");
+    let output = explore()
+        .arg("robot")
+        .arg(served.slow_cell())
+        .arg("--out")
+        .arg(&out)
+        .output()
+        .unwrap();
+    let said = text(&output);
+    println!("{said}");
+    assert!(output.status.success(), "{said}");
+    let metrics = std::fs::read(out.join("metrics.json")).unwrap();
+    let metrics: Value = serde_json::from_slice(&metrics).unwrap();
+    assert_eq!(metrics["stop"], "closed");
+    assert_eq!(metrics["betti"], serde_json::json!([1, 0, 1]));
+    for name in [
+        "canonical.ply",
+        "report.html",
+        "session.mcap",
+        "checkpoint.bin",
+    ] {
+        assert!(out.join(name).is_file(), "{name}");
+    }
+}
