@@ -26,6 +26,7 @@
 //!   next may have moved by one ξ more. In the twelve frames after all jaws opened the object may fall by 100 mm a frame.
 //! - **Time passes in [`Cell::observe`] and [`Cell::home`] only**, as far as the loop can tell: commanded motions go on there.
 
+use dvrk_io::features::Feature;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 pub mod faults;
@@ -105,6 +106,8 @@ pub struct Observation {
     pub points: Vec<Point3<f64>>,
     /// Red, green and blue of each point, if the camera has colours. A list of another length than the points is no colours.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Features of the colour image on the object, if the camera has one: places that can be recognised in the next frame.
+    pub features: Option<Vec<Feature>>,
     /// The arms, in the order of [`CellInfo::arms`].
     pub arms: Vec<ArmState>,
 }
@@ -116,11 +119,14 @@ impl Observation {
         colours.filter(|colours| colours.len() == self.points.len())
     }
 
-    /// Keeps the points that `keep` says, with their colours.
+    /// Keeps the points that `keep` says, with their colours, and the features.
     pub fn retain(&mut self, keep: impl Fn(&Point3<f64>) -> bool) {
         if let Some(colours) = self.colours.take().filter(|c| c.len() == self.points.len()) {
             let both = colours.into_iter().zip(&self.points);
             self.colours = Some(both.filter(|(_, p)| keep(p)).map(|(c, _)| c).collect());
+        }
+        if let Some(features) = &mut self.features {
+            features.retain(|f| keep(&f.point));
         }
         self.points.retain(keep);
     }

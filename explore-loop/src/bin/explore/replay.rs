@@ -1,13 +1,13 @@
 //! `explore replay`: the canonical model from a recording.
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
-use crate::{Failure, ReplayArgs};
+use crate::{Failure, Features, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::{ColourFeatures, ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
@@ -28,7 +28,12 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let started = Instant::now();
     let mut cell = ReplayCell::streamed(session)?;
     let mut truth = Truth::read(&reader, &args.session, args.quiet)?;
-    let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
+    let features = match args.features {
+        Features::On => ColourFeatures::Landmarks,
+        Features::Off => ColourFeatures::Ignored,
+    };
+    let options = ReconstructOptions::new(spacing).with_features(features);
+    let mut reconstructor = Reconstructor::new(options)?;
     let bar = if args.quiet {
         indicatif::ProgressBar::hidden()
     } else {

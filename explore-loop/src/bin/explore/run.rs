@@ -3,7 +3,7 @@
 use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::recorder::Recorder;
 use crate::saved::Saved;
-use crate::{Camera, Failure, Grips, RunArgs};
+use crate::{Camera, Failure, Features, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::canonical::genus::Genus;
 use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
@@ -12,6 +12,9 @@ use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{CoveragePlanner, Planner, RandomPlanner};
 use explore_loop::report::metrics::{Metrics, Timing};
 use std::process::ExitCode;
+
+/// Pixels of the colour image for one of the depth image, in each direction.
+const COLOUR_PIXELS: usize = 2;
 
 /// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
@@ -83,6 +86,7 @@ fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
         options.camera = CameraOptions::realsense();
     }
     options.camera.noise = args.noise * 1e-3;
+    options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
     options.seed_point = args.seed_point.map(Point3::from);
     Ok(options)
 }

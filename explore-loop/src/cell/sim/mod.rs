@@ -36,6 +36,7 @@
 mod body;
 mod camera;
 mod clutter;
+mod colour_image;
 mod embedding;
 mod error;
 mod glove;
