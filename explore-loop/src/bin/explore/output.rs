@@ -278,6 +278,7 @@ impl FinalMesh {
             vertices: self.vertices.clone(),
             triangles: self.triangles.clone(),
             quantities,
+            colours: self.colours.clone(),
         }
     }
 
