@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! planted   where a feature was seen first, carried to rest by the vertex it is nearest to: X = X_v + R_vᵀ (y − x_v)
-//! met       in later frames: the same feature from frame to frame, or found again where the body now has it
+//! met       in later frames: the same feature from frame to frame, or found again near where the body last had it
 //! costs     Σ_t (t · (x(X) − y))² / σ²          two directions t along the surface; across it the cloud knows better
 //! counts    confidence · Tukey (1 − r²/c²)²₊     r the distance along the surface, c as for matches
 //! ```
@@ -19,15 +19,18 @@ use nalgebra::{Point3, UnitVector3};
 use topo_ekf::body::{Embedding, Lattice, Pose, Row};
 
 /// Standard deviation of a landmark along the surface, metres: corners shift by a pixel or two as they are seen from elsewhere.
-const SIGMA: f64 = 0.0015;
-/// Farthest from where the body has it that a landmark is found again, metres, with how few different bits, and how clearly.
-const AGAIN: f64 = 0.008;
+const SIGMA: f64 = 0.001;
+/// Farthest from where the body last had it that a landmark is found again, metres, with how few different bits, and how clearly.
+const AGAIN: f64 = 0.010;
 const AGAIN_BITS: (u32, f64) = (45, 0.75);
 /// Least facing of a landmark that may be seen.
 const FACING: f64 = 0.3;
 /// A landmark this far along the surface from where the body has it, metres, so many frames in a row, is not what it was taken for.
 const ASTRAY: f64 = 0.006;
 const STRIKES: u8 = 3;
+/// Nothing is planted this near to a landmark that was seen in so many frames before, metres: what is older is less astray.
+const CROWDED: f64 = 0.004;
+const LATELY: u32 = 20;
 /// Most landmarks; the ones not seen for longest go.
 const MOST: usize = 1500;
 
@@ -72,17 +75,7 @@ pub(crate) struct Landmarks {
 }
 
 impl Landmarks {
-    /// Those of the last frame that are met in this one.
-    pub fn met(&self, frame: &Recognised) -> Vec<Sighting> {
-        let met = self.all.iter().filter_map(|landmark| {
-            let (feature, confidence) = went(landmark, frame)?;
-            let point = frame.features.get(feature)?.point;
-            Some(landmark.sighting(point, confidence))
-        });
-        met.collect()
-    }
-
-    /// Those seen in the last frame that were planted before it.
+    /// Those recognised in the last frame that were planted before it.
     pub fn sighted(&self) -> Vec<Sighting> {
         let known = self.all.iter().filter(|l| l.times > 0);
         let sighted =
@@ -95,26 +88,30 @@ impl Landmarks {
         self.all.iter_mut().for_each(|l| l.seen = None);
     }
 
-    /// Follows the landmarks to a frame in which the body has been posed.
-    pub fn follow(&mut self, frame: &Recognised, lattice: &Lattice, pose: &Pose, number: u32) {
+    /// Recognises landmarks in a frame in which the body is not posed yet: `pose` is that of the frame before.
+    pub fn recognise(&mut self, frame: &Recognised, lattice: &Lattice, pose: &Pose, number: u32) {
         for landmark in &mut self.all {
             let gone = went(landmark, frame);
-            let seen = gone.and_then(|(feature, confidence)| {
-                let point = frame.features.get(feature)?.point;
-                Some((feature, point, confidence))
-            });
             landmark.seen = None;
-            let Some(((feature, point, confidence), (at, normal))) =
-                seen.zip(landmark.posed(lattice, pose))
+            if let Some((feature, confidence)) = gone {
+                let as_seen = frame.features[feature];
+                landmark.see(feature, confidence, as_seen, number);
+            }
+        }
+        self.find_again(frame, lattice, pose, number);
+    }
+
+    /// Judges the landmarks by the pose that was found: those that stay astray go.
+    pub fn judge(&mut self, lattice: &Lattice, pose: &Pose) {
+        for landmark in &mut self.all {
+            let Some((seen, (at, normal))) = landmark.seen.zip(landmark.posed(lattice, pose))
             else {
                 continue;
             };
-            let astray = surface::aside(&normal, &(at - point)) > ASTRAY;
+            let astray = surface::aside(&normal, &(at - seen.point)) > ASTRAY;
             landmark.strikes = if astray { landmark.strikes + 1 } else { 0 };
-            landmark.see(feature, point, confidence, frame.features[feature], number);
         }
         self.all.retain(|l| l.strikes < STRIKES);
-        self.find_again(frame, lattice, pose, number);
     }
 
     /// Looks for the landmarks that were lost, where the body has them, among the features that are none yet.
@@ -139,7 +136,7 @@ impl Landmarks {
         for pair in match_features(&features(&lost), &features(&free), &options) {
             let (feature, found) = free[pair.b];
             let landmark = &mut self.all[lost[pair.a].0];
-            landmark.see(feature, found.point, pair.confidence, found, number);
+            landmark.see(feature, pair.confidence, found, number);
         }
     }
 
@@ -153,15 +150,24 @@ impl Landmarks {
         all.filter(|(k, _)| !taken[*k]).collect()
     }
 
-    /// Plants a landmark at every feature that is none, where the surface was measured.
+    /// Plants a landmark at every feature that is none, where the surface was measured and no other was seen lately.
     pub fn plant(
         &mut self,
         frame: &Recognised,
-        model: &CanonicalModel,
-        measured: &[bool],
+        (lattice, pose): (&Lattice, &Pose),
+        (model, measured): (&CanonicalModel, &[bool]),
         spacing: f64,
         number: u32,
     ) {
+        let lately = self.all.iter().filter(|l| l.last + LATELY >= number);
+        let known: Vec<Point3<f64>> = lately
+            .filter_map(|l| l.posed(lattice, pose).map(|(at, _)| at))
+            .collect();
+        let known = graph::tree(&known);
+        let crowded = |p: &Point3<f64>| {
+            let nearest = known.as_ref().map(|tree| graph::nearest(tree, p).1);
+            nearest.is_some_and(|away| away < CROWDED)
+        };
         let vertices: Vec<usize> = (0..model.len()).filter(|&v| measured[v]).collect();
         let places: Vec<Point3<f64>> = vertices.iter().map(|&v| model.live[v]).collect();
         let Some(tree) = graph::tree(&places) else {
@@ -170,7 +176,8 @@ impl Landmarks {
         for (k, feature) in self.free(frame) {
             let (nearest, distance) = graph::nearest(&tree, &feature.point);
             let v = vertices[nearest];
-            if distance > spacing || facing(&feature.point, &model.live_normal(v)) < FACING {
+            let turned_away = facing(&feature.point, &model.live_normal(v)) < FACING;
+            if distance > spacing || turned_away || crowded(&feature.point) {
                 continue;
             }
             let offset = feature.point - model.live[v];
@@ -197,7 +204,8 @@ impl Landmarks {
 
 /// Which feature of a frame a landmark that was seen in the one before is.
 fn went(landmark: &Landmark, frame: &Recognised) -> Option<(usize, f64)> {
-    *frame.from.get(landmark.seen?.feature)?
+    let (feature, confidence) = (*frame.from.get(landmark.seen?.feature)?)?;
+    (feature < frame.features.len()).then_some((feature, confidence))
 }
 
 impl Landmark {
@@ -216,17 +224,10 @@ impl Landmark {
         Some((pose.position(lattice, &at), normal))
     }
 
-    fn see(
-        &mut self,
-        feature: usize,
-        point: Point3<f64>,
-        confidence: f64,
-        as_seen: Feature,
-        number: u32,
-    ) {
+    fn see(&mut self, feature: usize, confidence: f64, as_seen: Feature, number: u32) {
         self.seen = Some(Seen {
             feature,
-            point,
+            point: as_seen.point,
             confidence,
         });
         self.descriptor = as_seen.descriptor;

@@ -167,8 +167,12 @@ impl Track {
             return Ok(());
         }
         let contacts = self.own_contacts();
-        let met = recognised.map_or_else(Vec::new, |frame| self.landmarks.met(frame));
-        let met = landmark::embedded(&met, self.body.lattice());
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        match recognised {
+            Some(frame) => self.landmarks.recognise(frame, lattice, pose, self.frame),
+            None => self.landmarks.lose(),
+        }
+        let met = landmark::embedded(&self.landmarks.sighted(), lattice);
         let (model, embeddings) = (&self.model, &self.embeddings);
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);
@@ -223,22 +227,18 @@ impl Track {
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
         self.still = if rests { self.still + 1 } else { 0 };
         self.weigh(&grips);
-        match recognised {
-            Some(frame) => {
-                let (lattice, pose) = (self.body.lattice(), self.body.pose());
-                self.landmarks.follow(frame, lattice, pose, self.frame);
-            }
-            None => self.landmarks.lose(),
-        }
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        self.landmarks.judge(lattice, pose);
         self.frame += 1;
         Ok(())
     }
 
     /// Plants landmarks where the surface was measured in this frame.
     pub fn plant(&mut self, frame: &Recognised, spacing: f64) {
-        let (model, seen) = (&self.model, &self.seen);
-        self.landmarks
-            .plant(frame, model, seen, spacing, self.frame);
+        let body = (self.body.lattice(), self.body.pose());
+        let surface = (&self.model, &self.seen[..]);
+        let number = self.frame;
+        self.landmarks.plant(frame, body, surface, spacing, number);
     }
 
     /// Looks at the weight, now and then and where the frame fits.
