@@ -150,7 +150,7 @@ fn a_browser_shows_the_run() {
     ));
     page.settle();
     let seen = pixels(&page.picture(Some(REST)));
-    let ochre = |p: &&[u8; 3]| p[0] > p[1] && p[1] > p[2].saturating_add(20);
+    let ochre = |p: &&[u8; 3]| p[0] > p[1] && 10 * u16::from(p[1]) > 11 * u16::from(p[2]);
     let share = seen.iter().filter(ochre).count() as f64 / seen.len() as f64;
     assert!(share > 0.8 * drawn(&seen), "{share} of {}", drawn(&seen));
     if let Some(folder) = std::env::var_os("PICTURES") {

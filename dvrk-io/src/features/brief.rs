@@ -72,7 +72,7 @@ fn turned(test: Test, step: usize) -> Test {
 
 /// The tests of a corner that is not turned, the same for ever.
 fn upright() -> [Test; BITS] {
-    let mut state = 0x5eed_0f_b71e_f000_u64;
+    let mut state = 0x005e_ed0f_b71e_f000_u64;
     let mut place = || loop {
         let [x, y] = [0, 0].map(|_: i32| about_normal(&mut state));
         if x * x + y * y <= FARTHEST * FARTHEST {

@@ -67,8 +67,9 @@ fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Optio
     let one = |feature: &Feature| {
         let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
         for (j, other) in to.iter().enumerate() {
-            // Written so that what is not finite is never near.
-            if !((other.point - feature.point).norm_squared() <= reach) {
+            // What is not finite is never near.
+            let near = (other.point - feature.point).norm_squared() <= reach;
+            if !near {
                 continue;
             }
             let distance = feature.descriptor.distance(&other.descriptor);

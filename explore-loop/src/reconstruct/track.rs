@@ -477,9 +477,11 @@ impl Track {
         }
     }
 
-    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.
+    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices; and the colours that
+    /// `other` has gathered, which are of places at rest.
     pub fn renamed_after(&mut self, other: &Self) {
         self.model.rename_after(&other.model);
+        self.model.colours.clone_from(&other.model.colours);
     }
 
     /// Keeps the vertices marked.
