@@ -1,5 +1,10 @@
 //! Colour features as landmarks: what geometry does not see, they do; and a camera that is not asked for them costs nothing.
-#![allow(missing_docs, clippy::unwrap_used, clippy::float_cmp)]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    clippy::print_stdout
+)]
 
 use dvrk_io::features::{Descriptor, Feature};
 use explore_loop::cell::{Observation, Plane};

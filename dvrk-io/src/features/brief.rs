@@ -112,9 +112,13 @@ mod tests {
     fn tests_stay_within_the_patch_and_differ() {
         let tests = Tests::default();
         // The smoothed image looks two pixels farther.
-        let most = PATCH as i32 - 2;
+        let most = PATCH as u32 - 2;
         for [a, b] in tests.0.iter().flatten() {
-            assert!([a, b].iter().all(|p| p.iter().all(|x| x.abs() <= most)));
+            assert!(
+                [a, b]
+                    .iter()
+                    .all(|p| p.iter().all(|x| x.unsigned_abs() <= most))
+            );
         }
         let places = |t: &Test| t.map(|[x, y]| f64::from(x * x + y * y));
         let squares: f64 = upright().iter().flat_map(places).sum();
