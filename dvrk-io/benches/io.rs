@@ -2,6 +2,9 @@
 //! an image, kinematics; and calibration, which does not.
 #![allow(missing_docs, clippy::unwrap_used, reason = "benches")]
 
+#[path = "../tests/painted/mod.rs"]
+mod painted;
+
 use std::hint::black_box;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
@@ -9,6 +12,7 @@ use dvrk_io::Psm;
 use dvrk_io::calibration::{FitOptions, Sighting, Touch, fit_sightings, fit_touches};
 use dvrk_io::cdr::{self, Endian, Header, PointCloud2};
 use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, ObjectOptions, Scan, find_object};
+use dvrk_io::features::{FeatureOptions, Keypoint, Surface, detect, lift, match_features};
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, RcmFromWrist};
 use dvrk_io::session::{Compression, SessionReader, SessionWriter, WriterOptions};
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -68,6 +72,36 @@ fn sessions(criterion: &mut Criterion) {
             },
         );
     }
+    group.finish();
+}
+
+/// A frame of 640 × 480 pixels: found and described, carried to 3-D, and matched with the frame before.
+fn features(criterion: &mut Criterion) {
+    let options = FeatureOptions::default();
+    let seen = [0.0, 0.1].map(|turn| {
+        let pose = Isometry3::new(Vector3::z() * 0.5, Vector3::x() * turn);
+        painted::picture(painted::Body::Board, &pose, &painted::Paint::default(), 1)
+    });
+    let lifted = |seen: &painted::Picture, corners: &[Keypoint]| {
+        let surface = Surface {
+            scan: &seen.scan,
+            object: Some(&seen.object),
+            arms: &[],
+        };
+        lift(corners, &seen.image, &surface, &options).unwrap()
+    };
+    let corners = seen.each_ref().map(|seen| detect(&seen.image, &options));
+    let [a, b] = [0, 1].map(|k| lifted(&seen[k], &corners[k]));
+    let mut group = criterion.benchmark_group(format!("features of 640 × 480, {}", a.len()));
+    group.bench_function("detect and describe", |bencher| {
+        bencher.iter(|| detect(black_box(&seen[0].image), &options));
+    });
+    group.bench_function("carry to 3-D", |bencher| {
+        bencher.iter(|| lifted(black_box(&seen[0]), &corners[0]));
+    });
+    group.bench_function("match two frames", |bencher| {
+        bencher.iter(|| match_features(black_box(&a), &b, &options));
+    });
     group.finish();
 }
 
@@ -261,6 +295,7 @@ criterion_group!(
     clouds,
     sessions,
     compressions,
+    features,
     images,
     objects,
     kinematics,

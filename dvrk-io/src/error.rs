@@ -47,7 +47,7 @@ pub enum Error {
     },
     /// Text that names no role of a topic.
     #[error(
-        "`{text}` is no role: points, table, truth, ARM/measured_cp and ARM/jaw/measured_js are"
+        "`{text}` is no role: points, features, table, truth, ARM/measured_cp and ARM/jaw/measured_js are"
     )]
     BadRole {
         /// The text.

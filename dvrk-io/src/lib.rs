@@ -6,6 +6,7 @@ pub mod camera;
 pub mod cdr;
 pub mod depth;
 mod error;
+pub mod features;
 pub mod kinematics;
 mod psm;
 pub mod serve;

@@ -65,6 +65,7 @@ fn frame(size: f64, turned: u32, holding: bool) -> Observation {
         stamp: 0.0,
         points: render(size, &at),
         colours: None,
+        features: None,
         arms: arms.into(),
     }
 }

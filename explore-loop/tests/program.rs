@@ -552,6 +552,10 @@ fn the_session_replays() {
     let last = explored[explored.len() - 1].as_f64().unwrap();
     assert!(last >= 0.9, "explored {last}");
     assert!(metrics["shape_difference_rel"].as_f64().unwrap() <= 0.03);
+    // It is ochre, as what was recorded.
+    let mesh = parse(&replay.files["canonical.ply"], Format::Ply).unwrap();
+    assert_eq!(mesh.colours().len(), mesh.points().len());
+    assert!(mesh.colours().iter().all(|[red, _, blue]| red > blue));
 }
 
 /// A study takes over what is finished, and says the same then.

@@ -91,6 +91,7 @@ fn frame(turned: u32, holding: bool, number: u32) -> Observation {
         stamp: 0.1 * f64::from(number),
         points: render(&at, u64::from(number)),
         colours: None,
+        features: None,
         arms: arms(&at, holding),
     }
 }
@@ -375,6 +376,7 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
             stamp: 0.6,
             points: render(&at, 6),
             colours: None,
+            features: None,
             arms: arms(&at, false),
         };
         let report = reconstructor.process(&moved, &table()).unwrap();

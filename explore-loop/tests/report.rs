@@ -91,6 +91,8 @@ fn choose(page: &mut Page, selector: &str, value: &str) {
     page.settle();
 }
 
+/// The colouring by what the camera saw.
+const SEEN: &str = "colour as seen";
 const REST: &str = "#rest .canvas canvas";
 const LIVE: &str = "#live .canvas canvas";
 
@@ -121,6 +123,7 @@ fn a_browser_shows_the_run() {
                     .any(|n| n.contains("true") || n.contains("truth"))
         );
         assert!(names.iter().any(|n| n == "first seen"));
+        assert_eq!(names.iter().any(|n| n == SEEN), view == "rest");
         // Half way through: by then some of the body is new.
         let middle = page.value("Math.floor(document.querySelector('#live .time').max * 0.7)");
         choose(&mut page, "#live .time", &middle.to_string());
@@ -138,6 +141,8 @@ fn a_browser_shows_the_run() {
             pictures.push(picture);
         }
     }
+
+    as_seen(&mut page);
 
     // The slider moves the body, the clock and the mark in the curves.
     let last = page.value("document.querySelector('#live .time').max");
@@ -205,6 +210,23 @@ fn a_browser_shows_the_run() {
     assert_eq!(page.complaints(), [""; 0]);
     let own = page.requests();
     assert!(own.len() == 1 && own[0].starts_with("file://"), "{own:?}");
+}
+
+/// What the camera saw is ochre all over: red above green above blue, but for the rims that are marked.
+fn as_seen(page: &mut Page) {
+    page.value(&format!(
+        "(() => {{ const s = document.querySelector('#rest .colour'); \
+         s.value = [...s.options].findIndex(o => o.textContent === '{SEEN}'); \
+         s.dispatchEvent(new Event('change')); }})()"
+    ));
+    page.settle();
+    let seen = pixels(&page.picture(Some(REST)));
+    let ochre = |p: &&[u8; 3]| p[0] > p[1] && 10 * u16::from(p[1]) > 11 * u16::from(p[2]);
+    let share = seen.iter().filter(ochre).count() as f64 / seen.len() as f64;
+    assert!(share > 0.8 * drawn(&seen), "{share} of {}", drawn(&seen));
+    if let Some(folder) = std::env::var_os("PICTURES") {
+        std::fs::write(Path::new(&folder).join("seen.png"), page.picture(None)).unwrap();
+    }
 }
 
 /// Drags the model with the mouse, and puts it back.

@@ -11,6 +11,8 @@ use nalgebra::Point3;
 use super::{Decoder, Encoder, Header, Message};
 use crate::Error;
 
+mod features;
+
 /// `PointField::INT32`.
 const INT32: u8 = 5;
 /// `PointField::UINT32`.

@@ -35,7 +35,7 @@ impl Capsule {
 
     /// # Errors
     /// Capsule `index` has a coordinate that is not finite or a radius that is negative.
-    pub(super) fn check(&self, index: usize) -> Result<(), Error> {
+    pub(crate) fn check(&self, index: usize) -> Result<(), Error> {
         for point in [self.start, self.end] {
             if !point.iter().all(|value| value.is_finite()) {
                 return Err(Error::NonFinitePoint {

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 use super::skipped::Skipped;
+use crate::features::Feature;
 
 /// One arm in one frame.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,6 +24,10 @@ pub struct Frame {
     /// Valid points of the object, camera frame: no NaN, and none of the zeros that depth cameras send for
     /// pixels without depth.
     pub points: Vec<Point3<f64>>,
+    /// Red, green and blue of each point, if the cloud has them.
+    pub colours: Option<Vec<[u8; 3]>>,
+    /// Features of the colour image on the object, if they were recorded around the time of the frame.
+    pub features: Option<Vec<Feature>>,
     /// Every arm of the session, in the order of [`Session::arm_names`].
     pub arms: Vec<ArmSample>,
 }

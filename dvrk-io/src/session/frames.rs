@@ -8,8 +8,10 @@ use super::index::{Arm, Index, Track};
 use super::scan::Place;
 use super::skipped::{Skip, Skipped};
 use super::source::{Input, Source};
+use super::topic::Role;
 use crate::Error;
 use crate::cdr::{self, PointCloud2, Time};
+use crate::features::Feature;
 
 /// The frames of a session, one by one in the order of time: each is read from the file when it is asked for.
 ///
@@ -96,8 +98,8 @@ impl<'a> Frames<'a> {
         self.index
     }
 
-    /// Outer error: the file cannot be read. Inner: the cloud cannot be decoded.
-    fn cloud(&mut self, place: Place) -> Result<Result<Vec<Point3<f64>>, Error>, Error> {
+    /// Brings the bytes of a message into the buffer.
+    fn read(&mut self, place: Place) -> Result<(), Error> {
         let same = self.open.take().filter(|(part, ..)| *part == place.part);
         let open = match same {
             Some(open) => open,
@@ -105,17 +107,40 @@ impl<'a> Frames<'a> {
         };
         let (_, input, cache) = self.open.insert(open);
         match place.chunk {
-            None => input.read(place.at, place.length, &mut self.buffer)?,
-            Some(chunk) => cache.read(input, chunk, [place.at, place.length], &mut self.buffer)?,
+            None => input.read(place.at, place.length, &mut self.buffer),
+            Some(chunk) => cache.read(input, chunk, [place.at, place.length], &mut self.buffer),
         }
+    }
+
+    /// Outer error: the file cannot be read. Inner: the cloud cannot be decoded.
+    fn cloud(&mut self, place: Place) -> Result<Result<Coloured, Error>, Error> {
+        self.read(place)?;
         Ok(object_points(&self.buffer))
     }
 
-    fn frame(&self, stamp: u64, points: Vec<Point3<f64>>) -> Frame {
+    /// The features that belong to a cloud; those that cannot be decoded are passed over.
+    fn features(&mut self, stamp: u64) -> Result<Option<Vec<Feature>>, Error> {
+        let Some(place) = self.closest(&self.index.features, stamp).copied() else {
+            return Ok(None);
+        };
+        self.read(place)?;
+        let decoded = cdr::decode::<PointCloud2>(&self.buffer).and_then(|c| c.features());
+        Ok(match decoded {
+            Ok(features) => Some(features),
+            Err(error) => {
+                self.skip(place.record(), &Role::Features.topic(), &error);
+                None
+            }
+        })
+    }
+
+    fn frame(&self, stamp: u64, cloud: Coloured, features: Option<Vec<Feature>>) -> Frame {
         let arms = self.index.arms.iter();
         Frame {
             stamp: seconds(stamp),
-            points,
+            points: cloud.points,
+            colours: cloud.colours,
+            features,
             arms: arms
                 .map(|(name, arm)| self.sample(name, arm, stamp))
                 .collect(),
@@ -141,12 +166,12 @@ impl<'a> Frames<'a> {
         (time.abs_diff(stamp) as f64 * 1e-9 <= self.tolerance).then_some(value)
     }
 
-    fn skip(&mut self, place: Place, error: &Error) {
+    fn skip(&mut self, place: Place, topic: &str, error: &Error) {
         self.index.skipped.add(Skip {
             file: self.source.path(place.part),
             byte: place.chunk.unwrap_or(place.at),
             byte_in_chunk: place.chunk.map(|_| place.at),
-            topic: self.index.cloud_topic.clone(),
+            topic: topic.to_owned(),
             messages: 1,
             reason: error.to_string(),
         });
@@ -160,9 +185,16 @@ impl Iterator for Frames<'_> {
         loop {
             let &(stamp, place) = self.index.clouds.get(self.next)?;
             self.next += 1;
-            match self.cloud(place) {
-                Ok(Ok(points)) => return Some(Ok(self.frame(stamp, points))),
-                Ok(Err(error)) => self.skip(place.record(), &error),
+            let read = self.cloud(place).and_then(|cloud| {
+                let features = self.features(stamp)?;
+                Ok(cloud.map(|cloud| self.frame(stamp, cloud, features)))
+            });
+            match read {
+                Ok(Ok(frame)) => return Some(Ok(frame)),
+                Ok(Err(error)) => {
+                    let topic = self.index.cloud_topic.clone();
+                    self.skip(place.record(), &topic, &error);
+                }
                 Err(error) => {
                     self.next = self.index.clouds.len();
                     return Some(Err(error));
@@ -172,12 +204,26 @@ impl Iterator for Frames<'_> {
     }
 }
 
-/// The valid points of a cloud message.
-fn object_points(data: &[u8]) -> Result<Vec<Point3<f64>>, Error> {
-    let mut points = cdr::decode::<PointCloud2>(data)?.points()?;
-    let is_finite = |point: &Point3<f64>| point.iter().all(|value| value.is_finite());
-    points.retain(|point| is_finite(point) && *point != Point3::origin());
-    Ok(points)
+/// Points with their colours, if they have any.
+struct Coloured {
+    points: Vec<Point3<f64>>,
+    colours: Option<Vec<[u8; 3]>>,
+}
+
+/// The valid points of a cloud message. Colours that cannot be read are none: the points are what a frame is for.
+fn object_points(data: &[u8]) -> Result<Coloured, Error> {
+    let cloud = cdr::decode::<PointCloud2>(data)?;
+    let mut points = cloud.points()?;
+    let colours = cloud.colours().ok().flatten();
+    let is_valid = |point: &Point3<f64>| {
+        point.iter().all(|value| value.is_finite()) && *point != Point3::origin()
+    };
+    let colours = colours.map(|colours| {
+        let both = colours.into_iter().zip(&points);
+        both.filter(|(_, p)| is_valid(p)).map(|(c, _)| c).collect()
+    });
+    points.retain(is_valid);
+    Ok(Coloured { points, colours })
 }
 
 pub(super) fn seconds(nanoseconds: u64) -> f64 {

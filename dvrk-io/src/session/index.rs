@@ -31,6 +31,8 @@ pub(super) struct Arm {
 pub(super) struct Index {
     /// In the order of time.
     pub(super) clouds: Track<Place>,
+    /// The same of the features.
+    pub(super) features: Track<Place>,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
     pub(super) arms: BTreeMap<String, Arm>,
     pub(super) camera_frame: String,
@@ -62,6 +64,7 @@ impl Index {
             }
         }
         index.clouds.sort_by_key(|(stamp, _)| *stamp);
+        index.features.sort_by_key(|(stamp, _)| *stamp);
         index.planes.sort_by_key(|(time, _)| *time);
         index.table = index.planes.first().map(|(_, plane)| *plane);
         for arm in index.arms.values_mut() {
@@ -93,6 +96,11 @@ impl Index {
                     self.camera_frame.clone_from(&header.frame_id);
                 }
                 self.clouds.push((header.stamp.nanoseconds(), place));
+                self.in_frame(channel, header.frame_id);
+            }
+            Role::Features => {
+                let header = Header::read(&mut Decoder::new(data)?)?;
+                self.features.push((header.stamp.nanoseconds(), place));
                 self.in_frame(channel, header.frame_id);
             }
             Role::Table => {

@@ -7,6 +7,7 @@ use crate::Error;
 use crate::cdr::{JointState, Message, Plane, PointCloud2, PoseStamped};
 
 const POINTS: &str = "/cell/points";
+const FEATURES: &str = "/cell/features";
 const TABLE: &str = "/cell/table";
 const TRUTH: &str = "/truth/points";
 const POSE: &str = "/measured_cp";
@@ -14,7 +15,7 @@ const JAW: &str = "/jaw/measured_js";
 
 /// What a topic means to a session.
 ///
-/// Written and parsed as its usual topic without the slash in front, or as `points`, `table`, `truth`:
+/// Written and parsed as its usual topic without the slash in front, or as `points`, `features`, `table`, `truth`:
 ///
 /// ```
 /// use dvrk_io::session::Role;
@@ -28,6 +29,8 @@ const JAW: &str = "/jaw/measured_js";
 pub enum Role {
     /// Segmented cloud of the object.
     Points,
+    /// Features of the colour image on the object: x, y, z and a descriptor.
+    Features,
     /// The table.
     Table,
     /// Where the material points truly are: only from simulations, only for measures.
@@ -50,6 +53,7 @@ impl Role {
         };
         match name {
             POINTS => Some(Self::Points),
+            FEATURES => Some(Self::Features),
             TABLE => Some(Self::Table),
             TRUTH => Some(Self::Truth),
             _ => arm(JAW)
@@ -62,6 +66,7 @@ impl Role {
     pub fn topic(&self) -> String {
         match self {
             Self::Points => POINTS.to_owned(),
+            Self::Features => FEATURES.to_owned(),
             Self::Table => TABLE.to_owned(),
             Self::Truth => TRUTH.to_owned(),
             Self::Pose(arm) => format!("/{arm}{POSE}"),
@@ -72,7 +77,7 @@ impl Role {
     /// ROS 2 type of its messages.
     pub fn type_name(&self) -> &'static str {
         match self {
-            Self::Points | Self::Truth => PointCloud2::TYPE,
+            Self::Points | Self::Features | Self::Truth => PointCloud2::TYPE,
             Self::Table => Plane::TYPE,
             Self::Pose(_) => PoseStamped::TYPE,
             Self::Jaw(_) => JointState::TYPE,
@@ -84,6 +89,7 @@ impl fmt::Display for Role {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Points => formatter.write_str("points"),
+            Self::Features => formatter.write_str("features"),
             Self::Table => formatter.write_str("table"),
             Self::Truth => formatter.write_str("truth"),
             Self::Pose(_) | Self::Jaw(_) => formatter.write_str(&self.topic()[1..]),
@@ -97,6 +103,7 @@ impl FromStr for Role {
     fn from_str(text: &str) -> Result<Self, Error> {
         match text {
             "points" => Ok(Self::Points),
+            "features" => Ok(Self::Features),
             "table" => Ok(Self::Table),
             "truth" => Ok(Self::Truth),
             _ => Self::of_topic(&format!("/{text}")).ok_or_else(|| Error::BadRole {

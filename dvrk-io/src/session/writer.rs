@@ -19,6 +19,8 @@ use crate::cdr::{
     self, Endian, Header, JointState, Message, Plane, PointCloud2, PoseStamped, Time,
 };
 
+use crate::features::Feature;
+
 /// Frame of everything that is written.
 const CAMERA_FRAME: &str = "camera";
 /// A chunk goes to the file when it holds this many bytes …
@@ -133,6 +135,15 @@ impl SessionWriter {
         let cloud = PointCloud2::from_coloured_points(header(stamp)?, points, colours)?;
         self.flush()?;
         self.write(&Role::Points, cloud.header.stamp, &cloud)
+    }
+
+    /// Features of the colour image on the object, for the cloud of the same stamp.
+    ///
+    /// # Errors
+    /// A point or stamp not finite, stamp negative, or the file cannot be written.
+    pub fn features(&mut self, stamp: f64, features: &[Feature]) -> Result<(), Error> {
+        let cloud = PointCloud2::from_features(header(stamp)?, features)?;
+        self.write(&Role::Features, cloud.header.stamp, &cloud)
     }
 
     /// Tip pose of an arm.

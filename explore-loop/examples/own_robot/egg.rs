@@ -195,6 +195,7 @@ impl Cell for EggCell {
             stamp: f64::from(self.frame) / RATE,
             points: self.look(),
             colours: None,
+            features: None,
             arms: self.arms.iter().map(|a| a.state.clone()).collect(),
         })
     }

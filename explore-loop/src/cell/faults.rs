@@ -176,6 +176,12 @@ impl<C: Cell> FaultyCell<C> {
     }
 
     fn spoil(&mut self, frame: &mut Observation, kind: FaultKind, age: usize) {
+        // What spoils the points is in the image, too: nothing is recognised in it.
+        let spoils = matches!(
+            kind,
+            FaultKind::Empty | FaultKind::Frozen | FaultKind::Moved { .. }
+        );
+        frame.features = frame.features.take().filter(|_| !spoils);
         match kind {
             FaultKind::Empty => frame.points.clear(),
             FaultKind::Frozen => frame.points.clone_from(&self.cloud),

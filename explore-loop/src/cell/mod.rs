@@ -30,6 +30,7 @@ use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use dvrk_io::features::Feature;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 #[cfg(feature = "dvrk")]
@@ -141,6 +142,8 @@ pub struct Observation {
     pub points: Vec<Point3<f64>>,
     /// Red, green and blue of each point, if the camera has colours. A list of another length than the points is no colours.
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Features of the colour image on the object, if the camera has one: places that can be recognised in the next frame.
+    pub features: Option<Vec<Feature>>,
     /// The arms, in the order of [`CellInfo::arms`].
     pub arms: Vec<ArmState>,
 }
@@ -152,11 +155,14 @@ impl Observation {
         colours.filter(|colours| colours.len() == self.points.len())
     }
 
-    /// Keeps the points that `keep` says, with their colours.
+    /// Keeps the points that `keep` says, with their colours, and the features.
     pub fn retain(&mut self, keep: impl Fn(&Point3<f64>) -> bool) {
         if let Some(colours) = self.colours.take().filter(|c| c.len() == self.points.len()) {
             let both = colours.into_iter().zip(&self.points);
             self.colours = Some(both.filter(|(_, p)| keep(p)).map(|(c, _)| c).collect());
+        }
+        if let Some(features) = &mut self.features {
+            features.retain(|f| keep(&f.point));
         }
         self.points.retain(keep);
     }

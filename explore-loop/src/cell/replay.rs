@@ -195,7 +195,8 @@ impl Cell for ReplayCell {
         Ok(Observation {
             stamp: frame.stamp,
             points: frame.points,
-            colours: None,
+            colours: frame.colours,
+            features: frame.features,
             arms: self.last.clone(),
         })
     }

@@ -1,5 +1,6 @@
 //! Frames kept for later: the cloud and the body's pose, from which the rest shape is fused anew whenever the object rests.
 
+use super::landmark::Sighting;
 use super::view::FrameView;
 use crate::cell::ArmState;
 use nalgebra::Point3;
@@ -17,6 +18,8 @@ pub(crate) struct Keyframe {
     pub arms: Vec<ArmState>,
     /// Places held, and where they were.
     pub grips: Vec<(Embedding, Point3<f64>)>,
+    /// Landmarks recognised in it.
+    pub sightings: Vec<Sighting>,
     /// Whether the object rested.
     pub at_rest: bool,
     pub frame: u32,

@@ -14,6 +14,8 @@
 //! | `matching` | which point does each vertex meet? |
 //! | `fill` | where is its material? |
 //! | `pieces` | what of it is connected within a cell? |
+//! | `recognise` | which colour features were in the frame before? |
+//! | `landmark` | which places of the material are they? |
 //! | `track` | where is the body now? |
 //! | `grow` | which points extend it, and where do they lie at rest? |
 //! | `keyframe` | which frames are kept? |
@@ -24,7 +26,8 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
-pub use options::{Material, ReconstructOptions};
+pub use options::{ColourFeatures, Material, ReconstructOptions};
+use recognise::{Before, Recognised};
 pub use stage::Reconstruct;
 use std::sync::Arc;
 use std::time::Instant;
@@ -35,9 +38,11 @@ mod fill;
 mod fuse;
 mod grow;
 mod keyframe;
+mod landmark;
 mod matching;
 mod options;
 mod pieces;
+mod recognise;
 mod relocate;
 mod stage;
 mod track;
@@ -126,6 +131,8 @@ pub struct Reconstructor {
     /// The same frames followed as a hollow body, until one of the two has predicted them better.
     rival: Option<Track>,
     first: Option<DepthGrid>,
+    /// The last frame, where it had colour features.
+    before: Option<Before>,
     frame: u32,
     /// Whether the body was held since the shape was last fused.
     handled: bool,
@@ -160,6 +167,7 @@ impl Reconstructor {
             track: None,
             rival: None,
             first: None,
+            before: None,
             frame: 0,
             handled: false,
             fused: false,
@@ -228,6 +236,7 @@ impl Reconstructor {
                 report.failure = Some(format!("only {points} points of the object in view"));
                 report.measured = vec![false; track.as_ref().map_or(0, |t| t.model.len())];
                 self.track = track;
+                self.before = None;
             }
         }
         if let Some(track) = self.track.as_mut().filter(|_| report.failure.is_none()) {
@@ -282,7 +291,11 @@ impl Reconstructor {
         let rival = hollow.map(|fill| Track::begin(&view, table, &self.options, fill));
         self.rival = rival.transpose()?;
         let view = Arc::new(view);
+        let recognised = self.recognise(&view, observation);
         for hypothesis in std::iter::once(&mut track).chain(self.rival.as_mut()) {
+            if let Some(features) = &recognised {
+                hypothesis.plant(features, self.options.spacing);
+            }
             hypothesis.keep_keyframe(Arc::clone(&view), &observation.arms, true);
             hypothesis.take_grips(&observation.arms, self.options.grip_radius);
         }
@@ -299,15 +312,17 @@ impl Reconstructor {
         report: &mut FrameReport,
     ) -> Result<(), Error> {
         let view = Arc::new(view);
+        let started = Instant::now();
+        let recognised = self.recognise(&view, observation);
         let frame = Frame {
             view: &view,
+            recognised: recognised.as_ref(),
             observation,
             table,
             first: self.first.as_ref(),
             fused: self.fused,
             options: &self.options,
         };
-        let started = Instant::now();
         let rival = &mut self.rival;
         // Two hypotheses, two threads: each sees only its own, so the bits do not depend on it.
         let (own, other) = std::thread::scope(|scope| {
@@ -359,6 +374,23 @@ impl Reconstructor {
         Ok(())
     }
 
+    /// The colour features of a frame, if it has any and they are asked for, and where those of the last frame went.
+    fn recognise(&mut self, view: &Arc<FrameView>, now: &Observation) -> Option<Recognised> {
+        let used = self.options.features == ColourFeatures::Landmarks;
+        let features = now.features.as_ref().filter(|_| used);
+        let before = self.before.take();
+        let mut features = features?.clone();
+        features.retain(|f| f.point.iter().all(|x| x.is_finite()));
+        let (motion, spacing) = (self.options.limits.motion, self.options.spacing);
+        let after = |b: &Before| Recognised::after(b, view, &features, motion, spacing);
+        let recognised = before
+            .as_ref()
+            .map_or_else(|| Recognised::first(&features), after);
+        let view = Arc::clone(view);
+        self.before = Some(Before { view, features });
+        Some(recognised)
+    }
+
     /// Prediction error of the hollow hypothesis over that of the solid one.
     fn hollow_over_solid(&self, track: &Track) -> Option<f64> {
         let rival = self.rival.as_ref()?;
@@ -393,6 +425,7 @@ impl Reconstructor {
 /// What both hypotheses are given.
 struct Frame<'a> {
     view: &'a Arc<FrameView>,
+    recognised: Option<&'a Recognised>,
     observation: &'a Observation,
     table: &'a Plane,
     first: Option<&'a DepthGrid>,
@@ -404,7 +437,7 @@ struct Frame<'a> {
 /// Brings one hypothesis to a frame, grows it, keeps the frame if it is worth it; how many vertices were added.
 fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let (options, arms) = (frame.options, &frame.observation.arms);
-    track.follow(frame.view, arms, options)?;
+    track.follow(frame.view, frame.recognised, arms, options)?;
     let learns = track.refused.is_none() && track.fits() && !track.body.is_falling();
     let mut added = 0;
     if let Some(first) = frame.first.filter(|_| learns) {
@@ -419,6 +452,9 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
                 track.refill_as_seen(options);
             }
         }
+    }
+    if let Some(features) = frame.recognised.filter(|_| learns) {
+        track.plant(features, options.spacing);
     }
     let travelled = track.keyframes.travel(track.moved);
     let moved_on = learns && travelled > options.keyframe_motion;

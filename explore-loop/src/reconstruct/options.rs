@@ -34,6 +34,18 @@ pub struct ReconstructOptions {
     /// Rounds of the re-fusion at rest: one from the poses as they were tracked, each further one after the poses have been fitted anew. 0 leaves the
     /// rest shape as it grew.
     pub fusion_rounds: usize,
+    /// What colour features are for, where a camera sends them.
+    pub features: ColourFeatures,
+}
+
+/// What the colour features of an observation are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+pub enum ColourFeatures {
+    /// Nothing.
+    Ignored,
+    /// Landmarks that hold the body where its shape does not tell how it slides along itself.
+    #[default]
+    Landmarks,
 }
 
 /// What of the material within a cell of the body hangs together.
@@ -47,6 +59,12 @@ pub enum Material {
 }
 
 impl ReconstructOptions {
+    /// The same options with colour features used for this.
+    #[must_use]
+    pub fn with_features(self, features: ColourFeatures) -> Self {
+        Self { features, ..self }
+    }
+
     /// Defaults at a spacing.
     pub fn new(spacing: f64) -> Self {
         Self {
@@ -66,6 +84,7 @@ impl ReconstructOptions {
             material: Material::Connected,
             hollow: Some(0.02),
             fusion_rounds: 2,
+            features: ColourFeatures::default(),
         }
     }
 }

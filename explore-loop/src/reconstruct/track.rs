@@ -1,7 +1,9 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
 use super::keyframe::{Keyframe, Keyframes};
+use super::landmark::{self, Landmarks};
 use super::matching::{Gates, Match, Posed, matches, rows};
+use super::recognise::Recognised;
 use super::view::FrameView;
 use super::{Constraints, ReconstructOptions};
 use crate::Error;
@@ -18,8 +20,8 @@ mod material;
 mod own_contact;
 
 use grips::Grip;
-pub(crate) use material::Fill;
 use material::filled;
+pub(crate) use material::{Fill, embed_beside};
 use own_contact::OwnContact;
 
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
@@ -38,6 +40,8 @@ pub(crate) struct Track {
     /// Where each vertex lies in the lattice.
     pub embeddings: Vec<Embedding>,
     pub keyframes: Keyframes,
+    /// Places recognised by their colours; none where no colours are used.
+    landmarks: Landmarks,
     /// Vertices measured in the last frame.
     pub seen: Vec<bool>,
     /// Mean distance along the normals of the matches, metres.
@@ -85,6 +89,7 @@ impl Track {
             body,
             embeddings: Vec::new(),
             keyframes: Keyframes::default(),
+            landmarks: Landmarks::default(),
             seen: Vec::new(),
             residual: 0.0,
             share: 1.0,
@@ -151,6 +156,7 @@ impl Track {
     pub fn follow(
         &mut self,
         view: &FrameView,
+        recognised: Option<&Recognised>,
         arms: &[ArmState],
         options: &ReconstructOptions,
     ) -> Result<(), Error> {
@@ -161,6 +167,12 @@ impl Track {
             return Ok(());
         }
         let contacts = self.own_contacts(options.separation);
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        match recognised {
+            Some(frame) => self.landmarks.recognise(frame, lattice, pose, self.frame),
+            None => self.landmarks.lose(),
+        }
+        let met = landmark::embedded(&self.landmarks.sighted(), lattice);
         let (model, embeddings) = (&self.model, &self.embeddings);
         let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
             let posed = Posed::new(model, embeddings, lattice, pose);
@@ -179,7 +191,10 @@ impl Track {
         let stepped = self.body.step(
             &frame.with_limits(limits),
             &mut |lattice, pose, progress| {
-                rows(&look(lattice, pose, Gates::at(progress)), embeddings, view)
+                let gates = Gates::at(progress);
+                let mut rows = rows(&look(lattice, pose, gates), embeddings, view);
+                rows.extend(landmark::rows(&met, lattice, pose, gates));
+                rows
             },
             &mut |lattice, pose| {
                 innovation = Some(mean_residual(&look(lattice, pose, Gates::PREDICTION)));
@@ -212,8 +227,18 @@ impl Track {
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
         self.still = if rests { self.still + 1 } else { 0 };
         self.weigh(&grips);
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        self.landmarks.judge(lattice, pose);
         self.frame += 1;
         Ok(())
+    }
+
+    /// Plants landmarks where the surface was measured in this frame.
+    pub fn plant(&mut self, frame: &Recognised, spacing: f64) {
+        let body = (self.body.lattice(), self.body.pose());
+        let surface = (&self.model, &self.seen[..]);
+        let number = self.frame;
+        self.landmarks.plant(frame, body, surface, spacing, number);
     }
 
     /// Looks at the weight, now and then and where the frame fits.
@@ -279,6 +304,7 @@ impl Track {
         self.refused = Some(why);
         self.missed += 1;
         self.seen.fill(false);
+        self.landmarks.lose();
         self.still = 0;
         self.frame += 1;
     }
@@ -410,6 +436,7 @@ impl Track {
             pose: self.body.pose().clone(),
             arms: arms.to_vec(),
             grips: self.grips_now(arms),
+            sightings: self.landmarks.sighted(),
             at_rest,
             frame: self.frame,
         });
@@ -421,6 +448,7 @@ impl Track {
         for keyframe in keyframes.all_mut().iter_mut().filter(|k| k.frame > 0) {
             let (model, embeddings, view) = (&self.model, &self.embeddings, &keyframe.view);
             let frame = BodyFrame::new(&keyframe.grips, embeddings);
+            let met = landmark::embedded(&keyframe.sightings, self.body.lattice());
             let refitted =
                 self.body
                     .refit(&keyframe.pose, &frame, &mut |lattice, pose, progress| {
@@ -429,7 +457,9 @@ impl Track {
                         let (facing, spacing) = (options.min_facing, options.spacing);
                         let found =
                             matches(&posed, &model.times_seen, view, gates, facing, spacing);
-                        rows(&found, embeddings, view)
+                        let mut rows = rows(&found, embeddings, view);
+                        rows.extend(landmark::rows(&met, lattice, pose, gates));
+                        rows
                     });
             if let Ok(pose) = refitted {
                 keyframe.pose = pose;
@@ -447,9 +477,11 @@ impl Track {
         }
     }
 
-    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices.
+    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices; and the colours that
+    /// `other` has gathered, which are of places at rest.
     pub fn renamed_after(&mut self, other: &Self) {
         self.model.rename_after(&other.model);
+        self.model.colours.clone_from(&other.model.colours);
     }
 
     /// Keeps the vertices marked.

@@ -234,6 +234,7 @@ impl Cell for FakeCell {
             stamp: world.frame as f64 * PERIOD,
             points: world.seen(),
             colours: None,
+            features: None,
             arms: world.arms.iter().map(state).collect(),
         })
     }

@@ -79,6 +79,15 @@ enum Camera {
     Realsense,
 }
 
+/// Whether colour features are landmarks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Features {
+    /// Colours are for the eye alone
+    Off,
+    /// Features of the colour image hold the model where its shape does not tell how it slides along itself
+    On,
+}
+
 #[allow(clippy::struct_excessive_bools, reason = "options of a command line")]
 #[derive(Debug, clap::Args)]
 #[command(
@@ -110,6 +119,9 @@ struct RunArgs {
     /// Standard deviation of the depth noise of the ideal camera, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
+    /// Whether features of a colour image are landmarks
+    #[arg(long, value_enum, default_value_t = Features::Off)]
+    features: Features,
     /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     seed_point: Option<[f64; 3]>,
@@ -149,12 +161,15 @@ struct RunArgs {
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
-    /// Topic of the cloud, the table, the truth or an arm: points, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
+    /// Topic of the cloud, the features, the table, the truth or an arm: points, features, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
     #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
     topics: Vec<(dvrk_io::session::Role, String)>,
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
+    /// Whether features of the colour image are landmarks, if they were recorded
+    #[arg(long, value_enum, default_value_t = Features::On)]
+    features: Features,
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "explored")]
     out: PathBuf,
@@ -214,6 +229,7 @@ impl Default for RunArgs {
             spacing: 5.0,
             camera: Camera::Ideal,
             noise: 0.5,
+            features: Features::Off,
             seed_point: None,
             genus: None,
             max_manipulations: 8,

@@ -279,6 +279,7 @@ impl FinalMesh {
             vertices: self.vertices.clone(),
             triangles: self.triangles.clone(),
             quantities,
+            colours: self.colours.clone(),
         }
     }
 

@@ -220,6 +220,9 @@ impl<'a> Recorder<'a> {
             Some(colours) => session.coloured_points(stamp, points, colours)?,
             None => session.points(stamp, points)?,
         }
+        if let Some(features) = &observation.features {
+            session.features(stamp, features)?;
+        }
         for (name, arm) in self.arm_names.iter().zip(&observation.arms) {
             session.pose(observation.stamp, name, &arm.camera_from_tip)?;
             session.jaw(observation.stamp, name, arm.jaw)?;

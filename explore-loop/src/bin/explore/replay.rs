@@ -2,13 +2,13 @@
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::without::{Part, names, refuse};
-use crate::{Failure, ReplayArgs};
+use crate::{Failure, Features, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped, TopicCount};
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::{ColourFeatures, ReconstructOptions, Reconstructor};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
@@ -41,7 +41,11 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     remark(args.output(), &cell);
     let mut truth =
         Truth::read(&reader, &args.session, args.output()).map_err(|error| wrong(&error))?;
-    let mut options = ReconstructOptions::new(spacing);
+    let features = match args.features {
+        Features::On => ColourFeatures::Landmarks,
+        Features::Off => ColourFeatures::Ignored,
+    };
+    let mut options = ReconstructOptions::new(spacing).with_features(features);
     for part in &args.without {
         part.leave_out_of_reconstruction(&mut options);
     }

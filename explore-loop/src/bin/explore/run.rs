@@ -5,7 +5,7 @@ use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
 use crate::recorder::{Recorder, Simulated, interruption};
 use crate::saved::Saved;
 use crate::without::{Part, planner_without, refuse};
-use crate::{Camera, Failure, Grips, RunArgs};
+use crate::{Camera, Failure, Features, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::canonical::genus::Genus;
 use explore_loop::cell::Cell;
@@ -17,6 +17,9 @@ use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
 use explore_loop::report::metrics::{Metrics, Timing};
 use mesh_io::program::unless_closed;
 use std::process::ExitCode;
+
+/// Pixels of the colour image for one of the depth image, in each direction.
+const COLOUR_PIXELS: usize = 2;
 
 /// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
@@ -101,6 +104,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
 /// The object and the cell that were asked for.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
+        options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
         options.seed_point = args.seed_point.map(Point3::from);
         options
     })

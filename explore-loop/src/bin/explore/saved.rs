@@ -30,7 +30,7 @@ impl Saved {
         let object = args.object.identity()?;
         Ok(Self {
             run: format!(
-                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
+                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
                 args.arms,
                 args.grips,
                 args.seed,
@@ -38,6 +38,7 @@ impl Saved {
                 args.spacing,
                 args.camera,
                 args.noise,
+                args.features,
                 args.seed_point,
                 args.genus.map_or_else(|| "any".into(), |g| g.to_string()),
                 args.max_manipulations,

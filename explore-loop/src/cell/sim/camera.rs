@@ -184,6 +184,11 @@ impl DepthCamera {
         Some((*t, [of(b, c), of(c, a), of(a, b)]))
     }
 
+    /// Cosine of the angle between the surface that a pixel shows and its ray.
+    pub fn facing(&self, at: usize) -> f64 {
+        self.cosine[at]
+    }
+
     /// What a pixel shows.
     pub fn thing(&self, at: usize) -> Thing {
         self.thing[at]

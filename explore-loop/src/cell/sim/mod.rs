@@ -38,6 +38,7 @@ mod arms;
 mod body;
 mod camera;
 mod clutter;
+mod colour_image;
 mod driven;
 mod embedding;
 mod error;

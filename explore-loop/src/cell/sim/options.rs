@@ -62,6 +62,9 @@ pub struct CameraOptions {
     pub pixel_stride: usize,
     /// What is wrong with its images, and how the object is found in them.
     pub model: CameraModel,
+    /// Whether it also has colour images, in which features are found: so many pixels of them for one of the depth image, in each direction.
+    /// Default: none.
+    pub features: Option<usize>,
 }
 
 /// What is wrong with the images of a camera.
@@ -99,6 +102,7 @@ impl Default for CameraOptions {
             noise: 0.0,
             pixel_stride: 1,
             model: CameraModel::Ideal,
+            features: None,
         }
     }
 }
@@ -115,6 +119,9 @@ impl CameraOptions {
         within("camera noise", self.noise, 0.0, 0.1, "0 m to 0.1 m")?;
         let stride = self.pixel_stride as f64;
         within("camera pixel_stride", stride, 1.0, 64.0, "1 to 64")?;
+        if let Some(scale) = self.features {
+            within("camera features", scale as f64, 1.0, 4.0, "1 to 4 pixels")?;
+        }
         match &self.model {
             CameraModel::Ideal => Ok(()),
             CameraModel::Stereo(stereo) => stereo.check(self.rate),

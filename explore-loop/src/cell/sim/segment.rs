@@ -10,6 +10,7 @@
 use dvrk_io::depth::{
     Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, chain, find_object,
 };
+use dvrk_io::features::Feature;
 use nalgebra::{Isometry3, Point3};
 
 use super::links::Links;
@@ -74,6 +75,8 @@ impl Segmenter {
                     return Ok(Seen {
                         colours: mean_colours(&object, colour),
                         points: object.points,
+                        features: None,
+                        of_object: object.point_of.iter().map(Option::is_some).collect(),
                     });
                 }
                 Err(dvrk_io::Error::NoObject { .. }) => {}
@@ -94,6 +97,10 @@ impl Segmenter {
 pub(super) struct Seen {
     pub points: Vec<Point3<f64>>,
     pub colours: Vec<[u8; 3]>,
+    /// Features of the colour image, if there is one.
+    pub features: Option<Vec<Feature>>,
+    /// Which pixels were taken for the object's, where it had to be looked for.
+    pub of_object: Vec<bool>,
 }
 
 /// Mean colour of the pixels that each point is made of.

@@ -5,11 +5,13 @@
 //!                                   └─► depth image ──► the object found in it         (a real camera, or other bodies in view)
 //! ```
 
-use dvrk_io::depth::DepthImage;
+use dvrk_io::depth::{Capsule, DepthImage, Scan};
+use dvrk_io::features::Feature;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::body::Body;
 use super::camera::{DepthCamera, Thing, gripper};
+use super::colour_image::ColourCamera;
 use super::gripper::{Gripper, between};
 use super::links::Links;
 use super::mesh::TriangleMesh;
@@ -70,6 +72,7 @@ impl View {
 /// The camera, and what it needs to know to show the object.
 pub(super) struct Sight {
     camera: DepthCamera,
+    colours: Option<ColourCamera>,
     seed: u64,
     /// Triangles of the object.
     triangles: Vec<[usize; 3]>,
@@ -93,11 +96,14 @@ impl Sight {
         own: Vec<Point3<f64>>,
         beside: Option<TriangleMesh>,
     ) -> Result<Self, dvrk_io::Error> {
+        let scale = options.camera.features;
+        let colours = scale.map(|scale| ColourCamera::new(&options.camera, scale));
         let ideal = options.camera.model == CameraModel::Ideal;
         let segmenter = (!ideal || beside.is_some())
             .then(|| Segmenter::new(&options.camera, table, options.seed_point));
         Ok(Self {
             camera: DepthCamera::new(options.camera),
+            colours: colours.transpose()?,
             seed: options.seed,
             triangles,
             texture: Texture::of(options.scene.name(), options.seed),
@@ -127,13 +133,6 @@ impl Sight {
     /// The points of the object in a view, with the noise of frame `frame`.
     pub fn see(&mut self, view: &View, frame: u64) -> Result<Seen, CellError> {
         self.draw(view);
-        let colour = |pixel| self.colour(view, pixel);
-        let Some(segmenter) = &self.segmenter else {
-            return Ok(Seen {
-                points: self.camera.points(self.seed, frame),
-                colours: self.camera.object_pixels().map(colour).collect(),
-            });
-        };
         let arms = view.arms.iter().zip(&view.openings).enumerate();
         let tools: Vec<_> = arms
             .flat_map(|(k, (arm, opening))| {
@@ -141,8 +140,24 @@ impl Sight {
                 capsules(pose, *opening, &self.links(k, pose))
             })
             .collect();
+        let mut seen = self.points(view, &tools, frame)?;
+        let features = self.features(view, &seen, &tools, frame);
+        seen.features = features.map_err(|error| CellError::Failed(error.to_string()))?;
+        Ok(seen)
+    }
+
+    /// The points of the object.
+    fn points(&mut self, view: &View, tools: &[Capsule], frame: u64) -> Result<Seen, CellError> {
+        let colour = |pixel| self.colour(&self.camera, view, pixel);
+        let Some(segmenter) = &self.segmenter else {
+            return Ok(Seen {
+                points: self.camera.points(self.seed, frame),
+                colours: self.camera.object_pixels().map(colour).collect(),
+                ..Seen::default()
+            });
+        };
         let image = self.camera.image(self.seed, frame);
-        let seen = image.and_then(|image| segmenter.points(&image, &tools, colour));
+        let seen = image.and_then(|image| segmenter.points(&image, tools, colour));
         let seen = seen.map_err(|error| CellError::Failed(error.to_string()))?;
         if let Some(segmenter) = &mut self.segmenter {
             segmenter.follow(&seen);
@@ -157,27 +172,63 @@ impl Sight {
         image.map_err(|error| CellError::Failed(error.to_string()))
     }
 
+    /// Features of the colour image on the object, if there is one.
+    fn features(
+        &self,
+        view: &View,
+        seen: &Seen,
+        tools: &[Capsule],
+        frame: u64,
+    ) -> Result<Option<Vec<Feature>>, dvrk_io::Error> {
+        let Some(colours) = &self.colours else {
+            return Ok(None);
+        };
+        let image = self.camera.image(self.seed, frame)?;
+        let scan = Scan::from_image(&image, colours.intrinsics())?;
+        let known: Vec<bool>;
+        let of_object = if self.segmenter.is_some() && !seen.points.is_empty() {
+            &seen.of_object
+        } else {
+            let shows = |at| self.camera.thing(at) == Thing::Object;
+            known = (0..scan.points().len()).map(shows).collect();
+            &known
+        };
+        let colour = |pixel| self.colour(&colours.camera, view, pixel);
+        let own = [self.seed, frame];
+        let features = colours.features(&scan, of_object, tools, colour, own)?;
+        Ok(Some(features))
+    }
+
     fn draw(&mut self, view: &View) {
-        self.camera.clear();
-        self.camera
-            .draw(&view.surface, &self.triangles, Thing::Object);
-        if let Some(beside) = &self.beside {
-            self.camera
-                .draw(&beside.vertices, &beside.triangles, Thing::Beside);
-        }
-        for (k, (arm, opening)) in view.arms.iter().zip(&view.openings).enumerate() {
-            let links = self.links(k, &arm.camera_from_tip);
-            let (vertices, triangles) = gripper(&arm.camera_from_tip, *opening, &links);
-            self.camera.draw(&vertices, &triangles, Thing::Arm);
+        let arms: Vec<_> = view
+            .arms
+            .iter()
+            .zip(&view.openings)
+            .enumerate()
+            .map(|(k, (arm, opening))| {
+                let pose = &arm.camera_from_tip;
+                gripper(pose, *opening, &self.links(k, pose))
+            })
+            .collect();
+        let colours = self.colours.as_mut().map(|c| &mut c.camera);
+        for camera in std::iter::once(&mut self.camera).chain(colours) {
+            camera.clear();
+            camera.draw(&view.surface, &self.triangles, Thing::Object);
+            if let Some(beside) = &self.beside {
+                camera.draw(&beside.vertices, &beside.triangles, Thing::Beside);
+            }
+            for (vertices, triangles) in &arms {
+                camera.draw(vertices, triangles, Thing::Arm);
+            }
         }
     }
 
     /// The colour of a pixel of the image that was drawn.
-    fn colour(&self, view: &View, pixel: usize) -> [u8; 3] {
-        if self.camera.thing(pixel) != Thing::Object {
+    fn colour(&self, camera: &DepthCamera, view: &View, pixel: usize) -> [u8; 3] {
+        if camera.thing(pixel) != Thing::Object {
             return GREY;
         }
-        let hit = self.camera.hit(pixel, &view.surface, &self.triangles);
+        let hit = camera.hit(pixel, &view.surface, &self.triangles);
         hit.map_or(GREY, |(corners, weights)| {
             let sum = corners.iter().zip(weights);
             let at = sum.fold(Vector3::zeros(), |p, (v, w)| p + self.own[*v].coords * w);

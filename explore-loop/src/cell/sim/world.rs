@@ -330,6 +330,7 @@ impl Cell for SimCell {
             stamp: view.stamp,
             points: seen.points,
             colours: Some(seen.colours),
+            features: seen.features,
             arms: view.arms,
         })
     }

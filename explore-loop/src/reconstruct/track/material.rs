@@ -73,7 +73,7 @@ const NEARER: f64 = 0.15;
 
 /// Where a place of the surface lies, in the material behind it: of the copies of its cell, and of the cells around where the material parts, the one
 /// whose material is nearest.
-fn embed_beside(
+pub(crate) fn embed_beside(
     lattice: &Lattice,
     rest: &Point3<f64>,
     normal: &UnitVector3<f64>,

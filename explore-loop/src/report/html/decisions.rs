@@ -1,7 +1,7 @@
 //! What was known before each decision, and what was done then.
 
 use super::live::short;
-use super::packed::{Indices, Points, Values};
+use super::packed::{Bytes, Indices, Points, Values};
 use super::thinned::Thinned;
 use crate::canonical::CanonicalModel;
 use crate::canonical::topology::Topology;
@@ -42,6 +42,8 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// What is known of its vertices.
     pub quantities: Vec<Quantity>,
+    /// Red, green and blue of each vertex as the camera saw it, if it has colours. A list of another length than the vertices is no colours.
+    pub colours: Option<Vec<[u8; 3]>>,
 }
 
 /// What a ground truth says before a decision.
@@ -67,6 +69,8 @@ struct PackedMesh {
     vertices: Points,
     triangles: Indices,
     quantities: Vec<PackedQuantity>,
+    /// Red, green and blue of each vertex; empty when the camera has no colours.
+    colours: Bytes,
 }
 
 impl PackedMesh {
@@ -76,7 +80,10 @@ impl PackedMesh {
             unit: q.unit.into(),
             values: Values::of(&q.values),
         };
+        let colours = mesh.colours.as_ref();
+        let colours = colours.filter(|c| c.len() == mesh.vertices.len());
         Self {
+            colours: Bytes(colours.map_or_else(Vec::new, |c| c.as_flattened().to_vec())),
             vertices: Points::of(mesh.vertices.iter()),
             triangles: Indices::of(&mesh.triangles),
             quantities: mesh.quantities.iter().map(quantity).collect(),
@@ -85,7 +92,8 @@ impl PackedMesh {
 
     fn size(&self) -> usize {
         let values = self.quantities.iter().map(|q| q.values.len());
-        self.vertices.len() + self.triangles.len() + values.sum::<usize>()
+        let surface = self.vertices.len() + self.triangles.len();
+        surface + self.colours.0.len() + values.sum::<usize>()
     }
 }
 

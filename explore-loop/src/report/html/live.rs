@@ -210,6 +210,7 @@ mod tests {
             stamp: 0.1 * f64::from(frame),
             points: model.rest.clone(),
             colours: None,
+            features: None,
             arms: Vec::new(),
         };
         let report = FrameReport {

@@ -15,6 +15,16 @@ function styleOf(name) {
 const RIM = '#8d1230';
 const LOOP = '#e0259a';
 
+const SEEN = 'colour as seen';
+
+// Colours of the screen, three bytes each, as the renderer wants them.
+function seenColours(raw) {
+  const out = new Float32Array(raw.length);
+  const made = new THREE.Color();
+  for (let i = 0; i < raw.length; i += 3) made.setRGB(raw[i] / 255, raw[i + 1] / 255, raw[i + 2] / 255, 'srgb').toArray(out, i);
+  return out;
+}
+
 // The edges that only one triangle has, as pairs of positions.
 function openEdges(positions, triangles) {
   const count = positions.length / 3;
@@ -46,8 +56,8 @@ function restView(root) {
   if (!stage.renderer) return;
   options(when, decisions.map((d, i) => (i === last ? 'at the end' : `before manipulation ${d.manipulations + 1}`)), last);
 
-  // Names of the quantities of a decision, the plain surface behind them.
-  const names = (decision) => [...decision.mesh.quantities.map((q) => q.name), 'plain'];
+  // Names of the quantities of a decision; behind them the colours that the camera saw, if it has any, and the plain surface.
+  const names = (decision) => [...decision.mesh.quantities.map((q) => q.name), ...(decision.mesh.colours === '' ? [] : [SEEN]), 'plain'];
   options(colour, names(decisions[last]), 0);
 
   function paint() {
@@ -71,6 +81,9 @@ function restView(root) {
       if (quantity.name === 'confidence') [low, high] = [0, 1];
       paints = colours(list, styleOf(quantity.name), low, high);
       legend(key, quantity.name, quantity.unit, styleOf(quantity.name), low, high, keys);
+    } else if (colour.selectedOptions[0]?.textContent === SEEN) {
+      paints = seenColours(bytes(decision.mesh.colours));
+      legend(key, '', '', null, 0, 0, [['#808080', 'no colour known'], ...keys]);
     } else {
       paints = new Float32Array(positions.length);
       for (let i = 0; i < positions.length; i += 3) PLAIN.toArray(paints, i);

@@ -1,0 +1,143 @@
+//! From the image to the surface: where in space a corner is.
+//!
+//! ```text
+//! x = Σ_k w_k X_k        bilinear over the four points of the scan around the pixel
+//! ```
+//! Only where the scan shows one surface there: all points around it measured, all of the object, none much deeper than another, no arm near.
+
+use nalgebra::Point3;
+
+use super::brief::Descriptor;
+use super::options::FeatureOptions;
+use super::{GreyImage, Keypoint};
+use crate::Error;
+use crate::depth::{Capsule, Scan};
+
+/// A corner in space.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Feature {
+    /// Where it is, camera frame, metres.
+    pub point: Point3<f64>,
+    /// What it looks like.
+    pub descriptor: Descriptor,
+}
+
+/// What was measured where the colours were.
+#[derive(Debug, Clone, Copy)]
+pub struct Surface<'a> {
+    /// Points of a depth camera that looks along the same rays as the colour camera, row by row; the colour image has one pixel a point, or
+    /// k × k.
+    pub scan: &'a Scan,
+    /// Which points of the scan are the object, if that is known.
+    pub object: Option<&'a [bool]>,
+    /// Arms in view.
+    pub arms: &'a [Capsule],
+}
+
+/// Carries corners to the surface; those that cannot be, are left out.
+///
+/// # Errors
+/// A scan without rows; an image that has not a whole number of pixels for each point of the scan, the same along rows and columns; another number
+/// of marks than of points; a capsule that is not finite.
+pub fn lift(
+    keypoints: &[Keypoint],
+    image: &GreyImage,
+    surface: &Surface<'_>,
+    options: &FeatureOptions,
+) -> Result<Vec<Feature>, Error> {
+    let grid = Grid::new(image, surface)?;
+    let mut features = Vec::with_capacity(keypoints.len());
+    for keypoint in keypoints {
+        let Some(point) = grid.point([keypoint.column, keypoint.row], options.edge) else {
+            continue;
+        };
+        let near = |arm: &Capsule| arm.distance(&point) < options.clearance;
+        if !surface.arms.iter().any(near) {
+            features.push(Feature {
+                point,
+                descriptor: keypoint.descriptor,
+            });
+        }
+    }
+    Ok(features)
+}
+
+/// The points of a scan as the pixels of an image.
+struct Grid<'a> {
+    points: &'a [Point3<f64>],
+    object: Option<&'a [bool]>,
+    columns: usize,
+    rows: usize,
+    /// Pixels of the image for one of the scan.
+    scale: usize,
+}
+
+impl<'a> Grid<'a> {
+    fn new(image: &GreyImage, surface: &Surface<'a>) -> Result<Self, Error> {
+        let points = surface.scan.points();
+        let bad = |reason: String| Error::BadImage { reason };
+        let Some(columns) = surface.scan.columns() else {
+            return Err(bad("the scan has no rows: no pixel has a point".to_owned()));
+        };
+        let rows = points.len() / columns;
+        let scale = image.width() / columns;
+        if scale == 0 || [image.width(), image.height()] != [columns * scale, rows * scale] {
+            return Err(bad(format!(
+                "the image has {} × {} pixels, the scan {columns} × {rows}",
+                image.width(),
+                image.height()
+            )));
+        }
+        if let Some(marks) = surface.object.filter(|marks| marks.len() != points.len()) {
+            return Err(Error::ImageSize {
+                width: columns,
+                height: rows,
+                length: marks.len(),
+            });
+        }
+        let mut arms = surface.arms.iter().enumerate();
+        arms.try_for_each(|(index, arm)| arm.check(index))?;
+        Ok(Self {
+            points,
+            object: surface.object,
+            columns,
+            rows,
+            scale,
+        })
+    }
+
+    /// The point of the surface at a pixel of the image, if there is one surface around it.
+    fn point(&self, pixel: [usize; 2], edge: f64) -> Option<Point3<f64>> {
+        // Centres of pixels are whole numbers in both images.
+        let of_scan = |p: usize| (p as f64 + 0.5) / self.scale as f64 - 0.5;
+        let [u, v] = pixel.map(of_scan);
+        // One ring of points beyond the four that are interpolated.
+        let first = |x: f64| (x.floor() >= 1.0).then(|| x.floor() as usize - 1);
+        let (left, top) = (first(u)?, first(v)?);
+        if left + 4 > self.columns || top + 4 > self.rows {
+            return None;
+        }
+        let around = (top..top + 4).flat_map(|r| (left..left + 4).map(move |c| (c, r)));
+        let (mut nearest, mut farthest) = (f64::INFINITY, f64::NEG_INFINITY);
+        for (column, row) in around {
+            let at = row * self.columns + column;
+            let depth = self.points[at].z;
+            if !depth.is_finite() || self.object.is_some_and(|object| !object[at]) {
+                return None;
+            }
+            (nearest, farthest) = (nearest.min(depth), farthest.max(depth));
+        }
+        if farthest - nearest > edge {
+            return None;
+        }
+        let (s, t) = (u - u.floor(), v - v.floor());
+        let corner = |c: usize, r: usize, weight: f64| {
+            self.points[(top + 1 + r) * self.columns + left + 1 + c].coords * weight
+        };
+        let sum = corner(0, 0, (1.0 - s) * (1.0 - t))
+            + corner(1, 0, s * (1.0 - t))
+            + corner(0, 1, (1.0 - s) * t)
+            + corner(1, 1, s * t);
+        Some(Point3::from(sum))
+    }
+}

@@ -1,0 +1,92 @@
+//! Which feature of one frame is which of another.
+//!
+//! ```text
+//! candidates   within the bound on the motion
+//! a ↔ b        each the other's best among them, few bits apart, and clearly fewer than the second best
+//! confidence   1 − d / d',     d bits apart, d' those of the second best, at most as many as may differ
+//! ```
+
+use nalgebra::Point3;
+
+use super::lift::Feature;
+use super::options::FeatureOptions;
+
+/// A feature of frame A and one of frame B that are the same.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FeatureMatch {
+    /// Index in frame A.
+    pub a: usize,
+    /// Index in frame B.
+    pub b: usize,
+    /// How clearly they are each other's best, above 0, at most 1.
+    pub confidence: f64,
+}
+
+/// The same places of a surface in two frames.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct LandmarkPairs {
+    /// Where they are in frame A, camera frame, metres.
+    pub a: Vec<Point3<f64>>,
+    /// Where they are in frame B.
+    pub b: Vec<Point3<f64>>,
+    /// How clearly each pair was found, above 0, at most 1.
+    pub confidence: Vec<f64>,
+}
+
+/// Matches the features of two frames; the order of the features does not matter to what is matched.
+///
+/// # Complexity
+/// O(features of A · features of B).
+pub fn match_features(a: &[Feature], b: &[Feature], options: &FeatureOptions) -> Vec<FeatureMatch> {
+    let (to_b, to_a) = (best(a, b, options), best(b, a, options));
+    let mutual = to_b.iter().enumerate().filter_map(|(i, found)| {
+        let (j, confidence) = (*found)?;
+        let (back, other) = to_a[j]?;
+        (back == i).then_some(FeatureMatch {
+            a: i,
+            b: j,
+            confidence: confidence.min(other),
+        })
+    });
+    mutual.collect()
+}
+
+/// The landmarks that two frames share.
+pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) -> LandmarkPairs {
+    let matches = match_features(a, b, options);
+    LandmarkPairs {
+        a: matches.iter().map(|m| a[m.a].point).collect(),
+        b: matches.iter().map(|m| b[m.b].point).collect(),
+        confidence: matches.iter().map(|m| m.confidence).collect(),
+    }
+}
+
+/// For each of `from` the best of `to`, where it is clear, and how clear it is.
+fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Option<(usize, f64)>> {
+    let reach = options.motion * options.motion;
+    let one = |feature: &Feature| {
+        let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
+        for (j, other) in to.iter().enumerate() {
+            // What is not finite is never near.
+            let near = (other.point - feature.point).norm_squared() <= reach;
+            if !near {
+                continue;
+            }
+            let distance = feature.descriptor.distance(&other.descriptor);
+            if distance < first.0 {
+                (first, second) = ((distance, j), first.0);
+            } else {
+                second = second.min(distance);
+            }
+        }
+        let (distance, j) = first;
+        if distance > options.most_different {
+            return None;
+        }
+        // As far as something else would have to be to be refused anyway.
+        let rival = f64::from(second.min(options.most_different + 1));
+        let clear = f64::from(distance) < options.ratio * f64::from(second);
+        clear.then(|| (j, 1.0 - f64::from(distance) / rival))
+    };
+    from.iter().map(one).collect()
+}

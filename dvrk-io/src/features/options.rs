@@ -1,0 +1,88 @@
+//! Settings of features.
+
+/// How features are found, carried to 3-D and matched. The defaults are for colour images of some 640 × 480 pixels of an object half a metre
+/// away, so about one pixel a millimetre.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct FeatureOptions {
+    /// How much brighter or darker the surroundings of a corner must be, grey levels. Default 8.
+    pub threshold: u8,
+    /// Corners have no stronger one within so many pixels. Default 3.
+    pub apart: usize,
+    /// Edge of the squares over which corners are spread, pixels. Default 32.
+    pub square: usize,
+    /// Most corners in a square. Default 6.
+    pub per_square: usize,
+    /// Largest difference in depth around a corner, metres: where it is more, the surface has an edge, and which side of it the corner
+    /// is on nobody knows. Default 8 mm.
+    pub edge: f64,
+    /// Corners whose point is within this distance of an arm are not the object's, metres. Default 6 mm.
+    pub clearance: f64,
+    /// Farthest a feature may move between two frames, metres. Default 30 mm.
+    pub motion: f64,
+    /// Most bits that may differ between two descriptions of one place, of 256. Default 60.
+    pub most_different: u32,
+    /// A match must have fewer different bits than this share of what the second best has. Default 0.8.
+    pub ratio: f64,
+}
+
+impl Default for FeatureOptions {
+    fn default() -> Self {
+        Self {
+            threshold: 8,
+            apart: 3,
+            square: 32,
+            per_square: 6,
+            edge: 0.008,
+            clearance: 0.006,
+            motion: 0.030,
+            most_different: 60,
+            ratio: 0.8,
+        }
+    }
+}
+
+impl FeatureOptions {
+    /// The same options with this threshold, grey levels.
+    #[must_use]
+    pub fn with_threshold(self, threshold: u8) -> Self {
+        Self { threshold, ..self }
+    }
+
+    /// The same options with corners at least `apart` pixels from each other, at most `per_square` in squares of `square` pixels.
+    #[must_use]
+    pub fn with_spread(self, apart: usize, square: usize, per_square: usize) -> Self {
+        Self {
+            apart,
+            square,
+            per_square,
+            ..self
+        }
+    }
+
+    /// The same options with this largest difference in depth and this clearance from arms, metres.
+    #[must_use]
+    pub fn with_edges(self, edge: f64, clearance: f64) -> Self {
+        Self {
+            edge,
+            clearance,
+            ..self
+        }
+    }
+
+    /// The same options with this bound on the motion between two frames, metres.
+    #[must_use]
+    pub fn with_motion(self, motion: f64) -> Self {
+        Self { motion, ..self }
+    }
+
+    /// The same options with these bounds on the bits that differ.
+    #[must_use]
+    pub fn with_bits(self, most_different: u32, ratio: f64) -> Self {
+        Self {
+            most_different,
+            ratio,
+            ..self
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! Which colour features of a frame were in the one before, and how far that can be believed.
+//!
+//! ```text
+//! pairs        features that are each other's best among those within the motion that is believed      dvrk_io::features
+//! confidence   of the registration of the two clouds that is given the pairs: how far each agrees      nonrigid_reg
+//!              with the motion that clouds and pairs together have
+//! ```
+//! Both hypotheses of the body are given the same.
+
+use super::view::FrameView;
+use dvrk_io::features::{Feature, FeatureOptions, match_features};
+use nonrigid_reg::{Cloud, Options, Status};
+use std::sync::Arc;
+
+/// Confidence below which a pair is dropped.
+const BELIEVED: f64 = 0.3;
+/// Fewest pairs that are worth a registration.
+const FEWEST: usize = 6;
+
+/// The last frame, as far as the next one needs it.
+#[derive(serde::Serialize, serde::Deserialize)]
+pub(super) struct Before {
+    pub view: Arc<FrameView>,
+    pub features: Vec<Feature>,
+}
+
+/// The features of a frame, and where those of the one before went.
+pub(super) struct Recognised {
+    pub features: Vec<Feature>,
+    /// For each feature of the frame before: which it is now, and the confidence in that.
+    pub from: Vec<Option<(usize, f64)>>,
+}
+
+impl Recognised {
+    /// A frame after none.
+    pub fn first(features: &[Feature]) -> Self {
+        Self {
+            features: features.to_vec(),
+            from: Vec::new(),
+        }
+    }
+
+    /// A frame after another; `motion`: how far features may have moved, metres.
+    pub fn after(
+        before: &Before,
+        view: &FrameView,
+        features: &[Feature],
+        motion: f64,
+        spacing: f64,
+    ) -> Self {
+        let options = FeatureOptions::default().with_motion(motion);
+        let pairs = match_features(&before.features, features, &options);
+        let mut from = vec![None; before.features.len()];
+        let places: Vec<_> = pairs
+            .iter()
+            .map(|m| nonrigid_reg::Feature {
+                source: before.features[m.a].point,
+                target: features[m.b].point,
+            })
+            .collect();
+        let confidence = confidence(&before.view, view, &places, spacing);
+        for (pair, confidence) in pairs.iter().zip(confidence.unwrap_or_default()) {
+            from[pair.a] = (confidence >= BELIEVED).then_some((pair.b, confidence));
+        }
+        Self {
+            features: features.to_vec(),
+            from,
+        }
+    }
+}
+
+/// How far each pair agrees with the motion from one view to the other; nothing when no such motion is found.
+fn confidence(
+    before: &FrameView,
+    now: &FrameView,
+    pairs: &[nonrigid_reg::Feature],
+    spacing: f64,
+) -> Option<Vec<f64>> {
+    if pairs.len() < FEWEST {
+        return None;
+    }
+    let thinned = |view: &FrameView| {
+        nonrigid_reg::voxel_downsample(&view.points, &view.normals, spacing).ok()
+    };
+    let (source, target) = (thinned(before)?, thinned(now)?);
+    let registered = nonrigid_reg::register(
+        &Cloud {
+            points: &source.points,
+            normals: &source.normals,
+        },
+        &Cloud {
+            points: &target.points,
+            normals: &target.normals,
+        },
+        &[],
+        pairs,
+        &Options::default(),
+    )
+    .ok()?;
+    let poor = matches!(
+        registered.status,
+        Status::LowOverlap { .. } | Status::HighResidual { .. }
+    );
+    (!poor).then_some(registered.feature_confidence)
+}
