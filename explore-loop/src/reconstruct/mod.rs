@@ -23,7 +23,7 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
-pub use stage::Reconstruct;
+pub use stage::{Reconstruct, RestSurface};
 use std::sync::Arc;
 use std::time::Instant;
 use topo_ekf::body::{BodyOptions, Limits};

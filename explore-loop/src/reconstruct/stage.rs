@@ -5,7 +5,18 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::visible;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, UnitVector3};
+
+/// A surface at rest as triangles: vertices in metres with outward normals, counter-clockwise seen from outside.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RestSurface {
+    /// Vertices, m.
+    pub vertices: Vec<Point3<f64>>,
+    /// Outward normal of each vertex.
+    pub normals: Vec<UnitVector3<f64>>,
+    /// Triangles, by index of vertices.
+    pub triangles: Vec<[u32; 3]>,
+}
 
 /// Builds the canonical model from frames: what [`Explorer`](crate::explore::Explorer) drives. [`Reconstructor`] is the default, the example
 /// `custom_pipeline` another one.
@@ -20,6 +31,11 @@ pub trait Reconstruct {
 
     /// The model so far; empty before anything was seen.
     fn model(&self) -> &CanonicalModel;
+
+    /// The surface at rest as this reconstruction itself draws it; `None` (the default) if it is to be drawn through the points of the model.
+    fn surface(&self) -> Option<RestSurface> {
+        None
+    }
 
     /// Brings the model up to date before a decision is made on it. Nothing by default.
     fn consolidate(&mut self, _table: &Plane) {}
