@@ -5,7 +5,8 @@
 //! cargo run --release -p explore-loop --example compare_baseline -- --sweep SESSION.mcap...
 //! ```
 //! Prints Markdown: a row a session, mm; an improvement is `1 − ours / baseline`. With `--sweep` the baseline alone, with other settings one at a
-//! time; `--set NAME=VALUE` (lengths in mm) changes a setting of the baseline in either.
+//! time, means over the sessions; `--try NAME=VALUE,...` adds a row of one's own to it, and `--set NAME=VALUE,...` changes the settings that all
+//! begin from (lengths in mm).
 #![allow(clippy::print_stdout)]
 
 use explore_loop::baseline::{Association, DynamicFusion, DynamicFusionOptions};
@@ -24,35 +25,43 @@ type Failure = Box<dyn Error>;
 
 fn main() -> Result<(), Failure> {
     let mut options = DynamicFusionOptions::new(SPACING);
-    let (mut sessions, mut sweeps) = (Vec::new(), false);
+    let (mut sessions, mut tried) = (Vec::new(), Vec::new());
     let mut arguments = std::env::args().skip(1);
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
-            "--sweep" => sweeps = true,
+            "--sweep" => tried.extend(TRIED.map(String::from)),
+            "--try" => tried.extend(arguments.next()),
             "--set" => options = set(options, &arguments.next().unwrap_or_default())?,
             path => sessions.push(Session::read(Path::new(path))?),
         }
     }
     if sessions.is_empty() {
-        return Err("usage: compare_baseline [--sweep] [--set NAME=VALUE] SESSION.mcap...".into());
+        return Err("usage: compare_baseline [--sweep] [--try NAME=VALUE,...] [--set NAME=VALUE,...] SESSION.mcap...".into());
     }
-    if sweeps {
-        sweep(&sessions, &options)
-    } else {
+    if tried.is_empty() {
         compare(&sessions, &options)
+    } else {
+        sweep(&sessions, &options, &tried)
     }
 }
 
-/// A setting of the baseline by name; lengths in mm.
+/// Settings of the baseline by name, `NAME=VALUE,...`; lengths in mm.
 fn set(mut options: DynamicFusionOptions, text: &str) -> Result<DynamicFusionOptions, Failure> {
-    let (name, value) = text.split_once('=').ok_or("--set NAME=VALUE")?;
+    for setting in text.split(',') {
+        let (name, value) = setting.split_once('=').ok_or("a setting is NAME=VALUE")?;
+        set_one(&mut options, name, value)?;
+    }
+    Ok(options)
+}
+
+fn set_one(options: &mut DynamicFusionOptions, name: &str, value: &str) -> Result<(), Failure> {
     if name == "association" {
         options.association = match value {
             "nearest" => Association::Nearest,
             "projective" => Association::Projective,
-            other => return Err(format!("no association {other}").into()),
+            other => return Err(format!("there is no association {other}").into()),
         };
-        return Ok(options);
+        return Ok(());
     }
     let number: f64 = value.parse()?;
     let metres = number * 1e-3;
@@ -74,7 +83,7 @@ fn set(mut options: DynamicFusionOptions, text: &str) -> Result<DynamicFusionOpt
         "grip_radius" => options.grip_radius = metres,
         other => return Err(format!("the baseline has no setting {other}").into()),
     }
-    Ok(options)
+    Ok(())
 }
 
 /// A recording and its truth.
@@ -166,8 +175,14 @@ impl Session {
         let truth = measurer.surface();
         let measure = |vertices: &[_], triangles: &[_]| -> Result<_, Failure> {
             let sampling = Sampling::default();
-            let of =
-                MeshMeasures::of(vertices, triangles, &model.rest, SPACING, Some(truth), sampling);
+            let of = MeshMeasures::of(
+                vertices,
+                triangles,
+                &model.rest,
+                SPACING,
+                Some(truth),
+                sampling,
+            );
             of?.truth.ok_or_else(|| "no surface to measure".into())
         };
         let through_points = measure(&vertices, &triangles)?;
@@ -262,13 +277,17 @@ const TRIED: [&str; 19] = [
 ];
 
 /// The baseline with other settings.
-fn sweep(sessions: &[Session], options: &DynamicFusionOptions) -> Result<(), Failure> {
+fn sweep(
+    sessions: &[Session],
+    options: &DynamicFusionOptions,
+    tried: &[String],
+) -> Result<(), Failure> {
     println!(
         "| setting | accuracy | through its points | completeness | F at 5 mm | shape difference | explored | hidden while held | slide | frame, ms |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|");
     print_row("default", sessions, options)?;
-    for setting in TRIED {
+    for setting in tried {
         print_row(setting, sessions, &set(options.clone(), setting)?)?;
     }
     Ok(())

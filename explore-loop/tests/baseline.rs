@@ -12,7 +12,8 @@ const CENTRE: [f64; 3] = [0.0, 0.0, 0.45];
 /// Points about 3 mm apart on a lumpy body of 180 × 110 × 80 mm, with normals.
 fn body() -> Vec<(Point3<f64>, Vector3<f64>)> {
     let radius = |n: &Vector3<f64>| {
-        let lumps = 0.12 * (3.0 * n.x + 1.0).sin() * (4.0 * n.y).cos() + 0.06 * (5.0 * n.z + n.x).sin();
+        let lumps =
+            0.12 * (3.0 * n.x + 1.0).sin() * (4.0 * n.y).cos() + 0.06 * (5.0 * n.z + n.x).sin();
         n.component_mul(&Vector3::new(0.09, 0.055, 0.04)) * (1.0 + lumps)
     };
     let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
@@ -22,23 +23,44 @@ fn body() -> Vec<(Point3<f64>, Vector3<f64>)> {
     };
     (0..6000)
         .map(|k| {
-            let (z, turn) = (1.0 - 2.0 * (f64::from(k) + 0.5) / 6000.0, golden * f64::from(k));
+            let (z, turn) = (
+                1.0 - 2.0 * (f64::from(k) + 0.5) / 6000.0,
+                golden * f64::from(k),
+            );
             let n = direction(z, turn);
             // The normal by differences along two tangents.
-            let along = n.cross(&if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }).normalize();
+            let along = n
+                .cross(&if n.x.abs() < 0.6 {
+                    Vector3::x()
+                } else {
+                    Vector3::y()
+                })
+                .normalize();
             let across = n.cross(&along);
             let at = |s: f64, t: f64| radius(&(n + along * s + across * t).normalize());
-            let (u, v) = (at(1e-4, 0.0) - at(-1e-4, 0.0), at(0.0, 1e-4) - at(0.0, -1e-4));
+            let (u, v) = (
+                at(1e-4, 0.0) - at(-1e-4, 0.0),
+                at(0.0, 1e-4) - at(0.0, -1e-4),
+            );
             (Point3::from(CENTRE) + radius(&n), u.cross(&v).normalize())
         })
         .collect()
 }
 
 /// What the camera sees of the body after `motion`, a map of places; normals by differences.
-fn seen(body: &[(Point3<f64>, Vector3<f64>)], motion: impl Fn(&Point3<f64>) -> Point3<f64>) -> Observation {
+fn seen(
+    body: &[(Point3<f64>, Vector3<f64>)],
+    motion: impl Fn(&Point3<f64>) -> Point3<f64>,
+) -> Observation {
     let mut points = Vec::new();
     for (p, n) in body {
-        let along = n.cross(&if n.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() }).normalize();
+        let along = n
+            .cross(&if n.x.abs() < 0.6 {
+                Vector3::x()
+            } else {
+                Vector3::y()
+            })
+            .normalize();
         let at = |d: Vector3<f64>| motion(&(p + d * 1e-5)) - motion(&(p - d * 1e-5));
         let normal = at(along).cross(&at(n.cross(&along))).normalize();
         let now = motion(p);
@@ -62,7 +84,11 @@ fn table() -> Plane {
 }
 
 /// Mean and largest distance of the vertices from where the material went that they lay on at rest.
-fn error(fusion: &DynamicFusion, motion: impl Fn(&Point3<f64>) -> Point3<f64>, only: &[bool]) -> [f64; 2] {
+fn error(
+    fusion: &DynamicFusion,
+    motion: impl Fn(&Point3<f64>) -> Point3<f64>,
+    only: &[bool],
+) -> [f64; 2] {
     let model = fusion.model();
     let far: Vec<f64> = (0..model.len())
         .filter(|i| only[*i])
@@ -80,7 +106,9 @@ fn a_rigid_motion_is_followed() -> Tested {
     let body = body();
     let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
     let motion = |frame: f64| {
-        let turn = Rotation3::from_scaled_axis(Vector3::new(0.3, 1.0, 0.2).normalize() * (2.0 * frame).to_radians());
+        let turn = Rotation3::from_scaled_axis(
+            Vector3::new(0.3, 1.0, 0.2).normalize() * (2.0 * frame).to_radians(),
+        );
         move |p: &Point3<f64>| {
             let centre = Point3::from(CENTRE);
             centre + turn * (p - centre) + Vector3::new(0.002, 0.001, -0.002) * frame
@@ -112,12 +140,18 @@ fn a_gentle_bend_is_followed() -> Tested {
             }
             let (radius, angle) = (1.0 / curvature, p.x * curvature);
             let height = radius + p.z - CENTRE[2];
-            Point3::new(height * angle.sin(), p.y, CENTRE[2] + height * angle.cos() - radius)
+            Point3::new(
+                height * angle.sin(),
+                p.y,
+                CENTRE[2] + height * angle.cos() - radius,
+            )
         }
     };
     let mut measured = Vec::new();
     for frame in 0..=20 {
-        measured = fusion.process(&seen(&body, bend(f64::from(frame))), &table())?.measured;
+        measured = fusion
+            .process(&seen(&body, bend(f64::from(frame))), &table())?
+            .measured;
     }
     let [mean, worst] = error(&fusion, bend(20.0), &measured);
     let still = body.iter().map(|(p, _)| (bend(20.0)(p) - p).norm());

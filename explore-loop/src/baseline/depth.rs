@@ -66,7 +66,8 @@ impl DepthMap {
         let Some(tree) = graph::tree(&points).filter(|_| points.len() >= NORMAL_NEIGHBOURS) else {
             return Ok(None);
         };
-        let normals = nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &Point3::origin())?;
+        let normals =
+            nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &Point3::origin())?;
         let (triangles, edge) = triangulate(&points);
         if triangles.is_empty() {
             return Ok(None);
@@ -74,7 +75,10 @@ impl DepthMap {
         let depth = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
         let bin = edge / (FINE * depth);
         let mut map = Self {
-            low: points.iter().map(ray).fold(ray(&points[0]), |a, b| a.inf(&b)),
+            low: points
+                .iter()
+                .map(ray)
+                .fold(ray(&points[0]), |a, b| a.inf(&b)),
             bin,
             size: [0; 2],
             cover: Vec::new(),
@@ -107,7 +111,9 @@ impl DepthMap {
         if i >= self.size[0] || j >= self.size[1] {
             return None;
         }
-        let triangle = *self.triangles.get(self.cover[j * self.size[0] + i] as usize)?;
+        let triangle = *self
+            .triangles
+            .get(self.cover[j * self.size[0] + i] as usize)?;
         let parts = barycentric(&triangle.map(|v| ray(&self.points[v as usize])), &at)?;
         let mut inverse = 0.0;
         let mut normal = Vector3::zeros();

@@ -133,7 +133,9 @@ impl DynamicFusion {
             .collect();
         let [low, high] = tsdf::around(&usable, 0.0)?;
         let [low, high] = tsdf::around(&[low, high], ROOM * (high - low).amax())?;
-        let voxel = options.voxel.max(((high - low).product() / MOST_VOXELS).cbrt());
+        let voxel = options
+            .voxel
+            .max(((high - low).product() / MOST_VOXELS).cbrt());
         let mut volume = Volume::new(&low, &high, voxel, options.truncation, options.weight);
         // The first view alone must give a surface: it counts as often as a voxel must be seen.
         for _ in 0..options.weight[0].ceil().max(1.0) as usize {
@@ -159,7 +161,8 @@ impl DynamicFusion {
             held: &held,
             options: &self.options,
         };
-        let points = vertices::skinned(&scene.surface.vertices, &scene.surface.normals, &scene.warp);
+        let points =
+            vertices::skinned(&scene.surface.vertices, &scene.surface.normals, &scene.warp);
         frame.solve(&mut scene.warp, &points);
     }
 
@@ -182,7 +185,10 @@ impl DynamicFusion {
         if report.added > 0 || self.model.len() != count {
             self.model.edges = graph::surface_edges(&self.model, spacing);
         } else {
-            let moved = before.iter().zip(&self.model.live).map(|(a, b)| (b - a).norm());
+            let moved = before
+                .iter()
+                .zip(&self.model.live)
+                .map(|(a, b)| (b - a).norm());
             report.moved = moved.sum::<f64>() / count.max(1) as f64;
         }
         let frame = Frame {

@@ -71,8 +71,15 @@ impl Frame<'_> {
     /// Brings `warp` to the frame.
     pub fn solve(&self, warp: &mut Warp, surface: &[SurfacePoint]) {
         for round in 0..self.options.rigid_iterations {
-            let pairs = self.associate(warp, surface, self.gate(round, self.options.rigid_iterations));
-            if self.step_rigid(warp, surface, &pairs).is_none_or(|s| s < SETTLED) {
+            let pairs = self.associate(
+                warp,
+                surface,
+                self.gate(round, self.options.rigid_iterations),
+            );
+            if self
+                .step_rigid(warp, surface, &pairs)
+                .is_none_or(|s| s < SETTLED)
+            {
                 break;
             }
         }
@@ -155,7 +162,9 @@ impl Frame<'_> {
 
     /// One step of rigid ICP; returns its length.
     fn step_rigid(&self, warp: &mut Warp, surface: &[SurfacePoint], pairs: &[Pair]) -> Option<f64> {
-        let centre = surface.first().map(|s| warp.blend(&s.skin).apply(&s.rest))?;
+        let centre = surface
+            .first()
+            .map(|s| warp.blend(&s.skin).apply(&s.rest))?;
         let (mut left, mut right) = (Matrix6::zeros(), Vector6::zeros());
         let last = self.options.tukey[0];
         for pair in pairs {
@@ -253,7 +262,10 @@ pub(super) fn rigidity_energy(warp: &Warp) -> f64 {
 
 /// Which nodes meet in a residual.
 fn structure(warp: &Warp, surface: &[SurfacePoint], held: &[Held]) -> Option<Structure> {
-    let skins = surface.iter().map(|s| &s.skin).chain(held.iter().map(|h| &h.skin));
+    let skins = surface
+        .iter()
+        .map(|s| &s.skin)
+        .chain(held.iter().map(|h| &h.skin));
     let mut together: Vec<[u32; BLENDED]> = skins
         .map(|skin| {
             let mut nodes = skin.nodes;
@@ -272,8 +284,10 @@ fn structure(warp: &Warp, surface: &[SurfacePoint], held: &[Held]) -> Option<Str
 /// How a point at `arm` from the centre of a twist moves: `ω × arm + v`.
 fn point_rows(arm: &Vector3<f64>) -> Matrix3x6<f64> {
     let mut rows = Matrix3x6::zeros();
-    rows.fixed_columns_mut::<3>(0).copy_from(&-arm.cross_matrix());
-    rows.fixed_columns_mut::<3>(3).copy_from(&Matrix3::identity());
+    rows.fixed_columns_mut::<3>(0)
+        .copy_from(&-arm.cross_matrix());
+    rows.fixed_columns_mut::<3>(3)
+        .copy_from(&Matrix3::identity());
     rows
 }
 

@@ -205,7 +205,10 @@ fn a_depth_map_is_the_surface_along_every_ray() {
     let depth = DepthMap::new(&ball(&centre, radius)).unwrap().unwrap();
     let mut hits = 0;
     for k in 0..1000 {
-        let (x, y) = (f64::from(k % 32) / 16.0 - 1.0, f64::from(k / 32) / 16.0 - 1.0);
+        let (x, y) = (
+            f64::from(k % 32) / 16.0 - 1.0,
+            f64::from(k / 32) / 16.0 - 1.0,
+        );
         let behind = Point3::new(0.05 * x, 0.05 * y, 0.6);
         let Some(hit) = depth.at(&behind) else {
             continue;

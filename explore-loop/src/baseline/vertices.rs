@@ -63,9 +63,8 @@ fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<N
     };
     let mut fresh: Vec<NewVertex> = Vec::new();
     for (p, n) in surface.vertices.iter().zip(&surface.normals) {
-        let beside = |f: &NewVertex| {
-            (f.rest - p).norm() < APART * spacing && f.rest_normal.dot(n) > ALIKE
-        };
+        let beside =
+            |f: &NewVertex| (f.rest - p).norm() < APART * spacing && f.rest_normal.dot(n) > ALIKE;
         if !taken(p, n) && !fresh.iter().any(beside) {
             fresh.push(NewVertex::new(*p, *n));
         }

@@ -109,7 +109,8 @@ impl Warp {
 
     /// The blend of the nodes.
     pub fn blend(&self, skin: &Skin) -> Blend {
-        let mut sum = DualQuaternion::from_real_and_dual(Quaternion::default(), Quaternion::default());
+        let mut sum =
+            DualQuaternion::from_real_and_dual(Quaternion::default(), Quaternion::default());
         for (q, weight) in self.aligned(skin) {
             sum = sum + q * weight;
         }
@@ -126,7 +127,11 @@ impl Warp {
         let first = self.pose[skin.nodes[0] as usize].into_inner();
         std::array::from_fn(|k| {
             let q = self.pose[skin.nodes[k] as usize].into_inner();
-            let sign = if q.real.dot(&first.real) < 0.0 { -1.0 } else { 1.0 };
+            let sign = if q.real.dot(&first.real) < 0.0 {
+                -1.0
+            } else {
+                1.0
+            };
             (q * sign, skin.weights[k])
         })
     }
@@ -147,7 +152,9 @@ impl Warp {
         let forth = r * place;
         std::array::from_fn(|k| {
             let (q, weight) = aligned[k];
-            let centre = self.carried_by(skin.nodes[k], &self.rest(skin.nodes[k])).coords;
+            let centre = self
+                .carried_by(skin.nodes[k], &self.rest(skin.nodes[k]))
+                .coords;
             let mut jacobian = Matrix3x6::zeros();
             for axis in 0..6 {
                 let (mut turn, mut shift) = (Vector3::zeros(), Vector3::zeros());
@@ -214,9 +221,10 @@ impl Warp {
 
     /// The motion of the field at a place.
     fn pose_at(&self, x: &Point3<f64>) -> UnitDualQuaternion<f64> {
-        self.skin(x).map_or_else(UnitDualQuaternion::identity, |skin| {
-            UnitDualQuaternion::from_isometry(&self.blend(&skin).isometry())
-        })
+        self.skin(x)
+            .map_or_else(UnitDualQuaternion::identity, |skin| {
+                UnitDualQuaternion::from_isometry(&self.blend(&skin).isometry())
+            })
     }
 
     /// The coarser levels, and the edges between each and the next.

@@ -70,6 +70,45 @@ pub trait Reconstruct {
     }
 }
 
+/// What is chosen at run time.
+impl<R: Reconstruct + ?Sized> Reconstruct for Box<R> {
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
+        (**self).process(observation, table)
+    }
+
+    fn model(&self) -> &CanonicalModel {
+        (**self).model()
+    }
+
+    fn surface(&self) -> Option<RestSurface> {
+        (**self).surface()
+    }
+
+    fn consolidate(&mut self, table: &Plane) {
+        (**self).consolidate(table);
+    }
+
+    fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
+        (**self).visible_now(observation, spacing)
+    }
+
+    fn stiffness_over_weight(&self) -> Option<f64> {
+        (**self).stiffness_over_weight()
+    }
+
+    fn relocate(&mut self, found_from_lost: &Isometry3<f64>) {
+        (**self).relocate(found_from_lost);
+    }
+
+    fn save(&self) -> Option<Vec<u8>> {
+        (**self).save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        (**self).restore(saved)
+    }
+}
+
 impl Reconstruct for Reconstructor {
     fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
         Self::process(self, observation, table)

@@ -15,7 +15,9 @@ mod view;
 
 use crate::object::ObjectArgs;
 use clap::{Parser, Subcommand, ValueEnum};
+use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::mesh::Format;
+use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -58,6 +60,27 @@ enum Camera {
     Realsense,
 }
 
+/// What builds the model from the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Reconstruction {
+    /// An elastic body bent from rest to every frame
+    Body,
+    /// A volume fused through a warp field: what this is compared with. It knows no arms and no table, and cannot be resumed
+    DynamicFusion,
+}
+
+impl Reconstruction {
+    /// Nothing seen yet; `spacing` in metres.
+    fn begin(self, spacing: f64) -> Result<Box<dyn Reconstruct>, Failure> {
+        Ok(match self {
+            Self::Body => Box::new(Reconstructor::new(ReconstructOptions::new(spacing))?),
+            Self::DynamicFusion => {
+                Box::new(DynamicFusion::new(DynamicFusionOptions::new(spacing))?)
+            }
+        })
+    }
+}
+
 #[derive(Debug, clap::Args)]
 struct RunArgs {
     #[command(flatten)]
@@ -77,6 +100,9 @@ struct RunArgs {
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
+    /// What builds the model
+    #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
+    reconstruction: Reconstruction,
     /// The depth camera
     #[arg(long, value_enum, default_value_t = Camera::Ideal)]
     camera: Camera,
@@ -119,6 +145,9 @@ struct ReplayArgs {
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
+    /// What builds the model
+    #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
+    reconstruction: Reconstruction,
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "explored")]
     out: PathBuf,
@@ -153,6 +182,7 @@ impl Default for RunArgs {
             seed: 0,
             speed: 30.0,
             spacing: 5.0,
+            reconstruction: Reconstruction::Body,
             camera: Camera::Ideal,
             noise: 0.5,
             seed_point: None,

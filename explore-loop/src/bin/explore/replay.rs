@@ -7,7 +7,7 @@ use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::Reconstruct;
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
@@ -28,7 +28,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let started = Instant::now();
     let mut cell = ReplayCell::streamed(session)?;
     let mut truth = Truth::read(&reader, &args.session, args.quiet)?;
-    let mut reconstructor = Reconstructor::new(ReconstructOptions::new(spacing))?;
+    let mut reconstructor = args.reconstruction.begin(spacing)?;
     let bar = if args.quiet {
         indicatif::ProgressBar::hidden()
     } else {
@@ -39,7 +39,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         args,
         &out,
         &mut cell,
-        &mut reconstructor,
+        &mut *reconstructor,
         &mut truth,
         &bar,
         &mut log,
@@ -50,14 +50,17 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     }
     reconstructor.consolidate(&cell.info().table);
     let topology = topology::analyse(reconstructor.model(), spacing)?;
-    let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
+    let mesh = match reconstructor.surface() {
+        Some(own) => FinalMesh::as_drawn(reconstructor.model(), own, spacing),
+        None => FinalMesh::of(reconstructor.model(), &topology, spacing),
+    };
     out.frames(&log.lines)?;
     out.mesh(&mesh, &args.export)?;
     if let Some(truth) = &truth {
         out.truth(truth.measurer.rest())?;
     }
-    let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
-    let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
+    let metrics = metrics(args, &cell, &*reconstructor, &log, &topology, started);
+    let metrics = measured(metrics, &mesh, &*reconstructor, truth.as_ref())?;
     out.metrics(&metrics)?;
     let measurer = truth.as_ref().map(|t| &t.measurer);
     let model = reconstructor.model();
@@ -104,7 +107,7 @@ fn watch(
     args: &ReplayArgs,
     out: &OutputFolder,
     cell: &mut ReplayCell,
-    reconstructor: &mut Reconstructor,
+    reconstructor: &mut dyn Reconstruct,
     truth: &mut Option<Truth>,
     bar: &indicatif::ProgressBar,
     log: &mut Log,
@@ -217,7 +220,7 @@ impl Truth {
     fn frame(
         &mut self,
         observation: &Observation,
-        reconstructor: &Reconstructor,
+        reconstructor: &dyn Reconstruct,
         measured: &[bool],
     ) -> Result<Vec<f64>, Failure> {
         let stamp = observation.stamp;
@@ -243,7 +246,7 @@ impl Truth {
 fn measured(
     metrics: Metrics,
     mesh: &FinalMesh,
-    reconstructor: &Reconstructor,
+    reconstructor: &dyn Reconstruct,
     truth: Option<&Truth>,
 ) -> Result<Metrics, Failure> {
     let model = reconstructor.model();
@@ -260,7 +263,7 @@ fn measured(
 fn metrics(
     args: &ReplayArgs,
     cell: &ReplayCell,
-    reconstructor: &Reconstructor,
+    reconstructor: &dyn Reconstruct,
     log: &Log,
     topology: &Topology,
     started: Instant,

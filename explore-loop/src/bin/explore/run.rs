@@ -45,7 +45,14 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     };
     let mut recorder = Recorder::new(args, &out, options.scene.name(), &cell, truth)?;
     let state = recorder.resume(saved, &mut cell)?;
-    let mut explorer = Explorer::new(&mut cell, &mut *planner, &mut recorder, exploring)?;
+    let spacing = exploring.spacing;
+    let mut explorer = Explorer::with_reconstructor(
+        &mut cell,
+        &mut *planner,
+        &mut recorder,
+        exploring,
+        args.reconstruction.begin(spacing)?,
+    );
     let resumed = state.map_or(Ok(()), |state| explorer.resume(state));
     let outcome = resumed.and_then(|()| explorer.run());
     drop(explorer);

@@ -249,7 +249,10 @@ impl ClosedSurface {
 }
 
 /// Normals of vertices, from the triangles around them by area.
-pub(crate) fn vertex_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<UnitVector3<f64>> {
+pub(crate) fn vertex_normals(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+) -> Vec<UnitVector3<f64>> {
     let mut sums = vec![nalgebra::Vector3::zeros(); vertices.len()];
     for t in triangles {
         let [a, b, c] = t.map(|v| vertices[v as usize]);
