@@ -70,6 +70,7 @@ fn set_one(options: &mut DynamicFusionOptions, name: &str, value: &str) -> Resul
         "truncation" => options.truncation = metres,
         "nodes" => options.nodes = metres,
         "influence" => options.influence = number,
+        "reach" => options.reach = number,
         "levels" => options.levels = number as usize,
         "coarsening" => options.coarsening = number,
         "rigidity" => options.rigidity = number,

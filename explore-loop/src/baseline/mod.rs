@@ -26,6 +26,7 @@ mod equations;
 mod options;
 mod solve;
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests;
 mod tsdf;
 mod vertices;
@@ -46,8 +47,6 @@ use warp::Warp;
 
 /// Room around the first view for what will come into view, as a share of its longest side.
 const ROOM: f64 = 0.7;
-/// How far the warp reaches beyond its nodes, in distances of nodes.
-const REACH: f64 = 2.0;
 /// A vertex less than this before or behind the surface seen was measured, m.
 const SEEN: f64 = 0.0025;
 /// Most voxels of the volume: beyond, they are made larger.
@@ -96,6 +95,7 @@ impl DynamicFusion {
             options.truncation,
             options.nodes,
             options.influence,
+            options.reach,
             options.coarsening,
             options.huber,
             options.tukey[0],
@@ -137,8 +137,8 @@ impl DynamicFusion {
             .voxel
             .max(((high - low).product() / MOST_VOXELS).cbrt());
         let mut volume = Volume::new(&low, &high, voxel, options.truncation, options.weight);
-        // The first view alone must give a surface: it counts as often as a voxel must be seen.
-        for _ in 0..options.weight[0].ceil().max(1.0) as usize {
+        // The first view alone must give a surface, also where it is at a slant: it counts as often as a voxel must be seen.
+        for _ in 0..(2.0 * options.weight[0]).ceil().clamp(1.0, 100.0) as usize {
             volume.integrate_still(depth);
         }
         let influence = options.influence * options.nodes;
@@ -168,7 +168,7 @@ impl DynamicFusion {
 
     /// Fuses the frame through the warp, and adds nodes where surface has come.
     fn fuse(&self, scene: &mut Scene, depth: &DepthMap) {
-        let reach = REACH * self.options.nodes;
+        let reach = self.options.reach * self.options.nodes;
         scene.volume.integrate(depth, &scene.warp, reach);
         scene.surface = scene.volume.surface();
         scene.insert_nodes(&self.options);
@@ -248,7 +248,8 @@ impl DynamicFusion {
 impl Scene {
     fn insert_nodes(&mut self, options: &DynamicFusionOptions) {
         let fresh = self.warp.support(&self.surface.vertices);
-        self.volume.reach(&fresh, &self.warp, REACH * options.nodes);
+        self.volume
+            .reach(&fresh, &self.warp, options.reach * options.nodes);
     }
 }
 

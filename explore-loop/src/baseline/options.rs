@@ -23,6 +23,8 @@ pub struct DynamicFusionOptions {
     pub nodes: f64,
     /// Standard deviation of the weight of a node, in distances of nodes.
     pub influence: f64,
+    /// How far from a node voxels are warped and fused, in distances of nodes.
+    pub reach: f64,
     /// Levels of coarser nodes above those that blend.
     pub levels: usize,
     /// How much farther apart the nodes of each level are than those of the last.
@@ -53,17 +55,18 @@ impl DynamicFusionOptions {
             spacing,
             voxel: 0.004,
             truncation: 0.012,
-            nodes: 0.020,
+            nodes: 0.030,
             influence: 1.0,
+            reach: 1.25,
             levels: 3,
             coarsening: 2.0,
             rigidity: 5.0,
             huber: 0.002,
-            tukey: [0.030, 0.008],
+            tukey: [0.030, 0.003],
             association: Association::Projective,
             rigid_iterations: 5,
             iterations: 8,
-            weight: [1.5, 60.0],
+            weight: [0.3, 60.0],
             grip_radius: 0.0,
         }
     }

@@ -175,12 +175,6 @@ impl Frame<'_> {
             left += row.transpose() * row * weight;
             right -= row.transpose() * (weight * pair.residual());
         }
-        for held in self.held {
-            let now = warp.blend(&held.skin).apply(&held.rest);
-            let rows = point_rows(&(now - centre));
-            left += rows.transpose() * rows * HELD;
-            right -= rows.transpose() * (now - held.target) * HELD;
-        }
         let twist = left.cholesky()?.solve(&right);
         warp.carry(&exp(&twist, &centre));
         Some(twist.amax())

@@ -4,7 +4,7 @@ use super::depth::DepthMap;
 use super::equations::{Equations, Structure};
 use super::solve::{rigidity, rigidity_energy};
 use super::tsdf::{Volume, around};
-use super::warp::{Warp, exp};
+use super::warp::Warp;
 use crate::measure::MeshReport;
 use nalgebra::{
     DMatrix, DVector, Isometry3, Matrix6, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
@@ -80,15 +80,12 @@ proptest! {
             all[skin.nodes[node] as usize][axis] = step;
             warp.step(&all);
             let there = warp.blend(&skin).apply(&place);
-            // Back again: a step about where the node is now is undone by its inverse there.
-            let centre = warp.carried_by(skin.nodes[node], &warp.rest(skin.nodes[node]));
-            let back = exp(&(all[skin.nodes[node] as usize] * -1.0), &centre);
-            prop_assert!((back.rotation.angle() - if axis < 3 { step.abs() } else { 0.0 }).abs() < 1e-9);
+            // A step about where the node is now is undone by its opposite there.
             all[skin.nodes[node] as usize][axis] = -step;
             warp.step(&all);
-            Ok(there)
+            there
         };
-        let difference = (nudged(STEP)? - nudged(-STEP)?) / (2.0 * STEP);
+        let difference = (nudged(STEP) - nudged(-STEP)) / (2.0 * STEP);
         prop_assert!((difference - exact).norm() < 1e-7, "{difference} {exact}");
     }
 
@@ -171,7 +168,7 @@ fn a_ball_seen_from_all_around_is_the_ball() {
     let mut volume = Volume::new(&low, &high, voxel, 0.012, [1.0, 60.0]);
     volume.integrate_still(&depth);
     let mut warp = Warp::new(0.02, 0.02, 3, 2.0);
-    let mut grow = |volume: &mut Volume, warp: &mut Warp| {
+    let grow = |volume: &mut Volume, warp: &mut Warp| {
         let fresh = warp.support(&volume.surface().vertices);
         volume.reach(&fresh, warp, 0.04);
     };

@@ -18,8 +18,8 @@ use nalgebra::{Point3, Vector3};
 
 /// Cosine below which a surface seen at a slant says nothing.
 const SLANT: f64 = 0.1;
-/// Triangles of the smallest piece of the surface that is kept: smaller ones are noise.
-const SMALLEST: usize = 40;
+/// A piece of the surface with a smaller share of the triangles than the largest has is noise, or fused out of place.
+const LEAST_PIECE: f64 = 0.1;
 
 /// No voxel that is warped.
 const OUT: u32 = u32::MAX;
@@ -158,7 +158,7 @@ impl Volume {
     }
 }
 
-/// Without the pieces of a few triangles, and without the vertices that no triangle needs then.
+/// Without the small pieces, and without the vertices that no triangle needs then.
 fn without_specks(
     vertices: &[Point3<f64>],
     triangles: &[[u32; 3]],
@@ -170,15 +170,17 @@ fn without_specks(
             piece[a.max(b) as usize] = a.min(b);
         }
     }
-    let mut size = vec![0; vertices.len()];
+    let mut size = vec![0_u32; vertices.len()];
     for t in triangles {
         size[root(&mut piece, t[0]) as usize] += 1;
     }
+    let largest = size.iter().copied().max().unwrap_or(0);
+    let least = LEAST_PIECE * f64::from(largest);
     let mut kept = Vec::new();
     let mut renumbered = vec![u32::MAX; vertices.len()];
     let mut whole = Vec::new();
     for t in triangles {
-        if size[root(&mut piece, t[0]) as usize] < SMALLEST {
+        if f64::from(size[root(&mut piece, t[0]) as usize]) < least {
             continue;
         }
         whole.push(t.map(|v| {
