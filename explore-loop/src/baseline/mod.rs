@@ -5,7 +5,8 @@
 //! ```
 //! R. A. Newcombe, D. Fox, S. M. Seitz, *DynamicFusion: Reconstruction and Tracking of Non-rigid Scenes in Real-Time*, CVPR 2015. The canonical
 //! model is a truncated signed distance volume; the warp field is made of sparse nodes blended as dual quaternions and is regularised
-//! as rigidly as possible over a hierarchy of nodes. It knows nothing of tables, arms, weight, material or topology.
+//! as rigidly as possible over a hierarchy of nodes. It knows nothing of tables, weight, material or
+//! topology, nor of arms unless [`DynamicFusionOptions::grip_radius`] is set.
 //!
 //! | file | step | section of the paper |
 //! |---|---|---|
@@ -16,9 +17,11 @@
 //! | `vertices` | points of the surface that keep their identity | (ours, to measure with) |
 //!
 //! # Where it leaves the paper
-//! - A cloud takes the place of the depth image; `depth` makes one of it.
+//! - A cloud takes the place of the depth image; `depth` makes one of it. Joining the points to triangles keeps the signed distance projective, along
+//!   the ray, as in the paper; a distance to the nearest point would be off by the gaps between points 5 mm apart.
 //! - The Jacobian of the blend is exact, and the normal equations are solved whole, not by blocks.
 //! - The scale of Tukey's penalty shrinks over the iterations: objects move by up to 8 mm between frames here.
+//! - Pieces of surface with less than a tenth of the triangles of the largest are left out: surface that is fused out of place breaks off.
 //! - Every node of the hierarchy is an unknown, and both ends of an edge are asked for the place of each other.
 
 mod depth;

@@ -55,7 +55,7 @@ impl DynamicFusionOptions {
             spacing,
             voxel: 0.004,
             truncation: 0.012,
-            nodes: 0.030,
+            nodes: 0.040,
             influence: 1.0,
             reach: 1.25,
             levels: 3,
