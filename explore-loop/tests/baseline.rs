@@ -127,19 +127,22 @@ fn a_rigid_motion_is_followed() -> Tested {
     Ok(())
 }
 
-/// A bend about the y axis to a radius of 250 mm over 20 frames: the ends go 16 mm.
+/// Depth of the plane that a bend does not stretch, m: about that of the surface seen, whose stretch along itself no depth map shows.
+const NEUTRAL: f64 = CENTRE[2] - 0.025;
+
+/// A bend about the y axis to a radius of 330 mm over 20 frames: the ends go 12 mm.
 #[test]
 fn a_gentle_bend_is_followed() -> Tested {
     let body = body();
     let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
     let bend = |frame: f64| {
-        let curvature = 4.0 * frame / 20.0;
+        let curvature = 3.0 * frame / 20.0;
         move |p: &Point3<f64>| {
             if curvature == 0.0 {
                 return *p;
             }
             let (radius, angle) = (1.0 / curvature, p.x * curvature);
-            let height = radius + p.z - CENTRE[2];
+            let height = radius + p.z - NEUTRAL;
             Point3::new(
                 height * angle.sin(),
                 p.y,
@@ -155,7 +158,7 @@ fn a_gentle_bend_is_followed() -> Tested {
     }
     let [mean, worst] = error(&fusion, bend(20.0), &measured);
     let still = body.iter().map(|(p, _)| (bend(20.0)(p) - p).norm());
-    assert!(still.fold(0.0, f64::max) > 0.015);
+    assert!(still.fold(0.0, f64::max) > 0.01);
     assert!(mean < 1.2e-3 && worst < 6e-3, "{mean} {worst}");
     Ok(())
 }

@@ -165,7 +165,7 @@ fn a_ball_seen_from_all_around_is_the_ball() {
     let cloud = ball(&centre, radius);
     let depth = DepthMap::new(&cloud).unwrap().unwrap();
     let [low, high] = around(&[centre], 0.09).unwrap();
-    let mut volume = Volume::new(&low, &high, voxel, 0.012, [1.0, 60.0]);
+    let mut volume = Volume::new(&low, &high, voxel, 0.012, [0.3, 60.0]);
     volume.integrate_still(&depth);
     let mut warp = Warp::new(0.02, 0.02, 3, 2.0);
     let grow = |volume: &mut Volume, warp: &mut Warp| {
