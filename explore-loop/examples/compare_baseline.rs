@@ -156,55 +156,55 @@ impl Session {
         }
         reconstructor.consolidate(&cell.info().table);
         times.sort_by(f64::total_cmp);
-        self.outcome(&*reconstructor, &measurer, times[times.len() / 2])
+        outcome(&*reconstructor, &measurer, times[times.len() / 2])
     }
+}
 
-    fn outcome(
-        &self,
-        reconstructor: &dyn Reconstruct,
-        measurer: &Measurer,
-        frame_ms: f64,
-    ) -> Result<Outcome, Failure> {
-        let model = reconstructor.model();
-        let (vertices, triangles) = match topology::analyse(model, SPACING)?.surface {
-            Some(surface) => (surface.vertices, surface.triangles),
-            None => (
-                model.rest.clone(),
-                surface::triangulate(&model.rest, &model.rest_normals, SPACING),
-            ),
-        };
-        let truth = measurer.surface();
-        let measure = |vertices: &[_], triangles: &[_]| -> Result<_, Failure> {
-            let sampling = Sampling::default();
-            let of = MeshMeasures::of(
-                vertices,
-                triangles,
-                &model.rest,
-                SPACING,
-                Some(truth),
-                sampling,
-            );
-            of?.truth.ok_or_else(|| "no surface to measure".into())
-        };
-        let through_points = measure(&vertices, &triangles)?;
-        let shown = match reconstructor.surface() {
-            Some(own) => measure(&own.vertices, &own.triangles)?,
-            None => through_points,
-        };
-        let shape = measurer.shape(model, SPACING);
-        let tracking = measurer.tracking();
-        Ok(Outcome {
-            accuracy: shown.accuracy,
-            completeness: shown.completeness,
-            f_score: shown.f_score.at_5mm,
-            through_points: through_points.accuracy.mean,
-            difference: shape.difference,
-            explored: shape.explored,
-            hidden: tracking.prediction_error_held.unwrap_or(f64::NAN),
-            slide: tracking.slide.unwrap_or(f64::NAN),
-            frame_ms,
-        })
-    }
+/// Measures what was reconstructed.
+fn outcome(
+    reconstructor: &dyn Reconstruct,
+    measurer: &Measurer,
+    frame_ms: f64,
+) -> Result<Outcome, Failure> {
+    let model = reconstructor.model();
+    let (vertices, triangles) = match topology::analyse(model, SPACING)?.surface {
+        Some(surface) => (surface.vertices, surface.triangles),
+        None => (
+            model.rest.clone(),
+            surface::triangulate(&model.rest, &model.rest_normals, SPACING),
+        ),
+    };
+    let truth = measurer.surface();
+    let measure = |vertices: &[_], triangles: &[_]| -> Result<_, Failure> {
+        let sampling = Sampling::default();
+        let of = MeshMeasures::of(
+            vertices,
+            triangles,
+            &model.rest,
+            SPACING,
+            Some(truth),
+            sampling,
+        );
+        of?.truth.ok_or_else(|| "no surface to measure".into())
+    };
+    let through_points = measure(&vertices, &triangles)?;
+    let shown = match reconstructor.surface() {
+        Some(own) => measure(&own.vertices, &own.triangles)?,
+        None => through_points,
+    };
+    let shape = measurer.shape(model, SPACING);
+    let tracking = measurer.tracking();
+    Ok(Outcome {
+        accuracy: shown.accuracy,
+        completeness: shown.completeness,
+        f_score: shown.f_score.at_5mm,
+        through_points: through_points.accuracy.mean,
+        difference: shape.difference,
+        explored: shape.explored,
+        hidden: tracking.prediction_error_held.unwrap_or(f64::NAN),
+        slide: tracking.slide.unwrap_or(f64::NAN),
+        frame_ms,
+    })
 }
 
 fn baseline(session: &Session, options: &DynamicFusionOptions) -> Result<Outcome, Failure> {
@@ -260,17 +260,17 @@ const TRIED: [&str; 19] = [
     "voxel=5",
     "truncation=8",
     "truncation=16",
-    "nodes=15",
+    "nodes=20",
     "nodes=30",
     "influence=0.7",
     "influence=1.5",
     "levels=1",
     "coarsening=4",
     "rigidity=1",
-    "rigidity=20",
+    "rigidity=5",
     "huber=0.1",
     "huber=10",
-    "tukey_last=4",
+    "tukey_last=8",
     "rigid_iterations=0",
     "iterations=16",
     "association=nearest",

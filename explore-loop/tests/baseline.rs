@@ -134,10 +134,7 @@ const NEUTRAL: f64 = CENTRE[2] - 0.025;
 #[test]
 fn a_gentle_bend_is_followed() -> Tested {
     let body = body();
-    // With the default, set for objects turned over whole, a bend is resisted; rigidity is what a user would turn down for it.
-    let mut options = DynamicFusionOptions::new(0.005);
-    options.rigidity = 0.2;
-    let mut fusion = DynamicFusion::new(options)?;
+    let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
     let bend = |frame: f64| {
         let curvature = 3.0 * frame / 20.0;
         move |p: &Point3<f64>| {

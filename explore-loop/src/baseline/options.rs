@@ -60,7 +60,7 @@ impl DynamicFusionOptions {
             reach: 1.25,
             levels: 3,
             coarsening: 2.0,
-            rigidity: 5.0,
+            rigidity: 0.2,
             huber: 0.002,
             tukey: [0.030, 0.003],
             association: Association::Projective,

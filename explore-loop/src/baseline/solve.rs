@@ -93,7 +93,7 @@ impl Frame<'_> {
                 return;
             }
             let mut equations = Equations::new(&structure);
-            self.add_data(&mut equations, warp, surface, &pairs, gate);
+            add_data(&mut equations, warp, surface, &pairs, gate);
             self.add_held(&mut equations, warp);
             add_rigidity(&mut equations, warp, self.options);
             let Some(twists) = equations.solve(DAMPING) else {
@@ -180,30 +180,6 @@ impl Frame<'_> {
         Some(twist.amax())
     }
 
-    /// The data term.
-    fn add_data(
-        &self,
-        equations: &mut Equations<'_>,
-        warp: &Warp,
-        surface: &[SurfacePoint],
-        pairs: &[Pair],
-        gate: f64,
-    ) {
-        for pair in pairs {
-            let s = &surface[pair.point];
-            let rows: [RowVector6<f64>; BLENDED] = warp
-                .derivatives(&s.skin, &s.rest)
-                .map(|jacobian| row(&pair.normal, &jacobian));
-            let weight = tukey(pair.residual(), gate);
-            for (i, a) in s.skin.nodes.iter().zip(&rows) {
-                equations.add_right(*i, &(a.transpose() * (-weight * pair.residual())));
-                for (j, b) in s.skin.nodes.iter().zip(&rows) {
-                    equations.add(*i, *j, &(a.transpose() * b * weight));
-                }
-            }
-        }
-    }
-
     /// The points that the arms hold.
     fn add_held(&self, equations: &mut Equations<'_>, warp: &Warp) {
         for held in self.held {
@@ -214,6 +190,29 @@ impl Frame<'_> {
                 for (j, b) in held.skin.nodes.iter().zip(&jacobians) {
                     equations.add(*i, *j, &(a.transpose() * b * HELD));
                 }
+            }
+        }
+    }
+}
+
+/// The data term.
+fn add_data(
+    equations: &mut Equations<'_>,
+    warp: &Warp,
+    surface: &[SurfacePoint],
+    pairs: &[Pair],
+    gate: f64,
+) {
+    for pair in pairs {
+        let s = &surface[pair.point];
+        let rows: [RowVector6<f64>; BLENDED] = warp
+            .derivatives(&s.skin, &s.rest)
+            .map(|jacobian| row(&pair.normal, &jacobian));
+        let weight = tukey(pair.residual(), gate);
+        for (i, a) in s.skin.nodes.iter().zip(&rows) {
+            equations.add_right(*i, &(a.transpose() * (-weight * pair.residual())));
+            for (j, b) in s.skin.nodes.iter().zip(&rows) {
+                equations.add(*i, *j, &(a.transpose() * b * weight));
             }
         }
     }

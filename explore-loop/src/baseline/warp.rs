@@ -112,7 +112,7 @@ impl Warp {
         let mut sum =
             DualQuaternion::from_real_and_dual(Quaternion::default(), Quaternion::default());
         for (q, weight) in self.aligned(skin) {
-            sum = sum + q * weight;
+            sum += q * weight;
         }
         Blend::new(sum)
     }
