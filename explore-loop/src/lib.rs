@@ -7,6 +7,7 @@
 //! |---|---|
 //! | a world: camera, table, arms (simulated, recorded, real) | [`cell`] |
 //! | the elastic body from frame to frame, growth, re-fusion | [`reconstruct`] |
+//! | what it is compared with: a volume fused through a warp field | [`baseline`] |
 //! | the model: cut, topology, mesh | [`canonical`] |
 //! | what the camera can see of it | [`visibility`] |
 //! | grips and motions | [`plan`] |
@@ -50,6 +51,7 @@
 pub use mesh_io as mesh;
 pub use nalgebra;
 
+pub mod baseline;
 pub mod canonical;
 pub mod cell;
 pub mod checkpoint;

@@ -28,7 +28,7 @@ use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
 pub use options::{ColourFeatures, Material, ReconstructOptions};
 use recognise::{Before, Recognised};
-pub use stage::Reconstruct;
+pub use stage::{Reconstruct, RestSurface};
 use std::sync::Arc;
 use std::time::Instant;
 use track::{Fill, Track};

@@ -5,7 +5,18 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{Observation, Plane};
 use crate::visibility::visible;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point3, UnitVector3};
+
+/// A surface at rest as triangles: vertices in metres with outward normals, counter-clockwise seen from outside.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RestSurface {
+    /// Vertices, m.
+    pub vertices: Vec<Point3<f64>>,
+    /// Outward normal of each vertex.
+    pub normals: Vec<UnitVector3<f64>>,
+    /// Triangles, by index of vertices.
+    pub triangles: Vec<[u32; 3]>,
+}
 
 /// Builds the canonical model from frames: what [`Explorer`](crate::explore::Explorer) drives. [`Reconstructor`] is the default, the example
 /// `custom_pipeline` another one.
@@ -20,6 +31,11 @@ pub trait Reconstruct {
 
     /// The model so far; empty before anything was seen.
     fn model(&self) -> &CanonicalModel;
+
+    /// The surface at rest as this reconstruction itself draws it; `None` (the default) if it is to be drawn through the points of the model.
+    fn surface(&self) -> Option<RestSurface> {
+        None
+    }
 
     /// Brings the model up to date before a decision is made on it. Nothing by default.
     fn consolidate(&mut self, _table: &Plane) {}
@@ -51,6 +67,45 @@ pub trait Reconstruct {
         Err(Error::Resume {
             reason: "this reconstruction cannot be resumed".into(),
         })
+    }
+}
+
+/// What is chosen at run time.
+impl<R: Reconstruct + ?Sized> Reconstruct for Box<R> {
+    fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
+        (**self).process(observation, table)
+    }
+
+    fn model(&self) -> &CanonicalModel {
+        (**self).model()
+    }
+
+    fn surface(&self) -> Option<RestSurface> {
+        (**self).surface()
+    }
+
+    fn consolidate(&mut self, table: &Plane) {
+        (**self).consolidate(table);
+    }
+
+    fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
+        (**self).visible_now(observation, spacing)
+    }
+
+    fn stiffness_over_weight(&self) -> Option<f64> {
+        (**self).stiffness_over_weight()
+    }
+
+    fn relocate(&mut self, found_from_lost: &Isometry3<f64>) {
+        (**self).relocate(found_from_lost);
+    }
+
+    fn save(&self) -> Option<Vec<u8>> {
+        (**self).save()
+    }
+
+    fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
+        (**self).restore(saved)
     }
 }
 

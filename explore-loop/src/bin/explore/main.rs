@@ -24,7 +24,9 @@ use crate::tables::Shard;
 use crate::without::Part;
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum};
+use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::mesh::Format;
+use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use mesh_io::program::{self, Failure, Output, not_negative, positive};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -88,6 +90,35 @@ enum Features {
     On,
 }
 
+/// What builds the model from the frames.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Reconstruction {
+    /// An elastic body bent from rest to every frame
+    Body,
+    /// A volume fused through a warp field: what this is compared with. It knows no arms and no table, and cannot be resumed
+    DynamicFusion,
+}
+
+impl Reconstruction {
+    /// Nothing seen yet; `without` are the parts that `options` leave out.
+    fn begin(
+        self,
+        options: ReconstructOptions,
+        without: &[Part],
+    ) -> Result<Box<dyn Reconstruct>, Failure> {
+        Ok(match self {
+            Self::Body => Box::new(Reconstructor::new(options)?),
+            Self::DynamicFusion if !without.is_empty() => {
+                return Err("--without is for --reconstruction body".into());
+            }
+            Self::DynamicFusion => {
+                let options = DynamicFusionOptions::new(options.spacing);
+                Box::new(DynamicFusion::new(options)?)
+            }
+        })
+    }
+}
+
 #[allow(clippy::struct_excessive_bools, reason = "options of a command line")]
 #[derive(Debug, clap::Args)]
 #[command(
@@ -113,6 +144,9 @@ struct RunArgs {
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,
+    /// What builds the model
+    #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
+    reconstruction: Reconstruction,
     /// The depth camera
     #[arg(long, value_enum, default_value_t = Camera::Ideal)]
     camera: Camera,
@@ -170,6 +204,9 @@ struct ReplayArgs {
     /// Whether features of the colour image are landmarks, if they were recorded
     #[arg(long, value_enum, default_value_t = Features::On)]
     features: Features,
+    /// What builds the model
+    #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
+    reconstruction: Reconstruction,
     /// Folder for the results
     #[arg(long, value_name = "DIR", default_value = "explored")]
     out: PathBuf,
@@ -227,6 +264,7 @@ impl Default for RunArgs {
             seed: 0,
             speed: 30.0,
             spacing: 5.0,
+            reconstruction: Reconstruction::Body,
             camera: Camera::Ideal,
             noise: 0.5,
             features: Features::Off,

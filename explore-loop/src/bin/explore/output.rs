@@ -2,15 +2,15 @@
 
 use crate::Failure;
 use explore_loop::Error;
-use explore_loop::canonical::closed_surface::ClosedSurface;
 use explore_loop::canonical::topology::Topology;
-use explore_loop::canonical::{CanonicalModel, surface};
+use explore_loop::canonical::{CanonicalModel, graph, surface};
 use explore_loop::measure::{
     Comparison, MeasureError, Measurer, MeshMeasures, MeshReport, Sampling, Spread, Surface,
     TrueSurface, compare,
 };
 use explore_loop::mesh::{self, Format, Mesh, Property};
 use explore_loop::nalgebra::{Point3, UnitVector3};
+use explore_loop::reconstruct::RestSurface;
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
 use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{frames, picture};
@@ -213,10 +213,22 @@ impl FinalMesh {
         mesh
     }
 
+    /// The surface that a reconstruction draws itself.
+    pub fn as_drawn(model: &CanonicalModel, own: RestSurface, spacing: f64) -> Self {
+        let (nearest, distance) = nearest_facing(model, &own, spacing);
+        Self {
+            further: known(model, &nearest, &distance, spacing),
+            vertices: own.vertices,
+            normals: own.normals,
+            triangles: own.triangles,
+            colours: None,
+        }
+    }
+
     fn uncoloured(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         match &topology.surface {
             Some(surface) => Self {
-                further: known(model, surface, spacing),
+                further: known(model, &surface.nearest, &surface.distance, spacing),
                 vertices: surface.vertices.clone(),
                 normals: surface.normals.clone(),
                 triangles: surface.triangles.clone(),
@@ -319,13 +331,35 @@ pub fn command_line() -> String {
     format!("explore {}", words.join(" "))
 }
 
+/// For every vertex of a surface the nearest vertex of the model that does not face away from it, `u32::MAX` if there is none within four spacings, and
+/// its distance.
+fn nearest_facing(
+    model: &CanonicalModel,
+    surface: &RestSurface,
+    spacing: f64,
+) -> (Vec<u32>, Vec<f64>) {
+    let tree = graph::tree(&model.rest);
+    let places = surface.vertices.iter().zip(&surface.normals);
+    let found = places.map(|(p, n)| {
+        let near = tree
+            .as_ref()
+            .map_or_else(Vec::new, |tree| graph::near(tree, p, 4.0 * spacing, 24));
+        let facing = |(i, _): &(usize, f64)| model.rest_normals[*i].dot(n) > 0.0;
+        near.into_iter()
+            .find(facing)
+            .map_or((u32::MAX, f64::INFINITY), |(i, d)| (i as u32, d))
+    });
+    found.unzip()
+}
+
 /// Frames after which a vertex counts as well seen.
 const OFTEN: f64 = 10.0;
 
 /// What the model knows of the vertices of its surface.
 fn known(
     model: &CanonicalModel,
-    surface: &ClosedSurface,
+    nearest: &[u32],
+    distance: &[f64],
     spacing: f64,
 ) -> Vec<(&'static str, Vec<f64>)> {
     let at = |v: &u32| (*v as usize) < model.len();
@@ -343,9 +377,8 @@ fn known(
         let times = f64::from(model.times_seen[*v as usize]);
         (times / (times + OFTEN)) * (-(distance / spacing).powi(2)).exp()
     };
-    let (nearest, distance) = (&surface.nearest, &surface.distance);
     vec![
-        ("support", distance.clone()),
+        ("support", distance.to_vec()),
         ("first_seen", nearest.iter().map(born).collect()),
         (
             "confidence",

@@ -8,7 +8,7 @@ use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
-use explore_loop::reconstruct::{ColourFeatures, ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::{ColourFeatures, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
@@ -49,14 +49,14 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     for part in &args.without {
         part.leave_out_of_reconstruction(&mut options);
     }
-    let mut reconstructor = Reconstructor::new(options)?;
+    let mut reconstructor = args.reconstruction.begin(options, &args.without)?;
     let bar = args.output().progress(cell.remaining() as u64, "frames");
     let mut log = Log::new(args, &cell);
     watch(
         args,
         &out,
         &mut cell,
-        &mut reconstructor,
+        &mut *reconstructor,
         &mut truth,
         &bar,
         &mut log,
@@ -74,14 +74,17 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     reconstructor.consolidate(&cell.info().table);
     let topology =
         topology::analyse(reconstructor.model(), spacing).map_err(|error| wrong(&error))?;
-    let mesh = FinalMesh::of(reconstructor.model(), &topology, spacing);
+    let mesh = match reconstructor.surface() {
+        Some(own) => FinalMesh::as_drawn(reconstructor.model(), own, spacing),
+        None => FinalMesh::of(reconstructor.model(), &topology, spacing),
+    };
     out.frames(&log.lines)?;
     out.mesh(&mesh, &args.export)?;
     if let Some(truth) = &truth {
         out.truth(truth.measurer.rest())?;
     }
-    let metrics = metrics(args, &cell, &reconstructor, &log, &topology, started);
-    let metrics = measured(metrics, &mesh, &reconstructor, truth.as_ref())?;
+    let metrics = metrics(args, &cell, &*reconstructor, &log, &topology, started);
+    let metrics = measured(metrics, &mesh, &*reconstructor, truth.as_ref())?;
     out.metrics(&metrics)?;
     let measurer = truth.as_ref().map(|t| &t.measurer);
     let model = reconstructor.model();
@@ -160,7 +163,7 @@ fn watch(
     args: &ReplayArgs,
     out: &OutputFolder,
     cell: &mut ReplayCell,
-    reconstructor: &mut Reconstructor,
+    reconstructor: &mut dyn Reconstruct,
     truth: &mut Option<Truth>,
     bar: &indicatif::ProgressBar,
     log: &mut Log,
@@ -280,7 +283,7 @@ impl Truth {
     fn frame(
         &mut self,
         observation: &Observation,
-        reconstructor: &Reconstructor,
+        reconstructor: &dyn Reconstruct,
         measured: &[bool],
     ) -> Result<Vec<f64>, Failure> {
         let stamp = observation.stamp;
@@ -306,7 +309,7 @@ impl Truth {
 fn measured(
     metrics: Metrics,
     mesh: &FinalMesh,
-    reconstructor: &Reconstructor,
+    reconstructor: &dyn Reconstruct,
     truth: Option<&Truth>,
 ) -> Result<Metrics, Failure> {
     let model = reconstructor.model();
@@ -323,7 +326,7 @@ fn measured(
 fn metrics(
     args: &ReplayArgs,
     cell: &ReplayCell,
-    reconstructor: &Reconstructor,
+    reconstructor: &dyn Reconstruct,
     log: &Log,
     topology: &Topology,
     started: Instant,

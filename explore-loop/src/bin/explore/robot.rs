@@ -13,6 +13,7 @@ use explore_loop::explore::{ExploreOptions, Explorer, Outcome};
 use explore_loop::mesh::Format;
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::CoveragePlanner;
+use mesh_io::program::{unless_closed, warn};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -20,6 +21,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example: explore robot CELL.toml --dry-run")]
 pub(crate) struct RobotArgs {
     /// What the cell is made of: arms, camera, calibration, limits (TOML; `explore serve --write-cell` writes one)
     cell: PathBuf,
@@ -50,7 +52,10 @@ pub(crate) struct RobotArgs {
     /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
     #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
     export: Vec<Format>,
-    /// Print nothing but errors
+    /// Print the metrics as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors, and the metrics if --json asks for them
     #[arg(long)]
     quiet: bool,
 }
@@ -67,6 +72,7 @@ impl RobotArgs {
             out: self.out.clone(),
             pictures: self.pictures,
             export: self.export.clone(),
+            json: self.json,
             quiet: self.quiet,
             ..RunArgs::default()
         }
@@ -107,12 +113,12 @@ pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
 
 /// Prints what was looked at; also when quiet where all is not well.
 fn list(args: &RobotArgs, preflight: &Preflight) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
+    let mut words = args.run().output().words();
     for check in preflight.checks() {
         if check.found.is_err() {
-            eprintln!("{check}");
+            warn(&check.to_string());
         } else if !args.quiet {
-            writeln!(out, "{check}")?;
+            unless_closed(writeln!(words, "{check}"))?;
         }
     }
     Ok(())
@@ -143,8 +149,9 @@ fn finish(
     };
     let metrics = write(run, out, finished?, &outcome)?;
     if !run.quiet {
-        table(&rows(&metrics))?;
+        table(run.output(), &rows(&metrics))?;
     }
+    unless_closed(run.output().object(&metrics))?;
     Ok(match metrics.stop.as_str() {
         "closed" => ExitCode::SUCCESS,
         "closed_but_attached" => ExitCode::from(3),

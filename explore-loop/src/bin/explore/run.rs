@@ -13,7 +13,7 @@ use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
 use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{Planner, RandomPlanner};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::ReconstructOptions;
 use explore_loop::report::metrics::{Metrics, Timing};
 use mesh_io::program::unless_closed;
 use std::process::ExitCode;
@@ -57,7 +57,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         part.leave_out_of_loop(&mut exploring);
         part.leave_out_of_reconstruction(&mut reconstruction);
     }
-    let reconstructor = Reconstructor::new(reconstruction)?;
+    let reconstructor = args.reconstruction.begin(reconstruction, &args.without)?;
     exploring.max_manipulations = args.max_manipulations;
     exploring.genus = args.genus.map_or(Genus::Any, Genus::Exactly);
     let saved = if args.resume {

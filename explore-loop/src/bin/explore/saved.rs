@@ -1,7 +1,7 @@
 //! What a run leaves in its folder to go on from.
 
 use crate::output::OutputFolder;
-use crate::{Failure, RunArgs};
+use crate::{Failure, Reconstruction, RunArgs};
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::cell::sim::Command;
 use explore_loop::checkpoint;
@@ -28,9 +28,13 @@ pub(crate) const CHECKPOINT: &str = "checkpoint.bin";
 impl Saved {
     pub fn new(args: &RunArgs) -> Result<Self, Failure> {
         let object = args.object.identity()?;
+        let reconstruction = match args.reconstruction {
+            Reconstruction::Body => "",
+            Reconstruction::DynamicFusion => " --reconstruction dynamic-fusion",
+        };
         Ok(Self {
             run: format!(
-                "{object} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
+                "{object}{reconstruction} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
                 args.arms,
                 args.grips,
                 args.seed,

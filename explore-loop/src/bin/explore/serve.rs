@@ -31,6 +31,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 #[derive(Debug, clap::Args)]
+#[command(after_help = "Example: explore serve --scene liver --write-cell cell.toml")]
 pub(crate) struct ServeArgs {
     #[command(flatten)]
     object: ObjectArgs,

@@ -4,13 +4,13 @@ use nalgebra::{Point3, Vector3};
 
 /// A box of nodes in rows along x, then y, then z.
 #[derive(Debug, Clone)]
-pub(super) struct Grid {
+pub(crate) struct Grid {
     /// Place of node (0, 0, 0).
-    pub(super) origin: Point3<f64>,
+    pub(crate) origin: Point3<f64>,
     /// Distance of neighbouring nodes, m.
-    pub(super) step: f64,
+    pub(crate) step: f64,
     /// Nodes along each axis.
-    pub(super) nodes: [usize; 3],
+    pub(crate) nodes: [usize; 3],
 }
 
 impl Grid {
@@ -24,27 +24,27 @@ impl Grid {
     }
 
     /// Number of nodes.
-    pub(super) fn len(&self) -> usize {
+    pub(crate) fn len(&self) -> usize {
         self.nodes.iter().product()
     }
 
     /// How far the index moves for one step along each axis.
-    pub(super) fn strides(&self) -> [usize; 3] {
+    pub(crate) fn strides(&self) -> [usize; 3] {
         [1, self.nodes[0], self.nodes[0] * self.nodes[1]]
     }
 
     /// Index of a node.
-    pub(super) fn index(&self, node: [usize; 3]) -> usize {
+    pub(crate) fn index(&self, node: [usize; 3]) -> usize {
         (node[2] * self.nodes[1] + node[1]) * self.nodes[0] + node[0]
     }
 
     /// Place of a node.
-    pub(super) fn place(&self, node: [usize; 3]) -> Point3<f64> {
+    pub(crate) fn place(&self, node: [usize; 3]) -> Point3<f64> {
         self.origin + Vector3::from(node.map(|n| n as f64)) * self.step
     }
 
     /// A place in steps from the origin.
-    pub(super) fn local(&self, point: &Point3<f64>) -> Vector3<f64> {
+    pub(crate) fn local(&self, point: &Point3<f64>) -> Vector3<f64> {
         (point - self.origin) / self.step
     }
 
@@ -63,7 +63,7 @@ impl Grid {
     }
 
     /// Calls `visit` with every node that is not on the boundary of the box, and its index.
-    pub(super) fn inner(&self, mut visit: impl FnMut([usize; 3], usize)) {
+    pub(crate) fn inner(&self, mut visit: impl FnMut([usize; 3], usize)) {
         for z in 1..self.nodes[2] - 1 {
             for y in 1..self.nodes[1] - 1 {
                 for x in 1..self.nodes[0] - 1 {
@@ -76,14 +76,14 @@ impl Grid {
 
 /// Values of a function at the nodes of a grid.
 #[derive(Debug, Clone)]
-pub(super) struct Field {
-    pub(super) grid: Grid,
-    pub(super) values: Vec<f64>,
+pub(crate) struct Field {
+    pub(crate) grid: Grid,
+    pub(crate) values: Vec<f64>,
 }
 
 impl Field {
     /// Zero everywhere.
-    pub(super) fn zero(grid: Grid) -> Self {
+    pub(crate) fn zero(grid: Grid) -> Self {
         let values = vec![0.0; grid.len()];
         Self { grid, values }
     }

@@ -13,10 +13,15 @@ use std::collections::HashMap;
 const CLOSEST: f64 = 0.08;
 
 /// A triangle mesh: vertices, and triangles counter-clockwise seen from outside.
-pub(super) type Soup = (Vec<Point3<f64>>, Vec<[u32; 3]>);
+pub(crate) type Soup = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
 /// The surface where `field` falls below `level`, outward from the larger values.
 pub(super) fn extract(field: &Field, level: f64) -> Soup {
+    extract_where(field, level, |_| true)
+}
+
+/// The same among the cubes all of whose corners are `known`, by index: open where others begin.
+pub(crate) fn extract_where(field: &Field, level: f64, known: impl Fn(usize) -> bool) -> Soup {
     let table: Vec<Vec<Vec<usize>>> = (0..256).map(loops).collect();
     let grid = &field.grid;
     let strides = grid.strides();
@@ -27,6 +32,9 @@ pub(super) fn extract(field: &Field, level: f64) -> Soup {
         let mask = (0..8).fold(0, |mask, c| {
             mask | usize::from(field.values[corner(c)] > level) << c
         });
+        if table[mask].is_empty() || !(0..8).all(|c| known(corner(c))) {
+            return;
+        }
         for around in &table[mask] {
             let ring: Vec<u32> = around
                 .iter()

@@ -47,6 +47,8 @@ mod samples;
 mod support;
 
 pub use error::ClosedSurfaceError;
+pub(crate) use grid::{Field, Grid};
+pub(crate) use isosurface::extract_where;
 
 /// Settings of [`closed_surface`].
 #[derive(Debug, Clone, PartialEq)]
@@ -247,7 +249,10 @@ impl ClosedSurface {
 }
 
 /// Normals of vertices, from the triangles around them by area.
-fn vertex_normals(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<UnitVector3<f64>> {
+pub(crate) fn vertex_normals(
+    vertices: &[Point3<f64>],
+    triangles: &[[u32; 3]],
+) -> Vec<UnitVector3<f64>> {
     let mut sums = vec![nalgebra::Vector3::zeros(); vertices.len()];
     for t in triangles {
         let [a, b, c] = t.map(|v| vertices[v as usize]);

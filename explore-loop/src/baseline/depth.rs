@@ -1,0 +1,216 @@
+//! A depth map of a cloud: where the ray through any point meets the surface that the camera saw.
+//!
+//! A fusion of depth images asks the image at every pixel; recordings hold clouds. The points are joined to triangles in the image
+//! plane (Delaunay, over `(x/z, y/z)`), triangles that bridge a gap of the cloud or a step in depth are dropped, and between corners the inverse
+//! depth is linear, which is exact for a flat triangle. So the map is as dense as one of a depth camera and as true as the cloud allows.
+
+use crate::Error;
+use crate::canonical::graph;
+use crate::visibility::facing;
+use kiddo::ImmutableKdTree;
+use nalgebra::{Point2, Point3, UnitVector3, Vector3};
+use spade::{DelaunayTriangulation, HasPosition, Triangulation};
+
+/// Neighbours that a normal is fitted to.
+const NORMAL_NEIGHBOURS: usize = 12;
+/// Longest edge of a triangle, in median edges.
+const LONGEST: f64 = 3.0;
+/// Least cosine between a triangle and the ray: flatter ones bridge a step in depth.
+const LEAST_FACING: f64 = 0.12;
+/// Pixels in a median edge.
+const FINE: f64 = 5.0;
+/// No triangle.
+const NONE: u32 = u32::MAX;
+/// Most pixels: a stray point far away must not make a gigapixel image.
+const MOST: f64 = 16e6;
+
+/// Where a ray meets the surface.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Hit {
+    pub point: Point3<f64>,
+    pub normal: UnitVector3<f64>,
+}
+
+/// The surface that one frame saw.
+pub(super) struct DepthMap {
+    points: Vec<Point3<f64>>,
+    normals: Vec<UnitVector3<f64>>,
+    triangles: Vec<[u32; 3]>,
+    low: Point2<f64>,
+    bin: f64,
+    size: [usize; 2],
+    cover: Vec<u32>,
+    tree: ImmutableKdTree<f64, 3>,
+}
+
+struct Ray {
+    at: spade::Point2<f64>,
+    point: u32,
+}
+
+impl HasPosition for Ray {
+    type Scalar = f64;
+    fn position(&self) -> spade::Point2<f64> {
+        self.at
+    }
+}
+
+impl DepthMap {
+    /// Of a cloud in the camera frame; `None` when no triangle can be drawn through it.
+    ///
+    /// # Errors
+    /// Those of the estimation of normals.
+    pub fn new(cloud: &[Point3<f64>]) -> Result<Option<Self>, Error> {
+        let usable = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite()) && p.z > 1e-6;
+        let points: Vec<Point3<f64>> = cloud.iter().filter(usable).copied().collect();
+        let Some(tree) = graph::tree(&points).filter(|_| points.len() >= NORMAL_NEIGHBOURS) else {
+            return Ok(None);
+        };
+        let normals =
+            nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &Point3::origin())?;
+        let (triangles, edge) = triangulate(&points);
+        if triangles.is_empty() {
+            return Ok(None);
+        }
+        let depth = points.iter().map(|p| p.z).sum::<f64>() / points.len() as f64;
+        let bin = edge / (FINE * depth);
+        let mut map = Self {
+            low: points
+                .iter()
+                .map(ray)
+                .fold(ray(&points[0]), |a, b| a.inf(&b)),
+            bin,
+            size: [0; 2],
+            cover: Vec::new(),
+            tree,
+            points,
+            normals,
+            triangles,
+        };
+        let high = map.points.iter().map(ray).fold(map.low, |a, b| a.sup(&b));
+        let extent = (high - map.low) / bin;
+        if (extent.x + 1.0) * (extent.y + 1.0) > MOST {
+            return Ok(None);
+        }
+        map.size = [extent.x as usize + 1, extent.y as usize + 1];
+        map.rasterise();
+        Ok(Some(map))
+    }
+
+    /// Where the ray of `x` meets the surface, if the camera saw any there.
+    pub fn at(&self, x: &Point3<f64>) -> Option<Hit> {
+        if x.z <= 1e-6 {
+            return None;
+        }
+        let at = ray(x);
+        let pixel = (at - self.low) / self.bin;
+        if pixel.x < 0.0 || pixel.y < 0.0 {
+            return None;
+        }
+        let (i, j) = (pixel.x as usize, pixel.y as usize);
+        if i >= self.size[0] || j >= self.size[1] {
+            return None;
+        }
+        let triangle = *self
+            .triangles
+            .get(self.cover[j * self.size[0] + i] as usize)?;
+        let parts = barycentric(&triangle.map(|v| ray(&self.points[v as usize])), &at)?;
+        let mut inverse = 0.0;
+        let mut normal = Vector3::zeros();
+        for (v, part) in triangle.iter().zip(parts) {
+            inverse += part / self.points[*v as usize].z;
+            normal += self.normals[*v as usize].into_inner() * part;
+        }
+        Some(Hit {
+            point: Point3::new(at.x, at.y, 1.0) / inverse,
+            normal: UnitVector3::try_new(normal, 1e-9)?,
+        })
+    }
+
+    /// The point of the cloud nearest to `x`.
+    pub fn nearest(&self, x: &Point3<f64>) -> Hit {
+        let (k, _) = graph::nearest(&self.tree, x);
+        Hit {
+            point: self.points[k],
+            normal: self.normals[k],
+        }
+    }
+
+    /// Notes for each pixel the triangle over its middle.
+    fn rasterise(&mut self) {
+        self.cover = vec![NONE; self.size[0] * self.size[1]];
+        for (t, corners) in self.triangles.iter().enumerate() {
+            let corners = corners.map(|v| ray(&self.points[v as usize]));
+            let low = corners[0].inf(&corners[1]).inf(&corners[2]) - self.low;
+            let high = corners[0].sup(&corners[1]).sup(&corners[2]) - self.low;
+            let range = |axis: usize| {
+                let last = self.size[axis] - 1;
+                let at = |x: f64| ((x / self.bin).max(0.0) as usize).min(last);
+                at(low[axis])..=at(high[axis])
+            };
+            for j in range(1) {
+                for i in range(0) {
+                    let middle = nalgebra::Vector2::new(i as f64 + 0.5, j as f64 + 0.5);
+                    let inside = barycentric(&corners, &(self.low + middle * self.bin))
+                        .is_some_and(|parts| parts.iter().all(|p| *p >= 0.0));
+                    if inside {
+                        self.cover[j * self.size[0] + i] = t as u32;
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Where the ray of a point crosses the image plane.
+fn ray(p: &Point3<f64>) -> Point2<f64> {
+    Point2::new(p.x / p.z, p.y / p.z)
+}
+
+/// The triangles of a cloud as the camera sees it, and the median length of their edges, m.
+fn triangulate(points: &[Point3<f64>]) -> (Vec<[u32; 3]>, f64) {
+    let mut plane = DelaunayTriangulation::<Ray>::new();
+    let tiny = |x: f64| if x.abs() < 1e-30 { 0.0 } else { x };
+    for (i, p) in points.iter().enumerate() {
+        let at = ray(p);
+        // Of points on one ray the last stands for all.
+        let _ = plane.insert(Ray {
+            at: spade::Point2::new(tiny(at.x), tiny(at.y)),
+            point: i as u32,
+        });
+    }
+    let all: Vec<[u32; 3]> = plane
+        .inner_faces()
+        .map(|face| face.vertices().map(|vertex| vertex.data().point))
+        .collect();
+    let longest = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| points[v as usize]);
+        (b - a).norm().max((c - b).norm()).max((a - c).norm())
+    };
+    let mut lengths: Vec<f64> = all.iter().map(longest).collect();
+    lengths.sort_by(f64::total_cmp);
+    let Some(median) = lengths.get(lengths.len() / 2).copied() else {
+        return (Vec::new(), 0.0);
+    };
+    let faces = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| points[v as usize]);
+        let normal = UnitVector3::try_new((b - a).cross(&(c - a)), 1e-300);
+        normal.is_some_and(|n| facing(&a, &n).abs() > LEAST_FACING)
+    };
+    let kept = all
+        .into_iter()
+        .filter(|t| longest(t) <= LONGEST * median && faces(t))
+        .collect();
+    (kept, median)
+}
+
+/// The barycentric coordinates of a place in the image; `None` in a triangle without area.
+fn barycentric([a, b, c]: &[Point2<f64>; 3], at: &Point2<f64>) -> Option<[f64; 3]> {
+    let (u, v, w) = (b - a, c - a, at - a);
+    let area = u.perp(&v);
+    if area.abs() < 1e-18 {
+        return None;
+    }
+    let (s, t) = (w.perp(&v) / area, u.perp(&w) / area);
+    Some([1.0 - s - t, s, t])
+}

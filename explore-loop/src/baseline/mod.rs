@@ -1,0 +1,299 @@
+//! What the reconstruction of this crate is compared with: a fusion into a canonical volume through a warp field, as in DynamicFusion.
+//!
+//! ```text
+//! depth map ─► warp that brings the canonical surface to it ─► fuse it into the canonical volume through the warp ─► nodes where surface is new
+//! ```
+//! R. A. Newcombe, D. Fox, S. M. Seitz, *DynamicFusion: Reconstruction and Tracking of Non-rigid Scenes in Real-Time*, CVPR 2015. The canonical
+//! model is a truncated signed distance volume; the warp field is made of sparse nodes blended as dual quaternions and is regularised
+//! as rigidly as possible over a hierarchy of nodes. It knows nothing of tables, weight, material or
+//! topology, nor of arms unless [`DynamicFusionOptions::grip_radius`] is set.
+//!
+//! | file | step | section of the paper |
+//! |---|---|---|
+//! | `depth` | the depth map of a cloud | (the paper has a depth camera) |
+//! | `warp` | nodes, weights, dual-quaternion blending, hierarchy, new nodes | 3.1, 3.3.2, 3.4 |
+//! | `tsdf` | the volume: fusion through the warp, its surface | 3.2 |
+//! | `solve`, `equations` | data term, rigidity, Gauss–Newton, sparse Cholesky | 3.3 |
+//! | `vertices` | points of the surface that keep their identity | (ours, to measure with) |
+//!
+//! # Where it leaves the paper
+//! - A cloud takes the place of the depth image; `depth` makes one of it. Joining the points to triangles keeps the signed distance projective, along
+//!   the ray, as in the paper; a distance to the nearest point would be off by the gaps between points 5 mm apart.
+//! - The Jacobian of the blend is exact, and the normal equations are solved whole, not by blocks.
+//! - The scale of Tukey's penalty shrinks over the iterations: objects move by up to 8 mm between frames here.
+//! - Pieces of surface with less than a tenth of the triangles of the largest are left out: surface that is fused out of place breaks off.
+//! - Every node of the hierarchy is an unknown, and both ends of an edge are asked for the place of each other.
+
+mod depth;
+mod equations;
+mod options;
+mod solve;
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests;
+mod tsdf;
+mod vertices;
+mod warp;
+
+pub use options::{Association, DynamicFusionOptions};
+
+use crate::Error;
+use crate::canonical::{CanonicalModel, graph};
+use crate::cell::{ArmState, Observation, Plane};
+use crate::reconstruct::{FrameReport, Reconstruct, RestSurface};
+use depth::DepthMap;
+use nalgebra::{Isometry3, Point3};
+use solve::{Frame, Held};
+use std::time::Instant;
+use tsdf::Volume;
+use warp::Warp;
+
+/// Room around the first view for what will come into view, as a share of its longest side.
+const ROOM: f64 = 0.7;
+/// A vertex less than this before or behind the surface seen was measured, m.
+const SEEN: f64 = 0.0025;
+/// Most voxels of the volume: beyond, they are made larger.
+const MOST_VOXELS: f64 = 2e7;
+
+/// Builds the canonical model as DynamicFusion does.
+pub struct DynamicFusion {
+    options: DynamicFusionOptions,
+    model: CanonicalModel,
+    scene: Option<Scene>,
+    grips: Vec<Option<Grip>>,
+    frame: u32,
+}
+
+/// What there is once something was seen.
+struct Scene {
+    volume: Volume,
+    warp: Warp,
+    surface: RestSurface,
+}
+
+/// What a jaw took hold of: points at rest, and where they are as the tip sees them.
+struct Grip {
+    points: Vec<(Point3<f64>, Point3<f64>)>,
+}
+
+impl std::fmt::Debug for DynamicFusion {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("DynamicFusion")
+            .field("options", &self.options)
+            .field("frame", &self.frame)
+            .field("vertices", &self.model.len())
+            .finish_non_exhaustive()
+    }
+}
+
+impl DynamicFusion {
+    /// Nothing seen yet.
+    ///
+    /// # Errors
+    /// [`Error::BadSpacing`]: a length among the options that is not positive and finite.
+    pub fn new(options: DynamicFusionOptions) -> Result<Self, Error> {
+        let lengths = [
+            options.spacing,
+            options.voxel,
+            options.truncation,
+            options.nodes,
+            options.influence,
+            options.reach,
+            options.coarsening,
+            options.huber,
+            options.tukey[0],
+            options.tukey[1],
+        ];
+        if let Some(spacing) = lengths.into_iter().find(|x| !(x.is_finite() && *x > 0.0)) {
+            return Err(Error::BadSpacing { spacing });
+        }
+        Ok(Self {
+            options,
+            model: CanonicalModel::default(),
+            scene: None,
+            grips: Vec::new(),
+            frame: 0,
+        })
+    }
+
+    /// Number of nodes of the warp field that blend.
+    pub fn nodes(&self) -> usize {
+        self.scene.as_ref().map_or(0, |s| s.warp.nodes().len())
+    }
+
+    /// Where the warp field carries a place of the canonical frame; it stays while nothing was seen.
+    pub fn warp(&self, place: &Point3<f64>) -> Point3<f64> {
+        self.scene.as_ref().map_or(*place, |s| s.warp.apply(place))
+    }
+
+    /// The first frame: the volume and the warp field are laid out around what is seen.
+    fn begin(&self, depth: &DepthMap, cloud: &[Point3<f64>]) -> Option<Scene> {
+        let options = &self.options;
+        let usable: Vec<Point3<f64>> = cloud
+            .iter()
+            .filter(|p| p.coords.iter().all(|x| x.is_finite()))
+            .copied()
+            .collect();
+        let [low, high] = tsdf::around(&usable, 0.0)?;
+        let [low, high] = tsdf::around(&[low, high], ROOM * (high - low).amax())?;
+        let voxel = options
+            .voxel
+            .max(((high - low).product() / MOST_VOXELS).cbrt());
+        let mut volume = Volume::new(&low, &high, voxel, options.truncation, options.weight);
+        // The first view alone must give a surface, also where it is at a slant: it counts as often as a voxel must be seen.
+        for _ in 0..(2.0 * options.weight[0]).ceil().clamp(1.0, 100.0) as usize {
+            volume.integrate_still(depth);
+        }
+        let influence = options.influence * options.nodes;
+        let warp = Warp::new(options.nodes, influence, options.levels, options.coarsening);
+        let surface = volume.surface();
+        let mut scene = Scene {
+            volume,
+            warp,
+            surface,
+        };
+        scene.insert_nodes(options);
+        Some(scene)
+    }
+
+    /// Every later frame.
+    fn follow(&mut self, scene: &mut Scene, depth: &DepthMap, arms: &[ArmState]) {
+        let held = self.held(&scene.warp, arms);
+        let frame = Frame {
+            depth,
+            held: &held,
+            options: &self.options,
+        };
+        let points =
+            vertices::skinned(&scene.surface.vertices, &scene.surface.normals, &scene.warp);
+        frame.solve(&mut scene.warp, &points);
+    }
+
+    /// Fuses the frame through the warp, and adds nodes where surface has come.
+    fn fuse(&self, scene: &mut Scene, depth: &DepthMap) {
+        let reach = self.options.reach * self.options.nodes;
+        scene.volume.integrate(depth, &scene.warp, reach);
+        scene.surface = scene.volume.surface();
+        scene.insert_nodes(&self.options);
+    }
+
+    /// Brings the vertices of the model up to date and says which of them the frame measured.
+    fn report(&mut self, scene: &Scene, depth: &DepthMap, report: &mut FrameReport) {
+        let spacing = self.options.spacing;
+        let before = self.model.live.clone();
+        let count = self.model.len();
+        report.added =
+            vertices::follow_surface(&mut self.model, &scene.surface, spacing, self.frame);
+        vertices::pose(&mut self.model, &scene.warp);
+        if report.added > 0 || self.model.len() != count {
+            self.model.edges = graph::surface_edges(&self.model, spacing);
+        } else {
+            let moved = before
+                .iter()
+                .zip(&self.model.live)
+                .map(|(a, b)| (b - a).norm());
+            report.moved = moved.sum::<f64>() / count.max(1) as f64;
+        }
+        let frame = Frame {
+            depth,
+            held: &[],
+            options: &self.options,
+        };
+        let points = vertices::skinned(&self.model.rest, &self.model.rest_normals, &scene.warp);
+        let pairs = frame.associate(&scene.warp, &points, self.options.tukey[1]);
+        report.measured = vec![false; self.model.len()];
+        for pair in &pairs {
+            report.measured[pair.point] = pair.residual().abs() < SEEN;
+            report.residual += pair.residual().abs() / pairs.len() as f64;
+        }
+        let seen = report.measured.iter().filter(|m| **m).count();
+        report.overlap = seen as f64 / pairs.len().max(1) as f64;
+        for (i, _) in report.measured.iter().enumerate().filter(|(_, m)| **m) {
+            self.model.last_seen[i] = self.frame;
+            self.model.times_seen[i] += 1;
+        }
+    }
+
+    /// The held points and where the arms have taken them.
+    fn held(&self, warp: &Warp, arms: &[ArmState]) -> Vec<Held> {
+        let mut held = Vec::new();
+        for (grip, arm) in self.grips.iter().zip(arms) {
+            for (rest, in_tip) in grip.iter().flat_map(|g| &g.points).filter(|_| arm.holding) {
+                held.extend(warp.skin(rest).map(|skin| Held {
+                    rest: *rest,
+                    skin,
+                    target: arm.camera_from_tip * in_tip,
+                }));
+            }
+        }
+        held
+    }
+
+    /// Notes what the jaws have taken hold of, and lets go of what they have not.
+    fn take_grips(&mut self, arms: &[ArmState]) {
+        let radius = self.options.grip_radius;
+        self.grips.resize_with(arms.len(), || None);
+        for (grip, arm) in self.grips.iter_mut().zip(arms) {
+            if !arm.holding || radius <= 0.0 {
+                *grip = None;
+            } else if grip.is_none() {
+                let tip_from_camera: Isometry3<f64> = arm.camera_from_tip.inverse();
+                let live = self.model.rest.iter().zip(&self.model.live);
+                let in_tip = live.map(|(rest, live)| (*rest, tip_from_camera * live));
+                *grip = Some(Grip {
+                    points: in_tip.filter(|(_, p)| p.coords.norm() < radius).collect(),
+                });
+            }
+        }
+    }
+}
+
+impl Scene {
+    fn insert_nodes(&mut self, options: &DynamicFusionOptions) {
+        let fresh = self.warp.support(&self.surface.vertices);
+        self.volume
+            .reach(&fresh, &self.warp, options.reach * options.nodes);
+    }
+}
+
+impl Reconstruct for DynamicFusion {
+    fn process(&mut self, observation: &Observation, _: &Plane) -> Result<FrameReport, Error> {
+        let start = Instant::now();
+        let mut report = FrameReport {
+            frame: self.frame,
+            measured: vec![false; self.model.len()],
+            ..FrameReport::default()
+        };
+        if let Some(depth) = DepthMap::new(&observation.points)? {
+            let registration = Instant::now();
+            let scene = match self.scene.take() {
+                None => self.begin(&depth, &observation.points),
+                Some(mut scene) => {
+                    self.follow(&mut scene, &depth, &observation.arms);
+                    report.registration_ms = registration.elapsed().as_secs_f64() * 1e3;
+                    self.fuse(&mut scene, &depth);
+                    Some(scene)
+                }
+            };
+            if let Some(scene) = scene {
+                self.report(&scene, &depth, &mut report);
+                self.scene = Some(scene);
+            }
+            self.take_grips(&observation.arms);
+        } else {
+            let points = observation.points.len();
+            report.failure = Some(format!("no surface through {points} points"));
+        }
+        self.frame += 1;
+        report.frame_ms = start.elapsed().as_secs_f64() * 1e3;
+        Ok(report)
+    }
+
+    fn model(&self) -> &CanonicalModel {
+        &self.model
+    }
+
+    fn surface(&self) -> Option<RestSurface> {
+        self.scene.as_ref().map(|s| s.surface.clone())
+    }
+}

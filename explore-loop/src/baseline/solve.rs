@@ -1,0 +1,301 @@
+//! The warp that brings the canonical surface to a frame.
+//!
+//! ```text
+//! E(W) = Σ_u ψ_Tukey( n̂_u · (v̂_u − d_u) )  +  λ Σ_{(i,j)} ψ_Huber( ‖T_i g_j − T_j g_j‖ )
+//! ```
+//! `v̂_u` and `n̂_u` are a point of the canonical surface and its normal, warped; `d_u` is where the ray of `v̂_u` meets the surface that the camera
+//! saw (projective association). The second term asks of every edge of the node hierarchy that both its ends carry the place of one alike: it
+//! is zero for any rigid motion, and grows as the field stops being as rigid as possible (Newcombe, Fox and Seitz 2015, section 3.3).
+//!
+//! First one motion for all nodes (rigid ICP), then Gauss–Newton over the twists of every node, weights renewed each time (iteratively
+//! reweighted least squares), points associated anew.
+
+use super::depth::{DepthMap, Hit};
+use super::equations::{Equations, Structure};
+use super::warp::{BLENDED, Skin, Warp, exp};
+use super::{Association, DynamicFusionOptions};
+use crate::visibility::{DepthGrid, Sight, facing};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Point3, RowVector6, UnitVector3, Vector3, Vector6};
+
+/// A point of the canonical surface, and the nodes it leans on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct SurfacePoint {
+    pub rest: Point3<f64>,
+    pub normal: UnitVector3<f64>,
+    pub skin: Skin,
+}
+
+/// A point held by an arm: it goes where the jaw takes it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Held {
+    pub rest: Point3<f64>,
+    pub skin: Skin,
+    pub target: Point3<f64>,
+}
+
+/// A point of the surface and what it meets.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pair {
+    pub point: usize,
+    /// Warped normal.
+    pub normal: UnitVector3<f64>,
+    /// Warped place minus where the surface was seen.
+    pub offset: Vector3<f64>,
+}
+
+impl Pair {
+    /// Distance along the normal, m.
+    pub fn residual(&self) -> f64 {
+        self.normal.dot(&self.offset)
+    }
+}
+
+/// Least cosine between a warped normal and the camera, and between it and the surface seen.
+const FACING: f64 = 0.15;
+const ALIKE: f64 = 0.4;
+/// Step below which the iterations end, m and rad.
+const SETTLED: f64 = 2e-5;
+/// Damping of Gauss–Newton, as a share of the diagonal.
+const DAMPING: f64 = 1e-4;
+/// Weight of a held point over that of a point of the surface.
+const HELD: f64 = 20.0;
+
+/// What one frame says.
+pub(super) struct Frame<'a> {
+    pub depth: &'a DepthMap,
+    pub held: &'a [Held],
+    pub options: &'a DynamicFusionOptions,
+}
+
+impl Frame<'_> {
+    /// Brings `warp` to the frame.
+    pub fn solve(&self, warp: &mut Warp, surface: &[SurfacePoint]) {
+        for round in 0..self.options.rigid_iterations {
+            let pairs = self.associate(
+                warp,
+                surface,
+                self.gate(round, self.options.rigid_iterations),
+            );
+            if self
+                .step_rigid(warp, surface, &pairs)
+                .is_none_or(|s| s < SETTLED)
+            {
+                break;
+            }
+        }
+        let Some(structure) = structure(warp, surface, self.held) else {
+            return;
+        };
+        for round in 0..self.options.iterations {
+            let gate = self.gate(round, self.options.iterations);
+            let pairs = self.associate(warp, surface, gate);
+            if pairs.is_empty() {
+                return;
+            }
+            let mut equations = Equations::new(&structure);
+            add_data(&mut equations, warp, surface, &pairs, gate);
+            self.add_held(&mut equations, warp);
+            add_rigidity(&mut equations, warp, self.options);
+            let Some(twists) = equations.solve(DAMPING) else {
+                return;
+            };
+            warp.step(&twists);
+            if twists.iter().all(|t| t.amax() < SETTLED) {
+                return;
+            }
+        }
+    }
+
+    /// The scale of the robust weights in a round: wide at first, so that fast motion is followed, narrow at the end.
+    fn gate(&self, round: usize, rounds: usize) -> f64 {
+        let share = round as f64 / (rounds.max(2) - 1) as f64;
+        let [first, last] = self.options.tukey;
+        first * (last / first).powf(share)
+    }
+
+    /// Which points of the surface are seen, and where: they face the camera, no other part of the warped surface hides them, and the surface
+    /// seen on their ray faces as they do within `gate`.
+    pub fn associate(&self, warp: &Warp, surface: &[SurfacePoint], gate: f64) -> Vec<Pair> {
+        let warped: Vec<(Point3<f64>, UnitVector3<f64>)> = surface
+            .iter()
+            .map(|s| {
+                let blend = warp.blend(&s.skin);
+                (blend.apply(&s.rest), blend.rotation() * s.normal)
+            })
+            .collect();
+        let front: Vec<Point3<f64>> = warped
+            .iter()
+            .filter(|(v, n)| facing(v, n) > 0.0)
+            .map(|(v, _)| *v)
+            .collect();
+        let rendered = DepthGrid::new(&front, 1.5 * self.options.voxel);
+        let back = 2.0 * self.options.truncation;
+        let hidden = |v: &Point3<f64>| {
+            let sight = rendered.as_ref().map(|r| r.sight(v, f64::INFINITY, back));
+            matches!(sight, Some(Sight::Occluded))
+        };
+        (0..surface.len())
+            .filter_map(|point| {
+                let (v, normal) = warped[point];
+                if facing(&v, &normal) < FACING || hidden(&v) {
+                    return None;
+                }
+                let hit = self.meet(&v)?;
+                let offset = v - hit.point;
+                let near = offset.norm() < gate && hit.normal.dot(&normal) > ALIKE;
+                near.then_some(Pair {
+                    point,
+                    normal,
+                    offset,
+                })
+            })
+            .collect()
+    }
+
+    /// The surface seen that a warped point meets.
+    fn meet(&self, v: &Point3<f64>) -> Option<Hit> {
+        match self.options.association {
+            Association::Projective => self.depth.at(v),
+            Association::Nearest => Some(self.depth.nearest(v)),
+        }
+    }
+
+    /// One step of rigid ICP; returns its length.
+    fn step_rigid(&self, warp: &mut Warp, surface: &[SurfacePoint], pairs: &[Pair]) -> Option<f64> {
+        let centre = surface
+            .first()
+            .map(|s| warp.blend(&s.skin).apply(&s.rest))?;
+        let (mut left, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        let last = self.options.tukey[0];
+        for pair in pairs {
+            let s = &surface[pair.point];
+            let arm = warp.blend(&s.skin).apply(&s.rest) - centre;
+            let row = row(&pair.normal, &point_rows(&arm));
+            let weight = tukey(pair.residual(), last);
+            left += row.transpose() * row * weight;
+            right -= row.transpose() * (weight * pair.residual());
+        }
+        let twist = left.cholesky()?.solve(&right);
+        warp.carry(&exp(&twist, &centre));
+        Some(twist.amax())
+    }
+
+    /// The points that the arms hold.
+    fn add_held(&self, equations: &mut Equations<'_>, warp: &Warp) {
+        for held in self.held {
+            let offset = warp.blend(&held.skin).apply(&held.rest) - held.target;
+            let jacobians = warp.derivatives(&held.skin, &held.rest);
+            for (i, a) in held.skin.nodes.iter().zip(&jacobians) {
+                equations.add_right(*i, &(a.transpose() * offset * -HELD));
+                for (j, b) in held.skin.nodes.iter().zip(&jacobians) {
+                    equations.add(*i, *j, &(a.transpose() * b * HELD));
+                }
+            }
+        }
+    }
+}
+
+/// The data term.
+fn add_data(
+    equations: &mut Equations<'_>,
+    warp: &Warp,
+    surface: &[SurfacePoint],
+    pairs: &[Pair],
+    gate: f64,
+) {
+    for pair in pairs {
+        let s = &surface[pair.point];
+        let rows: [RowVector6<f64>; BLENDED] = warp
+            .derivatives(&s.skin, &s.rest)
+            .map(|jacobian| row(&pair.normal, &jacobian));
+        let weight = tukey(pair.residual(), gate);
+        for (i, a) in s.skin.nodes.iter().zip(&rows) {
+            equations.add_right(*i, &(a.transpose() * (-weight * pair.residual())));
+            for (j, b) in s.skin.nodes.iter().zip(&rows) {
+                equations.add(*i, *j, &(a.transpose() * b * weight));
+            }
+        }
+    }
+}
+
+/// As-rigid-as-possible: both ends of an edge carry the place of its coarser end alike, and that of its finer one.
+fn add_rigidity(equations: &mut Equations<'_>, warp: &Warp, options: &DynamicFusionOptions) {
+    for &[i, j] in &warp.edges {
+        for (i, j) in [(i, j), (j, i)] {
+            let (difference, [a, b]) = rigidity(warp, i, j);
+            let weight = options.rigidity * huber(difference.norm(), options.huber);
+            for (k, jacobian) in [(i, &a), (j, &b)] {
+                equations.add_right(k, &(jacobian.transpose() * difference * -weight));
+                equations.add(k, k, &(jacobian.transpose() * jacobian * weight));
+            }
+            let block = a.transpose() * b * weight;
+            equations.add(i, j, &block);
+            equations.add(j, i, &block.transpose());
+        }
+    }
+}
+
+/// `T_i g_j − T_j g_j`, and its derivatives for the twists of both nodes.
+pub(super) fn rigidity(warp: &Warp, i: u32, j: u32) -> (Vector3<f64>, [Matrix3x6<f64>; 2]) {
+    let place = warp.rest(j);
+    let (by_other, by_own) = (warp.carried_by(i, &place), warp.carried_by(j, &place));
+    let centre = warp.carried_by(i, &warp.rest(i));
+    let own = -point_rows(&Vector3::zeros());
+    (by_other - by_own, [point_rows(&(by_other - centre)), own])
+}
+
+/// The value of the as-rigid-as-possible term, without its weight, m².
+#[cfg(test)]
+pub(super) fn rigidity_energy(warp: &Warp) -> f64 {
+    let both = |[i, j]: &[u32; 2]| {
+        rigidity(warp, *i, *j).0.norm_squared() + rigidity(warp, *j, *i).0.norm_squared()
+    };
+    warp.edges.iter().map(both).sum()
+}
+
+/// Which nodes meet in a residual.
+fn structure(warp: &Warp, surface: &[SurfacePoint], held: &[Held]) -> Option<Structure> {
+    let skins = surface
+        .iter()
+        .map(|s| &s.skin)
+        .chain(held.iter().map(|h| &h.skin));
+    let mut together: Vec<[u32; BLENDED]> = skins
+        .map(|skin| {
+            let mut nodes = skin.nodes;
+            nodes.sort_unstable();
+            nodes
+        })
+        .collect();
+    together.sort_unstable();
+    together.dedup();
+    let pairs = together
+        .iter()
+        .flat_map(|nodes| nodes.iter().flat_map(|i| nodes.iter().map(|j| [*i, *j])));
+    Structure::new(warp.len(), pairs.chain(warp.edges.iter().copied()))
+}
+
+/// How a point at `arm` from the centre of a twist moves: `ω × arm + v`.
+fn point_rows(arm: &Vector3<f64>) -> Matrix3x6<f64> {
+    let mut rows = Matrix3x6::zeros();
+    rows.fixed_columns_mut::<3>(0)
+        .copy_from(&-arm.cross_matrix());
+    rows.fixed_columns_mut::<3>(3)
+        .copy_from(&Matrix3::identity());
+    rows
+}
+
+/// What of a motion goes along a normal.
+fn row(normal: &UnitVector3<f64>, jacobian: &Matrix3x6<f64>) -> RowVector6<f64> {
+    normal.transpose() * jacobian
+}
+
+/// Weight of Tukey's biweight.
+fn tukey(residual: f64, scale: f64) -> f64 {
+    let share = (residual / scale).abs().min(1.0);
+    (1.0 - share * share).powi(2)
+}
+
+/// Weight of Huber's penalty.
+fn huber(length: f64, scale: f64) -> f64 {
+    if length <= scale { 1.0 } else { scale / length }
+}

@@ -1,0 +1,101 @@
+//! The vertices of the model: points of the canonical surface that keep their identity while it is refined.
+//!
+//! A level set is drawn anew after every frame and has no memory. To follow material, points about one spacing apart are kept: each slides along
+//! its normal onto the surface as that is now, goes when the surface under it is gone, and where none is near a new one enters.
+
+use super::solve::SurfacePoint;
+use super::warp::Warp;
+use crate::canonical::{CanonicalModel, NewVertex, graph};
+use crate::reconstruct::RestSurface;
+use nalgebra::{Point3, UnitVector3};
+
+/// Least distance between vertices that enter, in spacings.
+const APART: f64 = 0.85;
+/// Farthest the surface may be from a vertex of it, in spacings.
+const GONE: f64 = 0.8;
+/// Least cosine between normals of one sheet.
+const ALIKE: f64 = 0.3;
+
+/// Brings the rest positions of `model` up to date with the surface; returns how many vertices entered.
+pub(super) fn follow_surface(
+    model: &mut CanonicalModel,
+    surface: &RestSurface,
+    spacing: f64,
+    frame: u32,
+) -> usize {
+    let Some(tree) = graph::tree(&surface.vertices) else {
+        return 0;
+    };
+    let mut stays = vec![false; model.len()];
+    for i in 0..model.len() {
+        let normal = model.rest_normals[i];
+        let alike = graph::near(&tree, &model.rest[i], GONE * spacing, 16)
+            .into_iter()
+            .find(|(v, _)| surface.normals[*v].dot(&normal) > ALIKE);
+        if let Some((v, _)) = alike {
+            let onto = surface.normals[v];
+            let off = onto.dot(&(surface.vertices[v] - model.rest[i]));
+            model.rest[i] += onto.into_inner() * off;
+            model.rest_normals[i] = onto;
+            stays[i] = true;
+        }
+    }
+    if stays.contains(&false) {
+        model.retain(&stays);
+    }
+    let fresh = missing(model, surface, spacing);
+    let added = fresh.len();
+    for vertex in fresh {
+        model.push(vertex, frame);
+    }
+    added
+}
+
+/// Points of the surface that no vertex of their sheet is near, apart from each other.
+fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<NewVertex> {
+    let known = graph::tree(&model.rest);
+    let taken = |p: &Point3<f64>, n: &UnitVector3<f64>| {
+        known.as_ref().is_some_and(|tree| {
+            graph::near(tree, p, APART * spacing, 12)
+                .iter()
+                .any(|(i, _)| model.rest_normals[*i].dot(n) > ALIKE)
+        })
+    };
+    let mut fresh: Vec<NewVertex> = Vec::new();
+    for (p, n) in surface.vertices.iter().zip(&surface.normals) {
+        let beside =
+            |f: &NewVertex| (f.rest - p).norm() < APART * spacing && f.rest_normal.dot(n) > ALIKE;
+        if !taken(p, n) && !fresh.iter().any(beside) {
+            fresh.push(NewVertex::new(*p, *n));
+        }
+    }
+    fresh
+}
+
+/// Where the warp carries the vertices.
+pub(super) fn pose(model: &mut CanonicalModel, warp: &Warp) {
+    for i in 0..model.len() {
+        if let Some(skin) = warp.skin(&model.rest[i]) {
+            let blend = warp.blend(&skin);
+            model.live[i] = blend.apply(&model.rest[i]);
+            model.rotations[i] = *blend.rotation().to_rotation_matrix().matrix();
+        }
+    }
+}
+
+/// Points of a surface with the nodes they lean on.
+pub(super) fn skinned(
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    warp: &Warp,
+) -> Vec<SurfacePoint> {
+    let both = points.iter().zip(normals);
+    both.filter_map(|(rest, normal)| {
+        Some(SurfacePoint {
+            rest: *rest,
+            normal: *normal,
+            skin: warp.skin(rest)?,
+        })
+    })
+    .collect()
+}

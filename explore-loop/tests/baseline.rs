@@ -1,0 +1,203 @@
+//! The baseline follows motions that are known.
+
+use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
+use explore_loop::cell::{Observation, Plane};
+use explore_loop::nalgebra::{Point3, Rotation3, Vector3};
+use explore_loop::reconstruct::Reconstruct;
+
+type Tested = Result<(), Box<dyn std::error::Error>>;
+
+const CENTRE: [f64; 3] = [0.0, 0.0, 0.45];
+
+/// Points about 3 mm apart on a lumpy body of 180 × 110 × 80 mm, with normals.
+fn body() -> Vec<(Point3<f64>, Vector3<f64>)> {
+    let radius = |n: &Vector3<f64>| {
+        let lumps =
+            0.12 * (3.0 * n.x + 1.0).sin() * (4.0 * n.y).cos() + 0.06 * (5.0 * n.z + n.x).sin();
+        n.component_mul(&Vector3::new(0.09, 0.055, 0.04)) * (1.0 + lumps)
+    };
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let direction = |z: f64, turn: f64| {
+        let r = (1.0 - z * z).max(0.0).sqrt();
+        Vector3::new(r * turn.cos(), r * turn.sin(), z)
+    };
+    (0..6000)
+        .map(|k| {
+            let (z, turn) = (
+                1.0 - 2.0 * (f64::from(k) + 0.5) / 6000.0,
+                golden * f64::from(k),
+            );
+            let n = direction(z, turn);
+            // The normal by differences along two tangents.
+            let along = n
+                .cross(&if n.x.abs() < 0.6 {
+                    Vector3::x()
+                } else {
+                    Vector3::y()
+                })
+                .normalize();
+            let across = n.cross(&along);
+            let at = |s: f64, t: f64| radius(&(n + along * s + across * t).normalize());
+            let (u, v) = (
+                at(1e-4, 0.0) - at(-1e-4, 0.0),
+                at(0.0, 1e-4) - at(0.0, -1e-4),
+            );
+            (Point3::from(CENTRE) + radius(&n), u.cross(&v).normalize())
+        })
+        .collect()
+}
+
+/// What the camera sees of the body after `motion`, a map of places; normals by differences.
+fn seen(
+    body: &[(Point3<f64>, Vector3<f64>)],
+    motion: impl Fn(&Point3<f64>) -> Point3<f64>,
+) -> Observation {
+    let mut points = Vec::new();
+    for (p, n) in body {
+        let along = n
+            .cross(&if n.x.abs() < 0.6 {
+                Vector3::x()
+            } else {
+                Vector3::y()
+            })
+            .normalize();
+        let at = |d: Vector3<f64>| motion(&(p + d * 1e-5)) - motion(&(p - d * 1e-5));
+        let normal = at(along).cross(&at(n.cross(&along))).normalize();
+        let now = motion(p);
+        if normal.dot(&now.coords.normalize()) < -0.05 {
+            points.push(now);
+        }
+    }
+    Observation {
+        stamp: 0.0,
+        points,
+        colours: None,
+        arms: Vec::new(),
+    }
+}
+
+fn table() -> Plane {
+    Plane {
+        normal: -Vector3::z_axis(),
+        offset: 1.0,
+    }
+}
+
+/// Mean and largest distance of the vertices from where the material went that they lay on at rest.
+fn error(
+    fusion: &DynamicFusion,
+    motion: impl Fn(&Point3<f64>) -> Point3<f64>,
+    only: &[bool],
+) -> [f64; 2] {
+    let model = fusion.model();
+    let far: Vec<f64> = (0..model.len())
+        .filter(|i| only[*i])
+        .map(|i| (motion(&model.rest[i]) - model.live[i]).norm())
+        .collect();
+    [
+        far.iter().sum::<f64>() / far.len() as f64,
+        far.iter().copied().fold(0.0, f64::max),
+    ]
+}
+
+/// 20 frames of 3 mm and 2 degrees: 60 mm and 40 degrees in all.
+#[test]
+fn a_rigid_motion_is_followed() -> Tested {
+    let body = body();
+    let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
+    let motion = |frame: f64| {
+        let turn = Rotation3::from_scaled_axis(
+            Vector3::new(0.3, 1.0, 0.2).normalize() * (2.0 * frame).to_radians(),
+        );
+        move |p: &Point3<f64>| {
+            let centre = Point3::from(CENTRE);
+            centre + turn * (p - centre) + Vector3::new(0.002, 0.001, -0.002) * frame
+        }
+    };
+    let mut measured = Vec::new();
+    for frame in 0..=20 {
+        let report = fusion.process(&seen(&body, motion(f64::from(frame))), &table())?;
+        assert_eq!(report.failure, None);
+        measured = report.measured;
+    }
+    let [mean, worst] = error(&fusion, motion(20.0), &measured);
+    assert!(mean < 0.7e-3 && worst < 4e-3, "seen: {mean} {worst}");
+    let [mean, _] = error(&fusion, motion(20.0), &vec![true; measured.len()]);
+    assert!(mean < 1e-3, "all: {mean}");
+    Ok(())
+}
+
+/// Depth of the plane that a bend does not stretch, m: about that of the surface seen, whose stretch along itself no depth map shows.
+const NEUTRAL: f64 = CENTRE[2] - 0.025;
+
+/// A bend about the y axis to a radius of 330 mm over 20 frames: the ends go 12 mm.
+#[test]
+fn a_gentle_bend_is_followed() -> Tested {
+    let body = body();
+    let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
+    let bend = |frame: f64| {
+        let curvature = 3.0 * frame / 20.0;
+        move |p: &Point3<f64>| {
+            if curvature == 0.0 {
+                return *p;
+            }
+            let (radius, angle) = (1.0 / curvature, p.x * curvature);
+            let height = radius + p.z - NEUTRAL;
+            Point3::new(
+                height * angle.sin(),
+                p.y,
+                CENTRE[2] + height * angle.cos() - radius,
+            )
+        }
+    };
+    let mut measured = Vec::new();
+    for frame in 0..=20 {
+        measured = fusion
+            .process(&seen(&body, bend(f64::from(frame))), &table())?
+            .measured;
+    }
+    let [mean, worst] = error(&fusion, bend(20.0), &measured);
+    let still = body.iter().map(|(p, _)| (bend(20.0)(p) - p).norm());
+    assert!(still.fold(0.0, f64::max) > 0.01);
+    assert!(mean < 2.5e-3 && worst < 6e-3, "{mean} {worst}");
+    Ok(())
+}
+
+/// The same frames give the same bits.
+#[test]
+fn it_is_deterministic() -> Tested {
+    let body = body();
+    let run = || -> Result<DynamicFusion, explore_loop::Error> {
+        let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
+        for frame in 0..4 {
+            let shift = Vector3::new(0.004, 0.0, -0.002) * f64::from(frame);
+            fusion.process(&seen(&body, |p| p + shift), &table())?;
+        }
+        Ok(fusion)
+    };
+    let (first, second) = (run()?, run()?);
+    assert_eq!(first.model().live, second.model().live);
+    assert_eq!(first.surface(), second.surface());
+    Ok(())
+}
+
+/// Frames that show next to nothing leave everything as it was; settings that are no lengths are refused.
+#[test]
+fn what_cannot_be_used_is_said() -> Tested {
+    let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
+    let body = body();
+    fusion.process(&seen(&body, |p| *p), &table())?;
+    let before = fusion.model().live.clone();
+    let mut empty = seen(&body, |p| *p);
+    empty.points.truncate(3);
+    empty.points.push(Point3::new(f64::NAN, 0.0, 1.0));
+    let report = fusion.process(&empty, &table())?;
+    assert!(report.failure.is_some());
+    assert_eq!(fusion.model().live, before);
+    for bad in [0.0, -1.0, f64::NAN] {
+        let mut options = DynamicFusionOptions::new(0.005);
+        options.voxel = bad;
+        assert!(DynamicFusion::new(options).is_err());
+    }
+    Ok(())
+}
