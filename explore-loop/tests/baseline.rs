@@ -72,6 +72,7 @@ fn seen(
         stamp: 0.0,
         points,
         colours: None,
+        features: None,
         arms: Vec::new(),
     }
 }

@@ -207,7 +207,7 @@ proptest! {
                 prop_assert_eq!(offered.is_some(), wanted, "{} {}", by_turn, by_tilt);
             }
             if let Some(offered) = offered {
-                prop_assert!(offered.gain >= turn.gain && offered.tilt == tilt);
+                prop_assert!(offered.gain >= turn.gain && offered.tilt > 0.0);
             }
         }
     }
@@ -225,7 +225,7 @@ fn both_ends_are_shown_by_one_turn_with_a_tilt() {
     };
     let tilt = 30f64.to_radians();
     let best = turns(&model, &scene, tilt).unwrap()[0];
-    assert!(best.tilt == tilt && best.lifted.y.abs() > 0.999, "{best:?}");
+    assert!(best.tilt > 0.0 && best.lifted.y.abs() > 0.999, "{best:?}");
     // Without a tilt it has to stand on one end and then on the other.
     let best = turns(&model, &scene, 0.0).unwrap()[0];
     assert!(best.tilt == 0.0 && best.lifted.x.abs() > 0.999, "{best:?}");

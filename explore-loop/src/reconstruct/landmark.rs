@@ -12,7 +12,7 @@
 use super::matching::Gates;
 use super::recognise::Recognised;
 use super::track::embed_beside;
-use crate::canonical::{CanonicalModel, graph, surface};
+use crate::canonical::{CanonicalModel, graph, tangent};
 use crate::visibility::facing;
 use dvrk_io::features::{Descriptor, Feature, FeatureOptions, match_features};
 use nalgebra::{Point3, UnitVector3};
@@ -108,7 +108,7 @@ impl Landmarks {
             else {
                 continue;
             };
-            let astray = surface::aside(&normal, &(at - seen.point)) > ASTRAY;
+            let astray = tangent::aside(&normal, &(at - seen.point)) > ASTRAY;
             landmark.strikes = if astray { landmark.strikes + 1 } else { 0 };
         }
         self.all.retain(|l| l.strikes < STRIKES);
@@ -256,11 +256,11 @@ pub(crate) fn rows(
     for (at, sighting) in met {
         let normal = pose.normal(lattice, at, &sighting.normal);
         let offset = pose.position(lattice, at) - sighting.point;
-        let relative = surface::aside(&normal, &offset) / gates.tukey;
+        let relative = tangent::aside(&normal, &offset) / gates.tukey;
         let share = (1.0 - relative * relative).max(0.0);
         let weight = SIGMA.powi(-2) * sighting.confidence * share * share;
         if weight > 0.0 {
-            let (u, v) = surface::tangents(&normal);
+            let (u, v) = tangent::tangents(&normal);
             for along in [u, v] {
                 let along = UnitVector3::new_normalize(along);
                 rows.push(Row::along(*at, sighting.point, along, weight));

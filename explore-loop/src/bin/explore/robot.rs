@@ -20,6 +20,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
+#[allow(clippy::struct_excessive_bools, reason = "options of a command line")]
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: explore robot CELL.toml --dry-run")]
 pub(crate) struct RobotArgs {

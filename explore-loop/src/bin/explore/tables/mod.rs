@@ -263,12 +263,11 @@ fn merge(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
         }
     }
     answer(args, &answers)?;
-    if !answers.is_empty() {
-        Ok(true)
-    } else {
+    if answers.is_empty() {
         let dirs: Vec<String> = args.merge.iter().map(|d| d.display().to_string()).collect();
-        Err(format!("{}: no results of a study there", dirs.join(", ")).into())
+        return Err(format!("{}: no results of a study there", dirs.join(", ")).into());
     }
+    Ok(true)
 }
 
 /// The result files of a study in a folder, in order.
