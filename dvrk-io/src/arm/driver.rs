@@ -63,7 +63,7 @@ impl Arm {
     /// enabled they must be valid.
     ///
     /// Streams: `operating_state`, `measured_cp`, `setpoint_cp`, `local/measured_cp` (unless
-    /// [`LocalPose::FromJoints`]), `measured_js`, `jaw/measured_js`, `jaw/setpoint_js`. Heard if they are there:
+    /// [`LocalPose::FromJoints`](super::LocalPose::FromJoints)), `measured_js`, `jaw/measured_js`, `jaw/setpoint_js`. Heard if they are there:
     /// `measured_cv`, `setpoint_js`, `tool_type`, `arm_clutch`, `goal_reached`, `error`, `warning`, `status`, `info` and
     /// the console's `teleop/enabled`.
     ///
