@@ -135,7 +135,11 @@ const NEUTRAL: f64 = CENTRE[2] - 0.025;
 #[test]
 fn a_gentle_bend_is_followed() -> Tested {
     let body = body();
-    let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
+    // As rigid as by default, where objects are turned over whole, a bend lags behind by 4 mm.
+    let mut options = DynamicFusionOptions::new(0.005);
+    options.rigidity = 0.2;
+    options.nodes = 0.04;
+    let mut fusion = DynamicFusion::new(options)?;
     let bend = |frame: f64| {
         let curvature = 3.0 * frame / 20.0;
         move |p: &Point3<f64>| {
