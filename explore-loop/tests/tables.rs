@@ -300,7 +300,8 @@ fn results_with_known_medians_are_summed_up_as_such() {
     // 50 % gained by 1, 2, 3, 1 and 1 manipulations.
     let gain = numbers(&line("planned", "gain_percent"), &["mean", "median"]);
     assert!(
-        (gain[0] - (150.0 + 25.0 + 50.0 / 3.0) / 5.0).abs() < 1e-5 && (gain[1] - 50.0).abs() < 1e-12,
+        (gain[0] - (150.0 + 25.0 + 50.0 / 3.0) / 5.0).abs() < 1e-5
+            && (gain[1] - 50.0).abs() < 1e-12,
         "{gain:?}"
     );
 
