@@ -432,9 +432,11 @@ fn studies_are_listed_with_what_is_done_and_left() {
         "spacing",
         "planning",
         "speed",
+        "baseline",
         "objects",
         "constraints",
         "filter",
+        "colour",
         "additions",
     ] {
         assert!(text.lines().any(|l| l.starts_with(name)), "{text}");

@@ -14,9 +14,11 @@ pub(super) fn all() -> Vec<Study> {
         spacing(),
         planning(),
         speed(),
+        baseline(),
         objects(),
         constraints(),
         filter(),
+        colour(),
         additions(),
     ]
 }
@@ -154,6 +156,56 @@ fn failing_speed(summaries: &[Summary]) -> Vec<String> {
     }]
 }
 
+fn baseline() -> Study {
+    let mut rows = Vec::new();
+    for scene in ["liver", "ellipsoid", "tube"] {
+        let run = ["--scene", scene, "--arms", "3"];
+        rows.push(Row::replayed(&[scene, OURS], &run, &[]));
+        let other = ["--reconstruction", "dynamic-fusion"];
+        rows.push(Row::replayed(&[scene, "DynamicFusion"], &run, &other));
+    }
+    Study {
+        name: "baseline",
+        title: "Against DynamicFusion",
+        about: "The same recordings rebuilt by the elastic body and by a volume fused through a warp field (table 3 of the paper).",
+        seeds: 5,
+        keys: &["object", "reconstruction"],
+        rows,
+        columns: vec![
+            ACCURACY,
+            ACCURACY_P95,
+            COMPLETENESS,
+            COMPLETENESS_P95,
+            DIFFERENCE,
+            HIDDEN,
+            SLIDE,
+            DOUBLED,
+            REGISTRATION,
+        ],
+        plot: Plot::Whiskers {
+            panels: &["accuracy_mean_mm", "prediction_error_held_mm"],
+        },
+        remark: improvement,
+    }
+}
+
+/// The reconstruction of this crate, as the study of baselines names it.
+const OURS: &str = "elastic body";
+
+/// How much smaller the mean accuracy is than that of the baseline, for each object.
+fn improvement(summaries: &[Summary]) -> Vec<String> {
+    let accuracy = |s: &Summary| Some(s.figures[0]?.mean);
+    let line = |ours: &Summary| {
+        let object = &ours.row.values[0];
+        let same = |s: &&Summary| s.row.values[0] == *object && s.row.values[1] != OURS;
+        let other = summaries.iter().find(same)?;
+        let gained = 100.0 * (1.0 - accuracy(ours)? / accuracy(other)?);
+        Some(format!("{object}: {gained:.0} % better in mean accuracy."))
+    };
+    let ours = summaries.iter().filter(|s| s.row.values[1] == OURS);
+    ours.filter_map(line).collect()
+}
+
 fn objects() -> Study {
     let row = |(scene, arms): (&str, &str)| {
         Row::explored(&[scene, arms], &["--scene", scene, "--arms", arms])
@@ -261,6 +313,42 @@ fn filter() -> Study {
         ],
         plot: Plot::Whiskers {
             panels: &["prediction_error_held_mm", "accuracy_mean_mm"],
+        },
+        remark: nothing,
+    }
+}
+
+fn colour() -> Study {
+    let mut rows = Vec::new();
+    for scene in ["liver", "tube", "box"] {
+        let run = ["--scene", scene, "--arms", "3", "--features", "on"];
+        for features in ["off", "on"] {
+            rows.push(Row::replayed(
+                &[scene, features],
+                &run,
+                &["--features", features],
+            ));
+        }
+    }
+    Study {
+        name: "colour",
+        title: "Colour features on and off",
+        about: "The same recordings replayed with features of the colour image as landmarks, and without.",
+        seeds: 3,
+        keys: &["object", "features"],
+        rows,
+        columns: vec![
+            SLIDE,
+            HIDDEN,
+            ACCURACY,
+            ACCURACY_P95,
+            COMPLETENESS,
+            COMPLETENESS_P95,
+            DOUBLED,
+            REGISTRATION,
+        ],
+        plot: Plot::Whiskers {
+            panels: &["slide_mm", "prediction_error_held_mm"],
         },
         remark: nothing,
     }
