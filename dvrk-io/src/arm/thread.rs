@@ -83,7 +83,9 @@ impl ArmThread {
         loop {
             {
                 let mut arm = self.lock();
-                if self.thread.as_ref().is_none_or(JoinHandle::is_finished) {
+                // It panics with the arm in its hands: the lock is poisoned before the thread has ended.
+                let ended = self.thread.as_ref().is_none_or(JoinHandle::is_finished);
+                if ended || self.arm.is_poisoned() {
                     // Nothing is sent or watched any more.
                     arm.hold();
                     return Err(Error::Network {
