@@ -3,16 +3,33 @@
 //! ```sh
 //! cargo run --release -p dvrk-io --example landmarks
 //! ```
-#![allow(clippy::print_stdout, clippy::unwrap_used, reason = "an example")]
+#![allow(clippy::unwrap_used, reason = "an example")]
 
 #[path = "../tests/painted/mod.rs"]
 mod painted;
 
 use dvrk_io::features::{Feature, FeatureOptions, Surface, detect, landmark_pairs, lift};
+use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use painted::{Body, Paint, picture};
+use serde_json::json;
+use std::io::Write;
+use std::process::ExitCode;
 
-fn main() -> Result<(), dvrk_io::Error> {
+/// Finds landmarks between two frames of a painted ball that turns, and compares them with the truth
+#[derive(Debug, clap::Parser)]
+#[command(name = "landmarks", after_help = "Example: landmarks --json")]
+struct Arguments {
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(landmarks)
+}
+
+fn landmarks(arguments: &Arguments) -> Result<ExitCode, Failure> {
+    let (mut words, mut turns) = (arguments.output.words(), Vec::new());
     let options = FeatureOptions::default();
     let paint = Paint {
         noise: 2.0,
@@ -34,7 +51,10 @@ fn main() -> Result<(), dvrk_io::Error> {
         let corners = detect(&seen.image, &options);
         lift(&corners, &seen.image, &surface, &options)
     };
-    println!("turn between frames   features   pairs   within 3 mm   mean error of those");
+    writeln!(
+        words,
+        "turn between frames   features   pairs   within 3 mm   mean error of those"
+    )?;
     for degrees in [2.0_f64, 5.0, 10.0, 15.0, 20.0, 30.0] {
         let (a, b) = (seen(0.0, 1)?, seen(degrees.to_radians(), 2)?);
         let pairs = landmark_pairs(&a, &b, &options);
@@ -45,13 +65,21 @@ fn main() -> Result<(), dvrk_io::Error> {
             .zip(&pairs.b)
             .map(|(a, b)| (motion * a - b).norm());
         let right: Vec<f64> = errors.filter(|error| *error < 0.003).collect();
-        println!(
+        let share = right.len() as f64 / pairs.a.len().max(1) as f64;
+        let error = right.iter().sum::<f64>() / right.len().max(1) as f64;
+        turns.push(json!({
+            "degrees": degrees, "features": a.len(), "pairs": pairs.a.len(),
+            "within_3mm": share, "error_m": error,
+        }));
+        writeln!(
+            words,
             "{degrees:>18}°   {:>8}   {:>5}   {:>9.0} %   {:.2} mm",
             a.len(),
             pairs.a.len(),
-            100.0 * right.len() as f64 / pairs.a.len().max(1) as f64,
-            1e3 * right.iter().sum::<f64>() / right.len().max(1) as f64
-        );
+            100.0 * share,
+            1e3 * error
+        )?;
     }
-    Ok(())
+    arguments.output.object(&json!({ "turns": turns }))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -7,42 +7,76 @@
 //! Prints Markdown: a row a session, mm; an improvement is `1 − ours / baseline`. With `--sweep` the baseline alone, with other settings one at a
 //! time, means over the sessions; `--try NAME=VALUE,...` adds a row of one's own to it, and `--set NAME=VALUE,...` changes the settings that all
 //! begin from (lengths in mm).
-#![allow(clippy::print_stdout)]
-
 use explore_loop::baseline::{Association, DynamicFusion, DynamicFusionOptions};
 use explore_loop::canonical::{surface, topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError};
 use explore_loop::measure::{Measurer, MeshMeasures, Sampling, Spread, TrueSurface};
 use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
-use std::error::Error;
+use mesh_io::program::{self, Failure, Output};
+use serde_json::{Value, json};
+use std::io::Write;
 use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// Spacing of both models, m.
 const SPACING: f64 = 0.005;
 
-type Failure = Box<dyn Error>;
+/// Takes recorded sessions through both reconstructions, this crate's and the DynamicFusion-style baseline, and measures them alike
+#[derive(Debug, clap::Parser)]
+#[command(
+    name = "compare_baseline",
+    after_help = "Example: compare_baseline liver.mcap rod.mcap
 
-fn main() -> Result<(), Failure> {
+Prints Markdown, mean / 95 % in mm; an improvement is 1 - ours / baseline. Some minutes a session."
+)]
+struct Arguments {
+    /// Recordings with the truth
+    #[arg(required = true, value_name = "SESSION.mcap")]
+    sessions: Vec<PathBuf>,
+    /// The baseline alone, with other settings one at a time; means over the sessions
+    #[arg(long)]
+    sweep: bool,
+    /// One more row of the sweep: settings of the baseline, lengths in mm
+    #[arg(long = "try", value_name = "NAME=VALUE,...")]
+    tried: Vec<String>,
+    /// Settings that all begin from
+    #[arg(long, value_name = "NAME=VALUE,...")]
+    set: Option<String>,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn main() -> ExitCode {
+    program::run(work)
+}
+
+fn work(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let mut options = DynamicFusionOptions::new(SPACING);
-    let (mut sessions, mut tried) = (Vec::new(), Vec::new());
-    let mut arguments = std::env::args().skip(1);
-    while let Some(argument) = arguments.next() {
-        match argument.as_str() {
-            "--sweep" => tried.extend(TRIED.map(String::from)),
-            "--try" => tried.extend(arguments.next()),
-            "--set" => options = set(options, &arguments.next().unwrap_or_default())?,
-            path => sessions.push(Session::read(Path::new(path))?),
-        }
+    if let Some(settings) = &arguments.set {
+        options = set(options, settings)?;
     }
-    if sessions.is_empty() {
-        return Err("usage: compare_baseline [--sweep] [--try NAME=VALUE,...] [--set NAME=VALUE,...] SESSION.mcap...".into());
+    let read = |path: &PathBuf| {
+        Session::read(path).map_err(|error| format!("{}: {error}", path.display()))
+    };
+    let sessions: Vec<Session> = arguments
+        .sessions
+        .iter()
+        .map(read)
+        .collect::<Result<_, _>>()?;
+    let mut tried: Vec<String> = Vec::new();
+    if arguments.sweep {
+        tried.extend(TRIED.map(String::from));
     }
-    if tried.is_empty() {
-        compare(&sessions, &options)
+    tried.extend(arguments.tried.iter().cloned());
+    let mut words = arguments.output.words();
+    let answer = if tried.is_empty() {
+        compare(&mut words, &sessions, &options)?
     } else {
-        sweep(&sessions, &options, &tried)
-    }
+        sweep(&mut words, &sessions, &options, &tried)?
+    };
+    arguments.output.object(&answer)?;
+    Ok(ExitCode::SUCCESS)
 }
 
 /// Settings of the baseline by name, `NAME=VALUE,...`; lengths in mm.
@@ -160,6 +194,22 @@ impl Session {
     }
 }
 
+impl Outcome {
+    fn json(&self) -> Value {
+        let spread = |s: &Spread| json!({ "mean": s.mean, "p95": s.p95 });
+        json!({
+            "accuracy_m": spread(&self.accuracy),
+            "completeness_m": spread(&self.completeness),
+            "f_score_5mm": self.f_score,
+            "shape_difference_m": self.difference,
+            "explored": self.explored,
+            "hidden_while_held_m": self.hidden,
+            "slide_m": self.slide,
+            "frame_ms": self.frame_ms,
+        })
+    }
+}
+
 /// Measures what was reconstructed.
 fn outcome(
     reconstructor: &dyn Reconstruct,
@@ -212,11 +262,17 @@ fn baseline(session: &Session, options: &DynamicFusionOptions) -> Result<Outcome
 }
 
 /// Both reconstructions side by side.
-fn compare(sessions: &[Session], options: &DynamicFusionOptions) -> Result<(), Failure> {
-    println!(
+fn compare(
+    words: &mut dyn Write,
+    sessions: &[Session],
+    options: &DynamicFusionOptions,
+) -> Result<Value, Failure> {
+    let mut rows = Vec::new();
+    writeln!(
+        words,
         "| session | accuracy: ours | baseline | improvement | completeness: ours | baseline | shape difference: ours | baseline | improvement | hidden while held: ours | baseline | ours / baseline |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+    )?;
+    writeln!(words, "|---|---|---|---|---|---|---|---|---|---|---|---|")?;
     let mut ratios: [Vec<f64>; 3] = Default::default();
     for session in sessions {
         let ours = session.run(&mut Reconstructor::new(ReconstructOptions::new(SPACING))?)?;
@@ -226,7 +282,11 @@ fn compare(sessions: &[Session], options: &DynamicFusionOptions) -> Result<(), F
             ours.difference / theirs.difference,
             ours.hidden / theirs.hidden,
         ];
-        println!(
+        rows.push(json!({
+            "session": session.name(), "ours": ours.json(), "baseline": theirs.json(),
+        }));
+        writeln!(
+            words,
             "| {} | {} | {} | {:.1} % | {} | {} | {:.2} | {:.2} | {:.1} % | {:.2} | {:.2} | {:.2} |",
             session.name(),
             both(&ours.accuracy),
@@ -240,18 +300,19 @@ fn compare(sessions: &[Session], options: &DynamicFusionOptions) -> Result<(), F
             1e3 * ours.hidden,
             1e3 * theirs.hidden,
             found[2],
-        );
+        )?;
         for (ratio, found) in ratios.iter_mut().zip(found) {
             ratio.push(found);
         }
     }
     let [accuracy, difference, hidden] = ratios.map(|r| r.iter().sum::<f64>() / r.len() as f64);
-    println!(
+    writeln!(
+        words,
         "\nMean improvement: accuracy {:.1} %, shape difference {:.1} %; mean of hidden-part errors, ours / baseline: {hidden:.2}.",
         100.0 * (1.0 - accuracy),
         100.0 * (1.0 - difference),
-    );
-    Ok(())
+    )?;
+    Ok(json!({ "sessions": rows }))
 }
 
 /// The settings that are tried one at a time.
@@ -279,27 +340,31 @@ const TRIED: [&str; 19] = [
 
 /// The baseline with other settings.
 fn sweep(
+    words: &mut dyn Write,
     sessions: &[Session],
     options: &DynamicFusionOptions,
     tried: &[String],
-) -> Result<(), Failure> {
-    println!(
+) -> Result<Value, Failure> {
+    writeln!(
+        words,
         "| setting | accuracy | through its points | completeness | F at 5 mm | shape difference | explored | hidden while held | slide | frame, ms |"
-    );
-    println!("|---|---|---|---|---|---|---|---|---|---|");
-    print_row("default", sessions, options)?;
+    )?;
+    writeln!(words, "|---|---|---|---|---|---|---|---|---|---|")?;
+    let mut rows = vec![row(words, "default", sessions, options)?];
     for setting in tried {
-        print_row(setting, sessions, &set(options.clone(), setting)?)?;
+        let options = set(options.clone(), setting)?;
+        rows.push(row(words, setting, sessions, &options)?);
     }
-    Ok(())
+    Ok(json!({ "settings": rows }))
 }
 
 /// Means over the sessions.
-fn print_row(
+fn row(
+    words: &mut dyn Write,
     name: &str,
     sessions: &[Session],
     options: &DynamicFusionOptions,
-) -> Result<(), Failure> {
+) -> Result<Value, Failure> {
     let outcomes: Vec<Outcome> = sessions
         .iter()
         .map(|session| baseline(session, options))
@@ -307,7 +372,8 @@ fn print_row(
     let mean = |value: fn(&Outcome) -> f64| {
         outcomes.iter().map(value).sum::<f64>() / outcomes.len() as f64
     };
-    println!(
+    writeln!(
+        words,
         "| {name} | {:.2} | {:.2} | {:.2} | {:.1} % | {:.2} | {:.1} % | {:.2} | {:.2} | {:.0} |",
         1e3 * mean(|o| o.accuracy.mean),
         1e3 * mean(|o| o.through_points),
@@ -318,8 +384,14 @@ fn print_row(
         1e3 * mean(|o| o.hidden),
         1e3 * mean(|o| o.slide),
         mean(|o| o.frame_ms),
-    );
-    Ok(())
+    )?;
+    Ok(json!({
+        "setting": name,
+        "accuracy_m": mean(|o| o.accuracy.mean),
+        "completeness_m": mean(|o| o.completeness.mean),
+        "hidden_while_held_m": mean(|o| o.hidden),
+        "slide_m": mean(|o| o.slide),
+    }))
 }
 
 /// Mean and 95 %, mm.

@@ -79,12 +79,14 @@ const PROGRAMS: &[Program] = &[
         &["ball.ply", "--radius", "0.00905", "--height", "0.007"],
     ),
     reads("close_surface", &["ball.ply", "OUT.ply", "0.00724"]),
+    takes_long("compare_baseline", &["session.mcap"]),
     makes("custom_pipeline", &[]),
     makes("draw", &["OUT"]),
     takes_long("drift", &["1"]),
     takes_long("faulty_cell", &["slip"]),
     reads("grips", &["cushion.obj", "--out", "OUT.svg"]),
     takes_long("kinds", &["1"]),
+    makes("landmarks", &[]),
     takes_long("long_run", &["2000"]),
     makes("meshes", &["tube", "OUT.obj"]),
     makes("nets", &["sphere", "200", "1", "OUT"]),
@@ -157,7 +159,14 @@ fn the_table_has_every_example() {
 
 #[test]
 fn help_shows_an_example_and_wrong_options_are_named() {
-    let explore = [&[][..], &["run"], &["replay"], &["tables"], &["view"]];
+    let explore = [
+        &[][..],
+        &["run"],
+        &["replay"],
+        &["tables"],
+        &["view"],
+        &["robot"],
+    ];
     let explore = explore.map(|words| (PathBuf::from(env!("CARGO_BIN_EXE_explore")), words));
     let examples = PROGRAMS.iter().filter_map(|p| Some((built(p)?, &[][..])));
     for (path, words) in explore.into_iter().chain(examples) {
