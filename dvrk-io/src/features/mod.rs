@@ -50,11 +50,12 @@ pub struct Keypoint {
 ///
 /// ```
 /// use dvrk_io::features::{FeatureOptions, GreyImage, detect};
-/// // Squares of two grey levels have corners, a plain image has none.
-/// let board = |u: usize, v: usize| if (u / 20 + v / 20) % 2 == 0 { 60 } else { 180 };
-/// let pixels = (0..120 * 160).map(|k| board(k % 160, k / 160)).collect();
+/// // A bright square has four corners, a plain image has none.
+/// let inside = |u: usize, v: usize| (40..100).contains(&u) && (40..80).contains(&v);
+/// let grey = |k: usize| if inside(k % 160, k / 160) { 180 } else { 60 };
+/// let pixels = (0..120 * 160).map(grey).collect();
 /// let options = FeatureOptions::default();
-/// assert!(!detect(&GreyImage::new(160, 120, pixels)?, &options).is_empty());
+/// assert_eq!(detect(&GreyImage::new(160, 120, pixels)?, &options).len(), 4);
 /// assert!(detect(&GreyImage::new(160, 120, vec![90; 160 * 120])?, &options).is_empty());
 /// # Ok::<(), dvrk_io::Error>(())
 /// ```
