@@ -3,6 +3,7 @@
 use nalgebra::UnitVector3;
 
 use crate::scene::{not_negative, positive, within};
+use crate::turn::check_tilt;
 use crate::{CoverageOptions, Error};
 
 /// Which vertices may be gripped.
@@ -122,8 +123,7 @@ impl Options {
             1.0,
             "between 0 and 1",
         )?;
-        let most = std::f64::consts::FRAC_PI_3;
-        within("tilt", self.tilt, 0.0, most, "between 0 and 60 degrees")?;
+        check_tilt(self.tilt)?;
         positive("spread[0]", self.spread[0])?;
         within(
             "spread[1]",

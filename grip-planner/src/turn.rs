@@ -147,7 +147,7 @@ impl Turn {
 pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error> {
     model.check()?;
     scene.check()?;
-    within("tilt", tilt, 0.0, FRAC_PI_3, "between 0 and 60 degrees")?;
+    check_tilt(tilt)?;
     let outline = agent_box(model.points, &scene.table)?;
     let up = scene.table.normal;
     let thickness = model
@@ -190,6 +190,11 @@ pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error
     let mut all: Vec<Turn> = straight.iter().chain(tilted).map(gained).collect();
     all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     Ok(all)
+}
+
+/// Refuses what is no tilt of a hanging body.
+pub(crate) fn check_tilt(tilt: f64) -> Result<(), Error> {
+    within("tilt", tilt, 0.0, FRAC_PI_3, "between 0 and 60 degrees")
 }
 
 /// Where hidden surface faces: vectors whose lengths are areas.
@@ -277,9 +282,9 @@ impl Hidden {
     }
 }
 
-/// Length of a vector along the direction of `view`.
+/// Length of a vector along the direction of `view`; 0 for a camera in the middle of the body.
 fn along(d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
-    d.dot(view) / view.norm()
+    d.dot(view) / view.norm().max(f64::MIN_POSITIVE)
 }
 
 /// The most of `d` that faces the camera at any moment of the turn.

@@ -35,7 +35,7 @@ use crate::body::Body;
 use crate::check::{Carried, Surroundings};
 use crate::motion::{Pace, assemble, between, times};
 use crate::orientation::retreat;
-use crate::turn::Turn;
+use crate::turn::{Turn, check_tilt};
 use crate::{
     Error, Grip, GripSet, Leg, Model, Motion, Recentre, Refusal, Role, Scene, Stage, TurnOptions,
 };
@@ -95,6 +95,7 @@ pub(crate) fn turn_in(
 }
 
 fn check_grips(scene: &Scene, set: &GripSet) -> Result<(), Refusal> {
+    check_tilt(set.turn.tilt)?;
     if let Some(g) = set.grips.iter().find(|g| g.arm >= scene.arms.len()) {
         return Err(Error::BadArm {
             arm: g.arm,

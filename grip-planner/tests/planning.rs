@@ -867,6 +867,33 @@ fn bad_input_is_named() {
 }
 
 #[test]
+fn a_tilt_that_is_none_is_named() {
+    let (arms, body) = (fixture::arms(2), fixture::usual(400));
+    let scene = fixture::scene(&arms);
+    let ranked = plan_grips(&body.model(), &scene, &Options::default()).unwrap();
+    let mut set = ranked.sets[0].without_support();
+    for tilt in [f64::NAN, -0.1, 1.1, 1e9] {
+        set.turn.tilt = tilt;
+        let refused = turn_over(&body.model(), &scene, &set, &TurnOptions::default()).unwrap_err();
+        assert!(refused.to_string().starts_with("tilt is"), "{refused}");
+        let options = Options {
+            tilt,
+            ..Options::default()
+        };
+        let refused = plan_grips(&body.model(), &scene, &options).unwrap_err();
+        assert!(refused.to_string().starts_with("tilt is"), "{refused}");
+    }
+    // A camera in the middle of the body sees nothing, and breaks nothing.
+    let center =
+        body.points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / body.points.len() as f64;
+    let scene = Scene {
+        camera: center.into(),
+        ..scene
+    };
+    assert!(plan_grips(&body.model(), &scene, &Options::default()).is_ok());
+}
+
+#[test]
 fn degenerate_bodies_are_errors_and_not_panics() {
     let arms = fixture::arms(3);
     let scene = fixture::scene(&arms);
