@@ -54,7 +54,7 @@ fn session_info(arguments: &Arguments) -> Result<ExitCode, Failure> {
             }
             Err(error) => {
                 failed = true;
-                let error = named(path, &error);
+                let error = program::of_file(path, &error);
                 program::warn(&format!("error: {error}"));
                 objects.push(json!({ "recording": path, "error": error }));
             }
@@ -66,16 +66,6 @@ fn session_info(arguments: &Arguments) -> Result<ExitCode, Failure> {
     } else {
         ExitCode::SUCCESS
     })
-}
-
-/// Some errors name a file of the recording themselves.
-fn named(path: &Path, error: &dvrk_io::Error) -> String {
-    let (path, text) = (path.display().to_string(), error.to_string());
-    if text.starts_with(&path) {
-        text
-    } else {
-        format!("{path}: {text}")
-    }
 }
 
 /// What a recording holds.

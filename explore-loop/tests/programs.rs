@@ -26,83 +26,71 @@ struct Program {
     feature: Option<&'static str>,
 }
 
-const fn reads(name: &'static str, call: &'static [&'static str]) -> Program {
-    let (input, long, feature) = (Some(0), false, None);
+/// One that makes something of nothing, within seconds.
+const fn program(name: &'static str, call: &'static [&'static str]) -> Program {
     Program {
         name,
         call,
-        input,
-        long,
-        feature,
+        input: None,
+        long: false,
+        feature: None,
     }
 }
 
-const fn makes(name: &'static str, call: &'static [&'static str]) -> Program {
-    let (input, long, feature) = (None, false, None);
-    Program {
-        name,
-        call,
-        input,
-        long,
-        feature,
+impl Program {
+    /// Its first argument names a file that must be there.
+    const fn reads(self) -> Self {
+        Self {
+            input: Some(0),
+            ..self
+        }
     }
-}
 
-const fn takes_long(name: &'static str, call: &'static [&'static str]) -> Program {
-    let (input, long, feature) = (None, true, None);
-    Program {
-        name,
-        call,
-        input,
-        long,
-        feature,
+    const fn takes_long(self) -> Self {
+        Self { long: true, ..self }
     }
-}
 
-const fn with_feature(name: &'static str, feature: &'static str) -> Program {
-    let call: &[&str] = &[];
-    let (input, long, feature) = (None, true, Some(feature));
-    Program {
-        name,
-        call,
-        input,
-        long,
-        feature,
+    const fn with_feature(self, feature: &'static str) -> Self {
+        Self {
+            feature: Some(feature),
+            ..self
+        }
     }
 }
 
 const PROGRAMS: &[Program] = &[
-    with_feature("arm", "ros2"),
-    makes("bent_sheet", &["OUT.svg"]),
-    reads(
+    program("arm", &[]).takes_long().with_feature("ros2"),
+    program("bent_sheet", &["OUT.svg"]),
+    program(
         "betti",
         &["ball.ply", "--radius", "0.00905", "--height", "0.007"],
-    ),
-    reads("close_surface", &["ball.ply", "OUT.ply", "0.00724"]),
-    takes_long("compare_baseline", &["session.mcap"]),
-    makes("custom_pipeline", &[]),
-    makes("draw", &["OUT"]),
-    takes_long("drift", &["1"]),
-    takes_long("faulty_cell", &["slip"]),
-    reads("grips", &["cushion.obj", "--out", "OUT.svg"]),
-    takes_long("kinds", &["1"]),
-    makes("landmarks", &[]),
-    takes_long("long_run", &["2000"]),
-    makes("meshes", &["tube", "OUT.obj"]),
-    makes("nets", &["sphere", "200", "1", "OUT"]),
-    makes("off_surface", &[]),
-    makes("overturn", &[]),
-    takes_long("own_robot", &["1"]),
-    reads("pairs", &["pairs", "none"]),
-    makes("partly_seen", &[]),
-    takes_long("projections", &[]),
-    makes("psm_reach", &[]),
-    reads("register", &["before.ply", "after.ply", "--out", "OUT.ply"]),
-    with_feature("serve_arm", "ros2"),
-    reads("session_info", &["session.mcap"]),
-    takes_long("turn_once", &["ellipsoid", "OUT.mcap"]),
-    takes_long("turn_over", &[]),
-    reads(
+    )
+    .reads(),
+    program("close_surface", &["ball.ply", "OUT.ply", "0.00724"]).reads(),
+    program("compare_baseline", &["session.mcap"]).takes_long(),
+    program("custom_pipeline", &[]),
+    program("draw", &["OUT"]),
+    program("drift", &["1"]).takes_long(),
+    program("faulty_cell", &["slip"]).takes_long(),
+    program("grips", &["cushion.obj", "--out", "OUT.svg"]).reads(),
+    program("kinds", &["1"]).takes_long(),
+    program("landmarks", &[]),
+    program("long_run", &["2000"]).takes_long(),
+    program("meshes", &["tube", "OUT.obj"]),
+    program("nets", &["sphere", "200", "1", "OUT"]),
+    program("off_surface", &[]),
+    program("overturn", &[]),
+    program("own_robot", &["1"]).takes_long(),
+    program("pairs", &["pairs", "none"]).reads(),
+    program("partly_seen", &[]),
+    program("projections", &[]).takes_long(),
+    program("psm_reach", &[]),
+    program("register", &["before.ply", "after.ply", "--out", "OUT.ply"]).reads(),
+    program("serve_arm", &[]).takes_long().with_feature("ros2"),
+    program("session_info", &["session.mcap"]).reads(),
+    program("turn_once", &["ellipsoid", "OUT.mcap"]).takes_long(),
+    program("turn_over", &[]).takes_long(),
+    program(
         "track",
         &[
             "sheet.ply",
@@ -112,9 +100,10 @@ const PROGRAMS: &[Program] = &[
             "--out",
             "OUT.csv",
         ],
-    ),
-    reads("tracking_error", &["session.mcap"]),
-    reads("warp", &["nodes.csv", "points.csv", "--out", "OUT.csv"]),
+    )
+    .reads(),
+    program("tracking_error", &["session.mcap"]).reads(),
+    program("warp", &["nodes.csv", "points.csv", "--out", "OUT.csv"]).reads(),
 ];
 
 /// Cargo builds the examples of all packages that it tests beside the tests; those of a package that it does not test may be missing.
@@ -166,6 +155,7 @@ fn help_shows_an_example_and_wrong_options_are_named() {
         &["tables"],
         &["view"],
         &["robot"],
+        &["serve"],
     ];
     let explore = explore.map(|words| (PathBuf::from(env!("CARGO_BIN_EXE_explore")), words));
     let examples = PROGRAMS.iter().filter_map(|p| Some((built(p)?, &[][..])));

@@ -84,7 +84,7 @@ fn wait_for(child: &mut Child, what: impl Fn() -> bool) {
 const STUDY: [&str; 4] = ["--only", "spacing", "--seeds", "0"];
 const LOOKING: [&str; 3] = ["--", "--max-manipulations", "0"];
 
-/// One study in one go, and again as two shards: the first is killed after its first job and goes on, the second is interrupted in its first job and
+/// One study in one go, two jobs at a time, and again one by one as two shards: the first is killed after its first job and goes on, the second is interrupted in its first job and
 /// goes on. Merged they say the same, to the last digit of everything that is not a time.
 #[test]
 fn killed_interrupted_sharded_and_merged_it_is_the_study_in_one_go() {
@@ -92,7 +92,7 @@ fn killed_interrupted_sharded_and_merged_it_is_the_study_in_one_go() {
     let [whole, first, second, merged] =
         ["whole", "first", "second", "merged"].map(|name| folder.path().join(name));
     let with = |out: &Path, more: &[&str]| tables(out, &[&STUDY, more, &LOOKING].concat());
-    let table = succeeds(with(&whole, &[])).stdout;
+    let table = succeeds(with(&whole, &["--jobs", "2"])).stdout;
     assert!(
         String::from_utf8(table)
             .unwrap()
@@ -317,6 +317,15 @@ fn results_with_known_medians_are_summed_up_as_such() {
         "{markdown}"
     );
     assert!(!markdown.contains("With 3 arms"), "{markdown}");
+    // Below the table: what the ends that occurred mean, and which runs count.
+    for words in [
+        "- *ended by a fault of ours*: the body was lost",
+        "- *manipulations needed, at least*: a run that closed counts its manipulations, at least 1; one that its grips ended counts 8",
+        "a fault of ours ended is left out",
+    ] {
+        assert!(markdown.contains(words), "{markdown}");
+    }
+    assert!(!markdown.contains("- *closed but attached*"), "{markdown}");
     assert!(
         markdown.contains("| lost: because of lost / told |"),
         "{markdown}"

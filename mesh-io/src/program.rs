@@ -31,6 +31,7 @@
 //! wants: writing gives an error of the kind [`BrokenPipe`](std::io::ErrorKind::BrokenPipe), which ends the program early, with 0.
 
 use std::io::{self, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::{Parser, error::ErrorKind};
@@ -212,6 +213,16 @@ pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 fn number(text: &str) -> Result<f64, String> {
     let value: Option<f64> = text.parse().ok().filter(|v: &f64| v.is_finite());
     value.ok_or_else(|| format!("'{text}' is not a finite number"))
+}
+
+/// What is wrong with a file, with its path in front; some errors say it themselves.
+pub fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
+    let (path, text) = (path.display().to_string(), error.to_string());
+    if text.starts_with(&path) {
+        text
+    } else {
+        format!("{path}: {text}")
+    }
 }
 
 /// What is wrong with the command line, in one line: clap lists missing arguments on lines of their own.

@@ -184,19 +184,21 @@ impl Pair {
             _ => Vec::new(),
         };
         let load = Load::default();
-        let points = |path: &Path| mesh_io::read(path).map(|mesh| mesh.points().to_vec());
+        let source = Oriented::read(&file("source.ply"), &load)?;
+        let truth = as_many(&file("truth.ply"), source.mesh.points().len())?;
         Ok(Self {
-            source: Oriented::read(&file("source.ply"), &load)?,
+            source,
             target: Oriented::read(&file("target.ply"), &load)?,
-            truth: points(&file("truth.ply"))?,
+            truth,
             landmarks: landmarks.into_iter().map(landmark).collect(),
             features: features
                 .into_iter()
                 .map(|(source, target)| Feature { source, target })
                 .collect(),
             hidden: if path.join("hidden.ply").exists() {
-                let truth = points(&file("hidden_truth.ply"))?;
-                Some([points(&file("hidden.ply"))?, truth])
+                let hidden = mesh_io::read(&file("hidden.ply"))?.points().to_vec();
+                let truth = as_many(&file("hidden_truth.ply"), hidden.len())?;
+                Some([hidden, truth])
             } else {
                 None
             },
@@ -259,6 +261,17 @@ impl Pair {
                 / count as f64,
         }
     }
+}
+
+/// The points of a file that has one for each of another.
+fn as_many(path: &Path, wanted: usize) -> Result<Vec<Point3<f64>>, Failure> {
+    let mesh = mesh_io::read(path)?;
+    let found = mesh.points().len();
+    if found != wanted {
+        let path = path.display();
+        return Err(format!("{path}: {found} points, {wanted} are wanted: where each went").into());
+    }
+    Ok(mesh.points().to_vec())
 }
 
 /// `bending=1.5` and the like; gates as `gates=.02>.01`.

@@ -1,8 +1,8 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
 //! Exit codes: 0 the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command line is wrong; 3 the surface closed but for a part
-//! that is held to the table (`run`, `robot`). Errors are one line on standard error.
+//! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command
+//! line is wrong; 3 the surface closed but for a part that is held to the table (`run`, `robot`). Errors are one line on standard error.
 
 mod object;
 mod output;
@@ -27,7 +27,7 @@ use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::mesh::Format;
 use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
-use mesh_io::program::{self, Failure, Output, not_negative, positive};
+use mesh_io::program::{self, Failure, Output, not_negative, numbers, positive};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -157,7 +157,7 @@ struct RunArgs {
     #[arg(long, value_enum, default_value_t = Features::Off)]
     features: Features,
     /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     seed_point: Option<[f64; 3]>,
     /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
     #[arg(long, value_name = "N")]
@@ -318,7 +318,8 @@ struct TablesArgs {
     keep: bool,
     #[command(flatten)]
     output: Output,
-    /// Further options of `explore run` for every run of the studies, such as --camera realsense
+    /// Further options of `explore run` for every run of the studies, such as --camera realsense; where replays are compared they change what is
+    /// recorded, not how it is replayed
     #[arg(last = true, value_name = "RUN_OPTIONS")]
     further: Vec<String>,
 }
@@ -369,21 +370,10 @@ fn topic(text: &str) -> Result<(dvrk_io::session::Role, String), String> {
     Ok((role, topic.to_owned()))
 }
 
-/// `X,Y,Z`.
-fn point(text: &str) -> Result<[f64; 3], String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|word| word.trim().parse::<f64>().ok().filter(|x| x.is_finite()))
-        .collect::<Option<_>>()
-        .ok_or_else(|| format!("'{text}' is not X,Y,Z in metres"))?;
-    numbers
-        .try_into()
-        .map_err(|_| format!("'{text}' is not X,Y,Z in metres"))
-}
-
 fn main() -> ExitCode {
-    let whole = |ended: bool| {
-        if ended {
+    let success = |()| ExitCode::SUCCESS;
+    let whole = |every_run_ended: bool| {
+        if every_run_ended {
             ExitCode::SUCCESS
         } else {
             ExitCode::from(1)
@@ -391,12 +381,12 @@ fn main() -> ExitCode {
     };
     program::run(|cli: &Cli| match &cli.command {
         Command::Run(args) => run::run(args),
-        Command::Replay(args) => replay::replay(args).map(whole),
+        Command::Replay(args) => replay::replay(args).map(success),
         #[cfg(feature = "dvrk")]
         Command::Robot(args) => robot::robot(args),
         #[cfg(feature = "dvrk")]
         Command::Serve(args) => serve::serve(args),
         Command::Tables(args) => tables::tables(args).map(whole),
-        Command::View(args) => view::view(args).map(whole),
+        Command::View(args) => view::view(args).map(success),
     })
 }

@@ -3,6 +3,7 @@
 use crate::Failure;
 use explore_loop::cell::sim::{self, Scene};
 use explore_loop::mesh::{Load, Units, Up};
+use mesh_io::program::of_file;
 use std::path::PathBuf;
 
 /// The help text of `--scene`.
@@ -63,16 +64,7 @@ impl ObjectArgs {
             .with_size(self.size)
             .with_up(self.up)
             .with_body(self.body);
-        Scene::from_file(path, &load).map_err(|error| {
-            let (path, text) = (path.display().to_string(), error.to_string());
-            // Errors of the file name it themselves.
-            if text.starts_with(&path) {
-                text
-            } else {
-                format!("{path}: {text}")
-            }
-            .into()
-        })
+        Scene::from_file(path, &load).map_err(|error| of_file(path, &error).into())
     }
 
     /// What tells it from others, to know it again when a run is resumed.

@@ -46,14 +46,7 @@ impl OutputFolder {
 
     /// Writes a file whole or not at all: a reader never sees half of it.
     pub fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
-        let path = self.file(name);
-        let partial = self.file(&format!("{name}.part"));
-        let refused = |source| Error::Write {
-            path: path.clone(),
-            source,
-        };
-        std::fs::write(&partial, content).map_err(refused)?;
-        std::fs::rename(&partial, &path).map_err(refused)
+        write_whole(&self.file(name), content)
     }
 
     /// Writes `metrics.json`.
@@ -158,6 +151,18 @@ impl OutputFolder {
         let path = self.file(name);
         picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
     }
+}
+
+/// Writes a file beside its place and renames it.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let refused = |source| Error::Write {
+        path: path.to_owned(),
+        source,
+    };
+    // Several programs may share the folder.
+    let aside = PathBuf::from(format!("{}.{}.part", path.display(), std::process::id()));
+    std::fs::write(&aside, bytes).map_err(refused)?;
+    std::fs::rename(&aside, path).map_err(refused)
 }
 
 /// The mesh that is written, measured and drawn: the only place that says how the model becomes a surface.

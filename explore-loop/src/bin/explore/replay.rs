@@ -4,104 +4,268 @@ use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
 use crate::without::{Part, names, refuse};
 use crate::{Failure, Features, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped, TopicCount};
+use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
-use explore_loop::reconstruct::{ColourFeatures, Reconstruct, ReconstructOptions};
+use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
-use mesh_io::program::{Output, unless_closed};
+use mesh_io::program::{Output, of_file, unless_closed};
 use std::path::Path;
 use std::time::Instant;
 
-/// Reconstructs the whole recording; true when it got to its end.
-pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
+/// Reconstructs the whole recording and writes what came of it.
+pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     refuse(
         &args.without,
         Part::is_of_exploring,
         "a replay does not have",
     )?;
-    let mut reader = SessionReader::default();
-    for (role, topic) in &args.topics {
-        reader = reader.with_topic(role.clone(), topic);
+    let mut replay = Replay::open(args)?;
+    replay.watch()?;
+    replay.has_seen_the_object()?;
+    replay.reconstructor.consolidate(&replay.cell.info().table);
+    let topology = topology::analyse(replay.model(), replay.spacing())
+        .map_err(|error| of_file(&args.session, &error))?;
+    let mesh = replay.mesh(&topology);
+    replay.write(&mesh)?;
+    let metrics = replay.metrics(&topology, &mesh)?;
+    replay.out.metrics(&metrics)?;
+    let rows = rows(&topology, &metrics);
+    replay.report(&topology, &mesh, &metrics, &rows)?;
+    if !args.quiet {
+        table(args.output(), &rows)?;
     }
-    let session = reader
-        .frames(&args.session)
-        .map_err(|error| with_path(&args.session, &error))?;
-    let out = OutputFolder::create(&args.out)?;
-    let spacing = args.spacing * 1e-3;
-    let started = Instant::now();
-    let wrong = |error: &dyn std::fmt::Display| with_path(&args.session, error);
-    if session.stamps().len() == 0 {
-        return Err(wrong(&without_clouds(session.topics())).into());
+    Ok(unless_closed(args.output().object(&metrics))?)
+}
+
+/// A recording that is being reconstructed.
+struct Replay<'a> {
+    args: &'a ReplayArgs,
+    out: OutputFolder,
+    cell: ReplayCell,
+    /// Only if it was recorded.
+    truth: Option<Truth>,
+    reconstructor: Box<dyn Reconstruct>,
+    log: Log,
+    started: Instant,
+}
+
+impl<'a> Replay<'a> {
+    /// Opens the recording, and says what it lacks.
+    fn open(args: &'a ReplayArgs) -> Result<Self, Failure> {
+        let wrong = |error: &dyn std::fmt::Display| of_file(&args.session, error);
+        let mut reader = SessionReader::default();
+        for (role, topic) in &args.topics {
+            reader = reader.with_topic(role.clone(), topic);
+        }
+        let session = reader.frames(&args.session).map_err(|e| wrong(&e))?;
+        let out = OutputFolder::create(&args.out)?;
+        let started = Instant::now();
+        if session.stamps().len() == 0 {
+            return Err(wrong(&without_clouds(session.topics())).into());
+        }
+        let cell = ReplayCell::streamed(session).map_err(|e| wrong(&e))?;
+        remark(args.output(), &cell);
+        let truth = Truth::read(&reader, &args.session, args.output()).map_err(|e| wrong(&e))?;
+        Ok(Self {
+            args,
+            out,
+            truth,
+            reconstructor: reconstructor(args)?,
+            log: Log::new(args, &cell),
+            cell,
+            started,
+        })
     }
-    let mut cell = ReplayCell::streamed(session).map_err(|error| wrong(&error))?;
-    remark(args.output(), &cell);
-    let mut truth =
-        Truth::read(&reader, &args.session, args.output()).map_err(|error| wrong(&error))?;
+
+    fn model(&self) -> &CanonicalModel {
+        self.reconstructor.model()
+    }
+
+    /// Of the model, metres.
+    fn spacing(&self) -> f64 {
+        self.args.spacing * 1e-3
+    }
+
+    /// Takes frame after frame, to the end of the recording or as far as was asked for.
+    fn watch(&mut self) -> Result<(), Failure> {
+        let frames = self.cell.remaining() as u64;
+        let bar = self.args.output().progress(frames, "frames");
+        loop {
+            let observation = match self.cell.observe() {
+                Ok(observation) => observation,
+                Err(CellError::Ended) => break,
+                Err(error) => return Err(of_file(&self.args.session, &error).into()),
+            };
+            let first = *self.log.first_stamp.get_or_insert(observation.stamp);
+            let since = observation.stamp - first;
+            if self.args.until.is_some_and(|until| since > until) {
+                break;
+            }
+            self.take(&observation)?;
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        Ok(())
+    }
+
+    /// Takes a frame into the model and into the log.
+    fn take(&mut self, observation: &Observation) -> Result<(), Failure> {
+        let table = &self.cell.info().table;
+        let report = self
+            .reconstructor
+            .process(observation, table)
+            .map_err(|error| {
+                let stamp = observation.stamp;
+                let error = format!("frame at {stamp:.3} s: {error}");
+                of_file(&self.args.session, error)
+            })?;
+        let errors = match &mut self.truth {
+            Some(truth) => truth.frame(observation, &*self.reconstructor, &report.measured)?,
+            None => Vec::new(),
+        };
+        let model = self.reconstructor.model();
+        self.log.add(observation, &report, model, &errors);
+        if let Some(every) = self.args.pictures
+            && every > 0
+            && report.frame % every == 0
+        {
+            let (k, spacing) = (report.frame, self.spacing());
+            let out = &self.out;
+            out.picture(&format!("rest_{k:04}.png"), model, spacing)?;
+            out.live_picture(&format!("live_{k:04}.png"), model, spacing)?;
+        }
+        Ok(())
+    }
+
+    /// Fails where the object is in none of the frames; otherwise says what of the recording could not be read.
+    fn has_seen_the_object(&mut self) -> Result<(), Failure> {
+        if self.model().is_empty() {
+            let unreadable = self.cell.skipped().and_then(|s| s.first.first());
+            let why = self.log.failure.take();
+            let why = why.or(unreadable.map(ToString::to_string));
+            let why = why.unwrap_or_else(|| "there are none".into());
+            let why = format!("the object is in none of the frames: {why}");
+            return Err(of_file(&self.args.session, &why).into());
+        }
+        if let Some(skipped) = self.cell.skipped().filter(|s| !s.is_empty()) {
+            complain(self.args.output(), skipped);
+        }
+        Ok(())
+    }
+
+    /// The surface that is written and measured.
+    fn mesh(&self, topology: &Topology) -> FinalMesh {
+        match self.reconstructor.surface() {
+            Some(own) => FinalMesh::as_drawn(self.model(), own, self.spacing()),
+            None => FinalMesh::of(self.model(), topology, self.spacing()),
+        }
+    }
+
+    /// Writes the frames, the mesh and the truth.
+    fn write(&self, mesh: &FinalMesh) -> Result<(), Failure> {
+        self.out.frames(&self.log.lines)?;
+        self.out.mesh(mesh, &self.args.export)?;
+        if let Some(measurer) = self.measurer() {
+            self.out.truth(measurer.rest())?;
+        }
+        Ok(())
+    }
+
+    fn measurer(&self) -> Option<&Measurer> {
+        self.truth.as_ref().map(|truth| &truth.measurer)
+    }
+
+    /// Writes the page.
+    fn report(
+        &mut self,
+        topology: &Topology,
+        mesh: &FinalMesh,
+        metrics: &Metrics,
+        rows: &[(&'static str, String)],
+    ) -> Result<(), Failure> {
+        let (measurer, model) = (self.measurer(), self.model());
+        let page = mesh.page(measurer.map(Measurer::surface));
+        let against = mesh.against(measurer, model, self.spacing());
+        let model = self.reconstructor.model();
+        self.log.report.decision(topology, model, &page, &against);
+        self.out.report(&self.log.report, metrics, rows.to_vec())
+    }
+
+    fn metrics(&self, topology: &Topology, mesh: &FinalMesh) -> Result<Metrics, Failure> {
+        let (measurer, model, spacing) = (self.measurer(), self.model(), self.spacing());
+        let shape = measurer.map(|m| m.shape(model, spacing));
+        let measures = mesh.measure(&model.rest, spacing, measurer.map(Measurer::surface))?;
+        Ok(self
+            .untested(topology)
+            .with_shape(shape.as_slice(), shape.as_ref())
+            .with_mesh(&measures)
+            .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
+    }
+
+    /// What can be said without a truth.
+    fn untested(&self, topology: &Topology) -> Metrics {
+        let (args, log) = (self.args, &self.log);
+        let closed = topology.is_closed();
+        Metrics {
+            scene: args.session.display().to_string(),
+            arms: self.cell.info().arms.len(),
+            grips: "recorded".into(),
+            seed: 0,
+            spacing_m: self.spacing(),
+            manipulations: 0,
+            stop: if closed { "closed" } else { "ended" }.into(),
+            without: names(&args.without),
+            betti: topology.persistent,
+            nm_cut: Cut::of(topology.cut),
+            nm_remaining: topology.non_manifold,
+            thinned: topology.thinned,
+            frames: log.frames.len(),
+            failed_frames: log.failures,
+            constraints: log.constraints,
+            registration_ms: Timing::of(&log.registration),
+            frame_ms: Timing::of(&log.frames),
+            vertices: self.model().len(),
+            stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
+            robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
+            wall_s: self.started.elapsed().as_secs_f64(),
+            ..Metrics::default()
+        }
+    }
+}
+
+/// Nothing seen yet, with the options of the command line.
+fn reconstructor(args: &ReplayArgs) -> Result<Box<dyn Reconstruct>, Failure> {
     let features = match args.features {
         Features::On => ColourFeatures::Landmarks,
         Features::Off => ColourFeatures::Ignored,
     };
-    let mut options = ReconstructOptions::new(spacing).with_features(features);
+    let mut options = ReconstructOptions::new(args.spacing * 1e-3).with_features(features);
     for part in &args.without {
         part.leave_out_of_reconstruction(&mut options);
     }
-    let mut reconstructor = args.reconstruction.begin(options, &args.without)?;
-    let bar = args.output().progress(cell.remaining() as u64, "frames");
-    let mut log = Log::new(args, &cell);
-    watch(
-        args,
-        &out,
-        &mut cell,
-        &mut *reconstructor,
-        &mut truth,
-        &bar,
-        &mut log,
-    )?;
-    bar.finish_and_clear();
-    if reconstructor.model().is_empty() {
-        let unreadable = cell.skipped().and_then(|s| s.first.first());
-        let why = log.failure.take().or(unreadable.map(ToString::to_string));
-        let why = why.unwrap_or_else(|| "there are none".into());
-        return Err(wrong(&format!("the object is in none of the frames: {why}")).into());
-    }
-    if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty()) {
-        complain(args.output(), skipped);
-    }
-    reconstructor.consolidate(&cell.info().table);
-    let topology =
-        topology::analyse(reconstructor.model(), spacing).map_err(|error| wrong(&error))?;
-    let mesh = match reconstructor.surface() {
-        Some(own) => FinalMesh::as_drawn(reconstructor.model(), own, spacing),
-        None => FinalMesh::of(reconstructor.model(), &topology, spacing),
-    };
-    out.frames(&log.lines)?;
-    out.mesh(&mesh, &args.export)?;
-    if let Some(truth) = &truth {
-        out.truth(truth.measurer.rest())?;
-    }
-    let metrics = metrics(args, &cell, &*reconstructor, &log, &topology, started);
-    let metrics = measured(metrics, &mesh, &*reconstructor, truth.as_ref())?;
-    out.metrics(&metrics)?;
-    let measurer = truth.as_ref().map(|t| &t.measurer);
-    let model = reconstructor.model();
-    log.report.decision(
-        &topology,
-        model,
-        &mesh.page(measurer.map(Measurer::surface)),
-        &mesh.against(measurer, model, spacing),
-    );
-    let mut rows = rows(&metrics, log.failures);
+    args.reconstruction.begin(options, &args.without)
+}
+
+/// The closing table.
+fn rows(topology: &Topology, metrics: &Metrics) -> Vec<(&'static str, String)> {
+    let (frames, failures) = (metrics.frames, metrics.failed_frames);
+    let mut rows = vec![
+        ("frames", format!("{frames} ({failures} not registered)")),
+        ("vertices", metrics.vertices.to_string()),
+        ("Betti numbers", format!("{:?}", metrics.betti)),
+    ];
+    rows.extend(measure_rows(metrics));
+    let time = &metrics.frame_ms;
+    let time = format!("{:.1} ms median, {:.1} ms p95", time.median, time.p95);
+    rows.push(("frame time", time));
+    rows.push(("wall time", format!("{:.1} s", metrics.wall_s)));
     rows.extend(topology.obstacle().map(|o| ("not closed", o.to_string())));
-    out.report(&log.report, &metrics, rows.clone())?;
-    if !args.quiet {
-        table(args.output(), &rows)?;
-    }
-    unless_closed(args.output().object(&metrics))?;
-    Ok(true)
+    rows
 }
 
 /// Why there are no frames, and what may be meant instead.
@@ -137,16 +301,6 @@ fn remark(output: Output, cell: &ReplayCell) {
     }
 }
 
-/// Some errors name a file of the recording themselves.
-fn with_path(path: &Path, error: &dyn std::fmt::Display) -> String {
-    let (path, text) = (path.display().to_string(), error.to_string());
-    if text.starts_with(&path) {
-        text
-    } else {
-        format!("{path}: {text}")
-    }
-}
-
 /// Says what of the recording could not be read: the first few places.
 fn complain(output: Output, skipped: &Skipped) {
     output.note(&format!(
@@ -158,74 +312,7 @@ fn complain(output: Output, skipped: &Skipped) {
     }
 }
 
-/// Takes frame after frame, to the end of the recording or as far as was asked for.
-fn watch(
-    args: &ReplayArgs,
-    out: &OutputFolder,
-    cell: &mut ReplayCell,
-    reconstructor: &mut dyn Reconstruct,
-    truth: &mut Option<Truth>,
-    bar: &indicatif::ProgressBar,
-    log: &mut Log,
-) -> Result<(), Failure> {
-    let spacing = args.spacing * 1e-3;
-    loop {
-        let observation = match cell.observe() {
-            Ok(observation) => observation,
-            Err(CellError::Ended) => break,
-            Err(error) => return Err(with_path(&args.session, &error).into()),
-        };
-        let first = *log.first_stamp.get_or_insert(observation.stamp);
-        if args
-            .until
-            .is_some_and(|until| observation.stamp - first > until)
-        {
-            break;
-        }
-        let report = reconstructor
-            .process(&observation, &cell.info().table)
-            .map_err(|error| {
-                let stamp = observation.stamp;
-                with_path(&args.session, &format!("frame at {stamp:.3} s: {error}"))
-            })?;
-        log.registration.push(report.registration_ms);
-        log.frames.push(report.frame_ms);
-        log.last_stamp = observation.stamp;
-        log.failures += usize::from(report.failure.is_some());
-        log.failure = report.failure.clone().or(log.failure.take());
-        log.constraints.add(&report.constraints);
-        let errors = match truth {
-            Some(truth) => truth.frame(&observation, reconstructor, &report.measured)?,
-            None => Vec::new(),
-        };
-        log.report
-            .frame(&observation, &report, reconstructor.model(), &errors);
-        log.lines.push_str(&frames::line(
-            observation.stamp,
-            &report,
-            reconstructor.model(),
-            &errors,
-        ));
-        if args
-            .pictures
-            .is_some_and(|n| n > 0 && report.frame % n == 0)
-        {
-            out.picture(
-                &format!("rest_{:04}.png", report.frame),
-                reconstructor.model(),
-                spacing,
-            )?;
-            out.live_picture(
-                &format!("live_{:04}.png", report.frame),
-                reconstructor.model(),
-                spacing,
-            )?;
-        }
-        bar.inc(1);
-    }
-    Ok(())
-}
-
+/// What the frames have said.
 #[derive(Default)]
 struct Log {
     report: Report,
@@ -253,6 +340,25 @@ impl Log {
             report: Report::new(about.with_cell(cell.info())),
             ..Self::default()
         }
+    }
+
+    /// Adds a frame.
+    fn add(
+        &mut self,
+        observation: &Observation,
+        report: &FrameReport,
+        model: &CanonicalModel,
+        errors: &[f64],
+    ) {
+        self.registration.push(report.registration_ms);
+        self.frames.push(report.frame_ms);
+        self.last_stamp = observation.stamp;
+        self.failures += usize::from(report.failure.is_some());
+        self.failure = report.failure.clone().or(self.failure.take());
+        self.constraints.add(&report.constraints);
+        self.report.frame(observation, report, model, errors);
+        let line = frames::line(observation.stamp, report, model, errors);
+        self.lines.push_str(&line);
     }
 }
 
@@ -303,85 +409,4 @@ impl Truth {
             .measurer
             .frame(reconstructor.model(), measured, held, &surface)?)
     }
-}
-
-/// Adds what the mesh and the truth say.
-fn measured(
-    metrics: Metrics,
-    mesh: &FinalMesh,
-    reconstructor: &dyn Reconstruct,
-    truth: Option<&Truth>,
-) -> Result<Metrics, Failure> {
-    let model = reconstructor.model();
-    let spacing = metrics.spacing_m;
-    let measurer = truth.map(|t| &t.measurer);
-    let shape = measurer.map(|m| m.shape(model, spacing));
-    let measures = mesh.measure(&model.rest, spacing, measurer.map(Measurer::surface))?;
-    Ok(metrics
-        .with_shape(shape.as_slice(), shape.as_ref())
-        .with_mesh(&measures)
-        .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
-}
-
-fn metrics(
-    args: &ReplayArgs,
-    cell: &ReplayCell,
-    reconstructor: &dyn Reconstruct,
-    log: &Log,
-    topology: &Topology,
-    started: Instant,
-) -> Metrics {
-    Metrics {
-        scene: args.session.display().to_string(),
-        arms: cell.info().arms.len(),
-        grips: "recorded".into(),
-        seed: 0,
-        spacing_m: args.spacing * 1e-3,
-        manipulations: 0,
-        stop: if topology.is_closed() {
-            "closed"
-        } else {
-            "ended"
-        }
-        .into(),
-        without: names(&args.without),
-        betti: topology.persistent,
-        nm_cut: Cut::of(topology.cut),
-        nm_remaining: topology.non_manifold,
-        thinned: topology.thinned,
-        frames: log.frames.len(),
-        failed_frames: log.failures,
-        constraints: log.constraints,
-        registration_ms: Timing::of(&log.registration),
-        frame_ms: Timing::of(&log.frames),
-        vertices: reconstructor.model().len(),
-        stiffness_over_weight: reconstructor.stiffness_over_weight(),
-        robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
-        wall_s: started.elapsed().as_secs_f64(),
-        ..Metrics::default()
-    }
-}
-
-/// The closing table.
-fn rows(metrics: &Metrics, failures: usize) -> Vec<(&'static str, String)> {
-    let mut rows = vec![
-        (
-            "frames",
-            format!("{} ({failures} not registered)", metrics.frames),
-        ),
-        ("vertices", metrics.vertices.to_string()),
-        ("Betti numbers", format!("{:?}", metrics.betti)),
-    ];
-    rows.extend(measure_rows(metrics));
-    rows.extend([
-        (
-            "frame time",
-            format!(
-                "{:.1} ms median, {:.1} ms p95",
-                metrics.frame_ms.median, metrics.frame_ms.p95
-            ),
-        ),
-        ("wall time", format!("{:.1} s", metrics.wall_s)),
-    ]);
-    rows
 }

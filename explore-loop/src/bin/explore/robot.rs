@@ -36,7 +36,7 @@ pub(crate) struct RobotArgs {
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = crate::positive)]
     spacing: f64,
     /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
-    #[arg(long, value_name = "X,Y,Z", value_parser = crate::point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = crate::numbers::<3>, allow_hyphen_values = true)]
     seed_point: Option<[f64; 3]>,
     /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
     #[arg(long, value_name = "N")]

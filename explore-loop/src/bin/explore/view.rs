@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(3);
 
 /// Opens the report; prints where it is in any case.
-pub fn view(args: &ViewArgs) -> Result<bool, Failure> {
+pub fn view(args: &ViewArgs) -> Result<(), Failure> {
     let report = if args.dir.is_file() {
         args.dir.clone()
     } else {
@@ -31,7 +31,7 @@ pub fn view(args: &ViewArgs) -> Result<bool, Failure> {
         args.output
             .note("no browser could be opened: open the file yourself");
     }
-    Ok(true)
+    Ok(())
 }
 
 /// Whether a launcher starts and does not fail at once.

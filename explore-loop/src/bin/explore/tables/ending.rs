@@ -1,12 +1,5 @@
 //! How a run ended, and whose fault it was.
 //!
-//! ```text
-//! closed      the surface closed
-//! attached    it closed but for a part that is held to the table
-//! grips       the grips did not get farther: nothing to grip, jaws that missed or slipped, too many manipulations
-//! ours        the body was lost, the arms were led where they could not go, the cell or the program failed
-//! open        a recording came to its end before the surface closed
-//! ```
 //! A comparison of grips that counted faults of the reconstruction or of the control as failures of the grips would flatter whichever grips move less.
 
 use super::result::Ran;
@@ -53,6 +46,21 @@ impl Ending {
             Self::Grips => "grips",
             Self::Ours => "ours",
             Self::Open => "open",
+        }
+    }
+
+    /// What it stands for, as the table explains it.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Self::Closed => "the surface closed",
+            Self::Attached => "it closed but for a part that is held to the table",
+            Self::Grips => {
+                "the grips did not get farther: nothing to grip, jaws that missed or slipped, or as many manipulations as are allowed"
+            }
+            Self::Ours => {
+                "the body was lost, the arms were led where they could not go, the cell or the program failed"
+            }
+            Self::Open => "the recording came to its end before the surface closed",
         }
     }
 

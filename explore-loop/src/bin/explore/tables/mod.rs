@@ -15,10 +15,14 @@
 //! | `ending` | how did a run end, and whose fault was it? |
 //! | `summary` | what do the runs of a row say together? |
 //! | `text`, `plot` | how is it written and drawn? |
-//! | `seeds` | one object, run by run |
+//! | `merge` | what do the results of several machines say together? |
+//! | `seeds` | how does one object fare, run by run? |
+//!
+//! This file says what was asked for: all of that, `--list`, or `--merge`.
 
 mod ending;
 mod job;
+mod merge;
 mod plot;
 mod progress;
 mod result;
@@ -29,17 +33,16 @@ mod study;
 mod summary;
 mod text;
 
+use crate::output::write_whole;
 use crate::{Failure, TablesArgs};
-use explore_loop::Error;
 pub(crate) use job::Shard;
 use job::{Job, jobs};
 use mesh_io::program::unless_closed;
 use progress::{Times, duration};
-use result::{Done, Ran, write_whole};
+use result::Ran;
 use run::{Runner, done};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
 use study::Study;
 use summary::Summary;
 
@@ -82,7 +85,7 @@ pub(crate) fn tables(args: &TablesArgs) -> Result<bool, Failure> {
     } else if args.merge.is_empty() {
         study_all(args, &studies)
     } else {
-        merge(args, &studies)
+        merge::merge(args, &studies)
     }
 }
 
@@ -242,73 +245,4 @@ fn list(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
         args.out.display()
     )?;
     Ok(true)
-}
-
-/// Takes the results of several folders together, and makes the tables of all.
-fn merge(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
-    let _out = crate::output::OutputFolder::create(&args.out)?;
-    let mut answers = Vec::new();
-    for study in studies {
-        for dir in &args.merge {
-            for path in results(dir, study)? {
-                take(&path, &args.out, study)?;
-            }
-        }
-        let mut seeds = BTreeSet::new();
-        for path in results(&args.out, study)? {
-            seeds.extend(Done::read(&path)?.map(|result| result.seed));
-        }
-        if !seeds.is_empty() {
-            answers.extend(write_tables(args, study, &seeds)?);
-        }
-    }
-    answer(args, &answers)?;
-    if answers.is_empty() {
-        let dirs: Vec<String> = args.merge.iter().map(|d| d.display().to_string()).collect();
-        return Err(format!("{}: no results of a study there", dirs.join(", ")).into());
-    }
-    Ok(true)
-}
-
-/// The result files of a study in a folder, in order.
-fn results(dir: &Path, study: &Study) -> Result<Vec<PathBuf>, Failure> {
-    let mut paths = Vec::new();
-    match std::fs::read_dir(dir.join("jobs").join(study.name)) {
-        Ok(entries) => {
-            for entry in entries {
-                paths.push(entry?.path());
-            }
-        }
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound && dir.is_dir() => {}
-        Err(error) => return Err(format!("{}: {error}", dir.display()).into()),
-    }
-    paths.retain(|path| path.extension().is_some_and(|ending| ending == "json"));
-    paths.sort();
-    Ok(paths)
-}
-
-/// Takes a result over; one that is there already must say the same.
-fn take(path: &Path, out: &Path, study: &Study) -> Result<(), Failure> {
-    let (Some(result), Some(name)) = (Done::read(path)?, path.file_name()) else {
-        return Ok(());
-    };
-    let folder = out.join("jobs").join(study.name);
-    let place = folder.join(name);
-    match Done::read(&place)? {
-        Some(known) if known.agrees_with(&result) => Ok(()),
-        Some(_) => {
-            let (a, b) = (path.display(), place.display());
-            Err(
-                format!("{a} and {b} are of the same job and do not agree: remove one of them")
-                    .into(),
-            )
-        }
-        None => {
-            std::fs::create_dir_all(&folder).map_err(|source| Error::Write {
-                path: folder.clone(),
-                source,
-            })?;
-            result.write(&place)
-        }
-    }
 }

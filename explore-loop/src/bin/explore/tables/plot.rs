@@ -62,14 +62,14 @@ pub(super) fn svg(study: &Study, summaries: &[Summary]) -> Result<String, Failur
 }
 
 /// The column with this key, and what each row has of it.
-fn figure<'s>(
-    study: &'s Study,
-    summaries: &'s [Summary],
+fn figure(
+    study: &Study,
+    summaries: &[Summary],
     key: &str,
-) -> Option<(&'s str, Vec<Option<Spread>>)> {
-    let place = study.columns.iter().position(|c| c.key == key)?;
-    let values = summaries.iter().map(|s| s.figures[place]).collect();
-    Some((study.columns[place].heading, values))
+) -> Option<(&'static str, Vec<Option<Spread>>)> {
+    let column = study.columns.iter().find(|c| c.key == key)?;
+    let values = summaries.iter().map(|s| s.figure(key)).collect();
+    Some((column.heading, values))
 }
 
 fn most(values: impl Iterator<Item = f64>) -> f64 {

@@ -1,10 +1,10 @@
 //! What is kept of a job: one small JSON file, written aside and renamed, so that it is there whole or not at all.
 
 use crate::Failure;
-use explore_loop::Error;
+use crate::output::write_whole;
 use explore_loop::report::metrics::{Metrics, Timing};
 use serde::{Deserialize, Serialize};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The content of the file of a job that is done.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -81,18 +81,6 @@ impl Done {
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
         let mut bytes = serde_json::to_vec_pretty(self)?;
         bytes.push(b'\n');
-        write_whole(path, &bytes)
+        Ok(write_whole(path, &bytes)?)
     }
-}
-
-/// Writes a file beside its place and renames it.
-pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-    let refused = |source| Error::Write {
-        path: path.to_owned(),
-        source,
-    };
-    // Several programs may share the folder.
-    let aside = PathBuf::from(format!("{}.{}.part", path.display(), std::process::id()));
-    std::fs::write(&aside, bytes).map_err(refused)?;
-    Ok(std::fs::rename(&aside, path).map_err(refused)?)
 }

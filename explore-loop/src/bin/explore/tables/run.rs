@@ -11,9 +11,9 @@ use super::progress::Progress;
 use super::result::{Done, Ran};
 use super::study::Row;
 use crate::Failure;
+use crate::recorder::interruption;
 use explore_loop::report::metrics::Metrics;
 use mesh_io::program::Output;
-use signal_hook::consts::{SIGINT, SIGTERM};
 use std::collections::VecDeque;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -57,17 +57,11 @@ enum Step {
 
 impl<'a> Runner<'a> {
     pub fn new(out: &'a Path, output: Output) -> Result<Self, Failure> {
-        let interrupted = Arc::new(AtomicBool::new(false));
-        for signal in [SIGINT, SIGTERM] {
-            // The second one ends the program at once.
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&interrupted))?;
-            signal_hook::flag::register(signal, Arc::clone(&interrupted))?;
-        }
         Ok(Self {
             program: std::env::current_exe()?,
             out,
             output,
-            interrupted,
+            interrupted: interruption()?,
         })
     }
 

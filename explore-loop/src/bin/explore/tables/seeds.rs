@@ -3,6 +3,7 @@
 //! It explores the same object once for each seed, with the defaults of `explore run`, and puts what a user would see side
 //! by side: one good run says little.
 
+use super::summary::Spread;
 use crate::output::OutputFolder;
 use crate::run;
 use crate::{Failure, RunArgs, TablesArgs};
@@ -140,98 +141,73 @@ fn closed(rows: &[Row]) -> usize {
 struct Column {
     heading: &'static str,
     key: &'static str,
-    value: fn(&Metrics) -> Option<f64>,
+    value: Value,
     show: fn(f64) -> String,
 }
 
-fn millimetres(value: f64) -> String {
-    format!("{:.2}", 1e3 * value)
-}
+type Value = fn(&Metrics) -> Option<f64>;
 
-fn percent(value: f64) -> String {
-    format!("{:.1}", 100.0 * value)
-}
+impl Column {
+    const fn number(heading: &'static str, key: &'static str, value: Value) -> Self {
+        Self {
+            heading,
+            key,
+            value,
+            show: |value| format!("{value:.0}"),
+        }
+    }
 
-fn whole(value: f64) -> String {
-    format!("{value:.0}")
+    /// Of a length in metres.
+    const fn millimetres(heading: &'static str, key: &'static str, value: Value) -> Self {
+        Self {
+            heading,
+            key,
+            value,
+            show: |value| format!("{:.2}", 1e3 * value),
+        }
+    }
+
+    /// Of a share.
+    const fn percent(heading: &'static str, key: &'static str, value: Value) -> Self {
+        Self {
+            heading,
+            key,
+            value,
+            show: |value| format!("{:.1}", 100.0 * value),
+        }
+    }
 }
 
 const COLUMNS: [Column; 11] = [
-    Column {
-        heading: "manipulations",
-        key: "manipulations",
-        value: |m| Some(m.manipulations as f64),
-        show: whole,
-    },
+    Column::number("manipulations", "manipulations", |m| {
+        Some(m.manipulations as f64)
+    }),
     // What was given up under way is no finished manipulation, but was one for the robot.
-    Column {
-        heading: "troubles",
-        key: "troubles",
-        value: |m| Some(m.troubles.len() as f64),
-        show: whole,
-    },
-    Column {
-        heading: "accuracy mean, mm",
-        key: "accuracy_mean_m",
-        value: |m| m.accuracy_m.map(|s| s.mean),
-        show: millimetres,
-    },
-    Column {
-        heading: "accuracy p95, mm",
-        key: "accuracy_p95_m",
-        value: |m| m.accuracy_m.map(|s| s.p95),
-        show: millimetres,
-    },
-    Column {
-        heading: "completeness mean, mm",
-        key: "completeness_mean_m",
-        value: |m| m.completeness_m.map(|s| s.mean),
-        show: millimetres,
-    },
-    Column {
-        heading: "completeness p95, mm",
-        key: "completeness_p95_m",
-        value: |m| m.completeness_m.map(|s| s.p95),
-        show: millimetres,
-    },
-    Column {
-        heading: "F at 5 mm, %",
-        key: "f_score_5mm",
-        value: |m| m.f_score.map(|f| f.at_5mm),
-        show: percent,
-    },
-    Column {
-        heading: "doubled, %",
-        key: "doubled",
-        value: |m| m.doubled,
-        show: percent,
-    },
-    Column {
-        heading: "Euler",
-        key: "euler",
-        value: |m| Some(m.mesh.euler as f64),
-        show: whole,
-    },
-    Column {
-        heading: "hidden while held, mm",
-        key: "prediction_error_held_m",
-        value: |m| m.prediction_error_held_m,
-        show: millimetres,
-    },
-    Column {
-        heading: "wall time, s",
-        key: "wall_s",
-        value: |m| Some(m.wall_s),
-        show: whole,
-    },
+    Column::number("troubles", "troubles", |m| Some(m.troubles.len() as f64)),
+    Column::millimetres("accuracy mean, mm", "accuracy_mean_m", |m| {
+        Some(m.accuracy_m?.mean)
+    }),
+    Column::millimetres("accuracy p95, mm", "accuracy_p95_m", |m| {
+        Some(m.accuracy_m?.p95)
+    }),
+    Column::millimetres("completeness mean, mm", "completeness_mean_m", |m| {
+        Some(m.completeness_m?.mean)
+    }),
+    Column::millimetres("completeness p95, mm", "completeness_p95_m", |m| {
+        Some(m.completeness_m?.p95)
+    }),
+    Column::percent("F at 5 mm, %", "f_score_5mm", |m| Some(m.f_score?.at_5mm)),
+    Column::percent("doubled, %", "doubled", |m| m.doubled),
+    Column::number("Euler", "euler", |m| Some(m.mesh.euler as f64)),
+    Column::millimetres("hidden while held, mm", "prediction_error_held_m", |m| {
+        m.prediction_error_held_m
+    }),
+    Column::number("wall time, s", "wall_s", |m| Some(m.wall_s)),
 ];
 
-fn median(rows: &[Row], value: fn(&Metrics) -> Option<f64>) -> Option<f64> {
-    let mut values: Vec<f64> = finished(rows).into_iter().filter_map(value).collect();
-    values.sort_by(f64::total_cmp);
-    let upper = *values.get(values.len() / 2)?;
-    let lower = *values.get((values.len() - 1) / 2)?;
-    Some(0.5 * (lower + upper))
+fn median(rows: &[Row], value: Value) -> Option<f64> {
+    let values: Vec<f64> = finished(rows).into_iter().filter_map(value).collect();
+    Spread::of(&values).map(|spread| spread.median)
 }
 
 fn markdown(rows: &[Row]) -> String {

@@ -68,6 +68,8 @@ pub(super) struct Column {
     /// Digits after the point.
     pub digits: usize,
     pub show: Show,
+    /// Which runs it is of, where not of all that have it; below the table.
+    pub rule: Option<&'static str>,
 }
 
 /// What of the runs of a row is shown to people; the CSV has it all.
@@ -102,24 +104,30 @@ macro_rules! column {
         column!($name, $key, $heading, $digits, $of, Median);
     };
     ($name:ident, $key:literal, $heading:literal, $digits:literal, $of:expr, $show:ident) => {
+        column!($name, $key, $heading, $digits, $of, $show, None);
+    };
+    ($name:ident, $key:literal, $heading:literal, $digits:literal, $of:expr, $show:ident, $rule:expr) => {
         pub(super) const $name: Column = Column {
             key: $key,
             heading: $heading,
             of: $of,
             digits: $digits,
             show: Show::$show,
+            rule: $rule,
         };
     };
 }
 
-// What a fault of ours has cut short says nothing of how many manipulations it takes.
 column!(
     MANIPULATIONS,
     "manipulations",
     "manipulations",
     1,
     |r| { (Ending::of(r) != Ending::Ours).then_some(metrics(r)?.manipulations as f64) },
-    Mean
+    Mean,
+    Some(
+        "without runs that a fault of ours ended, which say nothing of how many manipulations it takes"
+    )
 );
 column!(
     NEEDED,
@@ -133,7 +141,11 @@ column!(
             Ending::Ours | Ending::Open => None,
         }
     },
-    Mean
+    Mean,
+    Some(
+        "a run that closed counts its manipulations, at least 1; one that its grips ended counts 8, the most that a run makes unless more are \
+         allowed; one that a fault of ours ended is left out, as it says nothing of how many manipulations it takes"
+    )
 );
 column!(
     GAIN,
@@ -146,7 +158,10 @@ column!(
         let gained = explored.last()? - explored.first()?;
         (m.manipulations > 0).then(|| 100.0 * gained / m.manipulations as f64)
     },
-    Mean
+    Mean,
+    Some(
+        "what is explored at the end and was not at the start, by the number of manipulations; of runs that made any, however they ended"
+    )
 );
 column!(
     TROUBLES,

@@ -7,14 +7,15 @@
 use super::ending::Ending;
 use super::result::Ran;
 use super::study::{Column, Row, Study};
+use std::collections::BTreeMap;
 
 /// The runs of a row: how they ended, and their figures.
 pub(super) struct Summary {
     pub row: Row,
     /// By seed.
     pub runs: Vec<(u64, Ran)>,
-    /// For each column of the study, what the runs have of it.
-    pub figures: Vec<Option<Spread>>,
+    /// What the runs have of the columns of the study, by the keys of these.
+    figures: BTreeMap<&'static str, Spread>,
 }
 
 /// Values of several runs.
@@ -31,6 +32,30 @@ pub(super) struct Spread {
 }
 
 impl Spread {
+    /// Names of its values in a CSV.
+    pub const NAMES: [&'static str; 7] = [
+        "count",
+        "mean",
+        "least",
+        "lower_quartile",
+        "median",
+        "upper_quartile",
+        "most",
+    ];
+
+    /// Its values, in the order of their names.
+    pub fn values(&self) -> [f64; 7] {
+        [
+            self.count as f64,
+            self.mean,
+            self.least,
+            self.lower_quartile,
+            self.median,
+            self.upper_quartile,
+            self.most,
+        ]
+    }
+
     /// Of finite values; `None` of none.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
@@ -63,7 +88,8 @@ impl Summary {
             let values = |column: &Column| -> Vec<f64> {
                 own.iter().filter_map(|(_, ran)| (column.of)(ran)).collect()
             };
-            let figures = study.columns.iter().map(|c| Spread::of(&values(c)));
+            let spread = |c: &Column| Some((c.key, Spread::of(&values(c))?));
+            let figures = study.columns.iter().filter_map(spread);
             Self {
                 row: row.clone(),
                 figures: figures.collect(),
@@ -72,6 +98,11 @@ impl Summary {
         };
         let rows = study.rows.iter().map(of);
         rows.filter(|summary| !summary.runs.is_empty()).collect()
+    }
+
+    /// What its runs have of a column; `None` if none of them has it.
+    pub fn figure(&self, key: &str) -> Option<Spread> {
+        self.figures.get(key).copied()
     }
 
     /// How many runs ended in this way.

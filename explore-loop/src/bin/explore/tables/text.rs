@@ -40,49 +40,24 @@ fn names(study: &Study) -> Vec<String> {
 pub(super) fn summary_csv(study: &Study, summaries: &[Summary]) -> Result<Vec<u8>, Failure> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     let endings = Ending::ALL.map(|e| format!("ended_{}", e.word()));
-    let figures = [
-        "figure",
-        "count",
-        "mean",
-        "least",
-        "lower_quartile",
-        "median",
-        "upper_quartile",
-        "most",
-    ];
     let mut header = names(study);
     header.push("runs".into());
     header.extend(endings);
-    header.extend(figures.map(String::from));
+    header.push("figure".into());
+    header.extend(Spread::NAMES.map(String::from));
     writer.write_record(&header)?;
     for summary in summaries {
-        for (column, spread) in study.columns.iter().zip(&summary.figures) {
+        for column in &study.columns {
             let mut line = summary.row.values.clone();
             line.push(summary.runs.len().to_string());
             line.extend(Ending::ALL.map(|e| summary.ended(e).to_string()));
             line.push(column.key.into());
-            line.extend(match spread {
-                None => [
-                    "0".into(),
-                    String::new(),
-                    String::new(),
-                    String::new(),
-                    String::new(),
-                    String::new(),
-                    String::new(),
-                ],
-                Some(s) => {
-                    let [mean, least, lower, median, upper, most] = [
-                        s.mean,
-                        s.least,
-                        s.lower_quartile,
-                        s.median,
-                        s.upper_quartile,
-                        s.most,
-                    ]
-                    .map(number);
-                    [s.count.to_string(), mean, least, lower, median, upper, most]
-                }
+            line.extend(match summary.figure(column.key) {
+                Some(spread) => spread.values().map(number),
+                None => Spread::NAMES.map(|name| match name {
+                    "count" => "0".into(),
+                    _ => String::new(),
+                }),
             });
             writer.write_record(&line)?;
         }
@@ -145,8 +120,7 @@ pub(super) fn markdown(
     // Writing to a String cannot fail.
     let _ = writeln!(text, "Made by `{made_by}`{}.\n", unfinished(missing));
     text += &rows_table(study, summaries);
-    text += "\nMedians with quartiles in brackets, but for means where a column says so; ";
-    text += "shares explored are within two spacings, as the paper counts them.\n";
+    text += &how_to_read(study, summaries);
     for line in (study.remark)(summaries) {
         let _ = writeln!(text, "\n{line}");
     }
@@ -194,10 +168,32 @@ fn heading(cells: &[String]) -> String {
     format!("{}|{}\n", line(cells), "---|".repeat(cells.len()))
 }
 
-fn rows_table(study: &Study, summaries: &[Summary]) -> String {
-    // Ends that never occurred take no column.
+/// The ends that take a column: those that occurred, and closed.
+fn endings(summaries: &[Summary]) -> Vec<Ending> {
     let occurs = |e: &Ending| *e == Ending::Closed || summaries.iter().any(|s| s.ended(*e) > 0);
-    let endings: Vec<Ending> = Ending::ALL.into_iter().filter(occurs).collect();
+    Ending::ALL.into_iter().filter(occurs).collect()
+}
+
+/// What stands below the table of rows: which runs its figures are of.
+fn how_to_read(study: &Study, summaries: &[Summary]) -> String {
+    let mut text = String::from(
+        "\nFigures are medians with quartiles in brackets, or means where the heading says so, of all runs that have the figure, however they ended; \
+         shares explored are within two spacings, as the paper counts them.\n\n",
+    );
+    // Writing to a String cannot fail.
+    for ending in endings(summaries) {
+        let _ = writeln!(text, "- *{}*: {}.", ending.heading(), ending.meaning());
+    }
+    for column in &study.columns {
+        if let Some(rule) = column.rule {
+            let _ = writeln!(text, "- *{}*: {rule}.", column.heading);
+        }
+    }
+    text
+}
+
+fn rows_table(study: &Study, summaries: &[Summary]) -> String {
+    let endings = endings(summaries);
     let mut head: Vec<String> = study.keys.iter().map(ToString::to_string).collect();
     head.push("runs".into());
     head.extend(endings.iter().map(|e| e.heading().to_owned()));
@@ -210,10 +206,10 @@ fn rows_table(study: &Study, summaries: &[Summary]) -> String {
         let mut cells = summary.row.values.clone();
         cells.push(summary.runs.len().to_string());
         cells.extend(endings.iter().map(|e| summary.ended(*e).to_string()));
-        let figures = study.columns.iter().zip(&summary.figures);
-        cells.extend(
-            figures.map(|(column, spread)| spread.map_or("–".into(), |s| shown(column, &s))),
-        );
+        cells.extend(study.columns.iter().map(|column| {
+            let spread = summary.figure(column.key);
+            spread.map_or("–".into(), |s| shown(column, &s))
+        }));
         text += &line(&cells);
     }
     text
