@@ -247,6 +247,30 @@ fn images_smaller_than_a_patch_have_no_features() {
     }
 }
 
+/// Settings and corners that nothing sensible would give.
+#[test]
+fn numbers_out_of_range_do_no_harm() {
+    let seen = picture(Body::Board, &before(), &Paint::default(), 1);
+    let options = FeatureOptions::default();
+    let alone = detect(&seen.image, &options.with_spread(usize::MAX, usize::MAX, 9));
+    assert!(alone.len() <= 1, "{} corners", alone.len());
+    let surface = Surface {
+        scan: &seen.scan,
+        object: None,
+        arms: &[],
+    };
+    let mut corner = detect(&seen.image, &options)[0];
+    (corner.column, corner.row) = (usize::MAX, usize::MAX);
+    let lifted = lift(&[corner], &seen.image, &surface, &options).unwrap();
+    assert!(lifted.is_empty());
+    let some = features(&seen, &[], &options);
+    let loose = options.with_bits(u32::MAX, f64::INFINITY);
+    assert!(match_features(&some, &[], &loose).is_empty());
+    let confident = |m: &dvrk_io::features::FeatureMatch| m.confidence > 0.0 && m.confidence <= 1.0;
+    let all = match_features(&some, &some, &loose);
+    assert!(!all.is_empty() && all.iter().all(confident));
+}
+
 #[test]
 fn features_survive_a_recording() {
     let folder = tempfile::tempdir().unwrap();

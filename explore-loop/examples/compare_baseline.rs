@@ -7,6 +7,7 @@
 //! Prints Markdown: a row a session, mm; an improvement is `1 − ours / baseline`. With `--sweep` the baseline alone, with other settings one at a
 //! time, means over the sessions; `--try NAME=VALUE,...` adds a row of one's own to it, and `--set NAME=VALUE,...` changes the settings that all
 //! begin from (lengths in mm).
+use dvrk_io::session::TruthFrame;
 use explore_loop::baseline::{Association, DynamicFusion, DynamicFusionOptions};
 use explore_loop::canonical::{surface, topology};
 use explore_loop::cell::replay::ReplayCell;
@@ -124,7 +125,7 @@ fn set_one(options: &mut DynamicFusionOptions, name: &str, value: &str) -> Resul
 /// A recording and its truth.
 struct Session {
     path: PathBuf,
-    truth: Vec<dvrk_io::session::TruthFrame>,
+    truth: Vec<TruthFrame>,
     rest: TrueSurface,
 }
 
@@ -175,11 +176,9 @@ impl Session {
             };
             let report = reconstructor.process(&observation, &cell.info().table)?;
             times.push(report.frame_ms);
-            let now = self
-                .truth
-                .iter()
-                .find(|f| (f.stamp - observation.stamp).abs() < 0.02);
-            if let Some(now) = now {
+            let away = |f: &TruthFrame| (f.stamp - observation.stamp).abs();
+            let nearest = self.truth.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            if let Some(now) = nearest.filter(|f| away(f) < 0.02) {
                 let now = TrueSurface {
                     vertices: now.points.clone(),
                     triangles: self.rest.triangles.clone(),

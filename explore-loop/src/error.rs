@@ -16,6 +16,16 @@ pub enum Error {
         /// The value given, metres.
         spacing: f64,
     },
+    /// A setting is out of its range.
+    #[error("the setting {name} must be {needed}, not {value}")]
+    BadSetting {
+        /// Which.
+        name: &'static str,
+        /// What it may be.
+        needed: &'static str,
+        /// The value given.
+        value: f64,
+    },
     /// The camera saw (almost) nothing where the object should be.
     #[error("the camera sees {points} points of the object; at least {needed} are needed to begin")]
     NothingToSee {

@@ -1,5 +1,7 @@
 //! The baseline follows motions that are known.
 
+#![allow(clippy::print_stdout, reason = "the figures that the docs name")]
+
 use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::cell::{Observation, Plane};
 use explore_loop::nalgebra::{Point3, Rotation3, Vector3};
@@ -131,14 +133,9 @@ fn a_rigid_motion_is_followed() -> Tested {
 /// Depth of the plane that a bend does not stretch, m: about that of the surface seen, whose stretch along itself no depth map shows.
 const NEUTRAL: f64 = CENTRE[2] - 0.025;
 
-/// A bend about the y axis to a radius of 330 mm over 20 frames: the ends go 12 mm.
-#[test]
-fn a_gentle_bend_is_followed() -> Tested {
+/// Follows a bend about the y axis to a radius of 330 mm over 20 frames, in which the ends go 12 mm: mean and largest error of the vertices seen.
+fn bend_error(options: DynamicFusionOptions) -> Result<[f64; 2], explore_loop::Error> {
     let body = body();
-    // As rigid as by default, where objects are turned over whole, a bend lags behind by 4 mm.
-    let mut options = DynamicFusionOptions::new(0.005);
-    options.rigidity = 0.2;
-    options.nodes = 0.04;
     let mut fusion = DynamicFusion::new(options)?;
     let bend = |frame: f64| {
         let curvature = 3.0 * frame / 20.0;
@@ -155,15 +152,41 @@ fn a_gentle_bend_is_followed() -> Tested {
             )
         }
     };
+    let still = body.iter().map(|(p, _)| (bend(20.0)(p) - p).norm());
+    assert!(still.fold(0.0, f64::max) > 0.01);
     let mut measured = Vec::new();
     for frame in 0..=20 {
         measured = fusion
             .process(&seen(&body, bend(f64::from(frame))), &table())?
             .measured;
     }
-    let [mean, worst] = error(&fusion, bend(20.0), &measured);
-    let still = body.iter().map(|(p, _)| (bend(20.0)(p) - p).norm());
-    assert!(still.fold(0.0, f64::max) > 0.01);
+    let found = error(&fusion, bend(20.0), &measured);
+    println!(
+        "mean {:.2} mm, worst {:.2} mm",
+        1e3 * found[0],
+        1e3 * found[1]
+    );
+    Ok(found)
+}
+
+/// The defaults are for objects that are turned over whole. Such a field is stiff for a bend, and follows it late.
+#[test]
+fn a_gentle_bend_is_followed_late() -> Tested {
+    let [mean, worst] = bend_error(DynamicFusionOptions::new(0.005))?;
+    assert!(mean < 4.5e-3 && worst < 10e-3, "{mean} {worst}");
+    Ok(())
+}
+
+/// With settings that are not the defaults (rigidity 0.2, not 0.5; nodes 40 mm apart, not 30) the same bend is followed: it is stiffness that holds
+/// the field back, not a fault of its motion.
+#[test]
+fn a_softer_field_follows_a_gentle_bend() -> Tested {
+    let default = DynamicFusionOptions::new(0.005);
+    let softer = default
+        .clone()
+        .with_rigidity(0.2, default.huber)
+        .with_nodes(0.04, default.influence, default.reach);
+    let [mean, worst] = bend_error(softer)?;
     assert!(mean < 2.5e-3 && worst < 6e-3, "{mean} {worst}");
     Ok(())
 }
@@ -199,10 +222,32 @@ fn what_cannot_be_used_is_said() -> Tested {
     let report = fusion.process(&empty, &table())?;
     assert!(report.failure.is_some());
     assert_eq!(fusion.model().live, before);
-    for bad in [0.0, -1.0, f64::NAN] {
-        let mut options = DynamicFusionOptions::new(0.005);
-        options.voxel = bad;
-        assert!(DynamicFusion::new(options).is_err());
+    let good = DynamicFusionOptions::new(0.005);
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let options = [
+            DynamicFusionOptions::new(bad),
+            good.clone().with_volume(bad, 0.012, [0.3, 60.0]),
+            good.clone().with_volume(0.004, 0.012, [bad, 60.0]),
+            good.clone().with_nodes(bad, 1.0, 1.25),
+            good.clone().with_hierarchy(3, bad),
+            good.clone().with_rigidity(0.5, bad),
+            good.clone().with_tukey([0.03, bad]),
+        ];
+        for options in options {
+            let error = DynamicFusion::new(options).err().ok_or("taken")?;
+            assert!(matches!(error, explore_loop::Error::BadSetting { .. }));
+        }
     }
+    for bad in [-1.0, f64::NAN] {
+        assert!(DynamicFusion::new(good.clone().with_rigidity(bad, 0.002)).is_err());
+        assert!(DynamicFusion::new(good.clone().with_grip_radius(bad)).is_err());
+    }
+    let error = DynamicFusion::new(good.with_hierarchy(3, 1.0))
+        .err()
+        .ok_or("taken")?;
+    assert_eq!(
+        error.to_string(),
+        "the setting coarsening must be finite and more than 1, not 1"
+    );
     Ok(())
 }

@@ -10,8 +10,9 @@ use super::orientation::{TURNS, direction};
 
 /// Farthest place of a test from the corner along an axis before it is turned, and at all: a turned one stays within the patch.
 const FARTHEST: i64 = 13;
-/// Bits.
-const BITS: usize = 256;
+/// Bits of a description.
+pub(super) const BITS: u32 = 256;
+const TESTS: usize = BITS as usize;
 
 /// What the neighbourhood of a corner looks like.
 #[derive(
@@ -31,7 +32,7 @@ impl Descriptor {
 type Test = [[i32; 2]; 2];
 
 /// The tests, turned by every step.
-pub(super) struct Tests(Vec<[Test; BITS]>);
+pub(super) struct Tests(Vec<[Test; TESTS]>);
 
 impl Default for Tests {
     fn default() -> Self {
@@ -71,7 +72,7 @@ fn turned(test: Test, step: usize) -> Test {
 }
 
 /// The tests of a corner that is not turned, the same for ever.
-fn upright() -> [Test; BITS] {
+fn upright() -> [Test; TESTS] {
     let mut state = 0x005e_ed0f_b71e_f000_u64;
     let mut place = || loop {
         let [x, y] = [0, 0].map(|_: i32| about_normal(&mut state));
@@ -122,7 +123,7 @@ mod tests {
         }
         let places = |t: &Test| t.map(|[x, y]| f64::from(x * x + y * y));
         let squares: f64 = upright().iter().flat_map(places).sum();
-        let sigma = (squares / (4.0 * BITS as f64)).sqrt();
+        let sigma = (squares / (4.0 * TESTS as f64)).sqrt();
         assert!((4.0..6.0).contains(&sigma), "{sigma}");
     }
 }

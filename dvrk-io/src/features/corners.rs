@@ -102,7 +102,9 @@ fn strongest_around(image: &GreyImage, scores: &[u32], apart: usize) -> Vec<Corn
             if score == 0 {
                 continue;
             }
-            let reach = |x: usize, end: usize| x.saturating_sub(apart)..(x + apart + 1).min(end);
+            let reach = |x: usize, end: usize| {
+                x.saturating_sub(apart)..x.saturating_add(apart).saturating_add(1).min(end)
+            };
             let stronger = |r: usize, c: usize| {
                 let other = scores[r * width + c];
                 other > score || (other == score && (r, c) < (row, column))

@@ -34,7 +34,7 @@ pub struct Surface<'a> {
     pub arms: &'a [Capsule],
 }
 
-/// Carries corners to the surface; those that cannot be, are left out.
+/// Carries corners to the surface; those that cannot be, or are not in the image, are left out.
 ///
 /// # Errors
 /// A scan without rows; an image that has not a whole number of pixels for each point of the scan, the same along rows and columns; another number
@@ -114,7 +114,7 @@ impl<'a> Grid<'a> {
         // One ring of points beyond the four that are interpolated.
         let first = |x: f64| (x.floor() >= 1.0).then(|| x.floor() as usize - 1);
         let (left, top) = (first(u)?, first(v)?);
-        if left + 4 > self.columns || top + 4 > self.rows {
+        if left.saturating_add(4) > self.columns || top.saturating_add(4) > self.rows {
             return None;
         }
         let around = (top..top + 4).flat_map(|r| (left..left + 4).map(move |c| (c, r)));

@@ -8,6 +8,7 @@
 
 use nalgebra::Point3;
 
+use super::brief::BITS;
 use super::lift::Feature;
 use super::options::FeatureOptions;
 
@@ -64,6 +65,8 @@ pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) ->
 /// For each of `from` the best of `to`, where it is clear, and how clear it is.
 fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Option<(usize, f64)>> {
     let reach = options.motion * options.motion;
+    // More than all bits cannot differ, and the best is never farther than the second best.
+    let (most, ratio) = (options.most_different.min(BITS), options.ratio.min(1.0));
     let one = |feature: &Feature| {
         let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
         for (j, other) in to.iter().enumerate() {
@@ -80,12 +83,12 @@ fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Optio
             }
         }
         let (distance, j) = first;
-        if distance > options.most_different {
+        if distance > most {
             return None;
         }
         // As far as something else would have to be to be refused anyway.
-        let rival = f64::from(second.min(options.most_different + 1));
-        let clear = f64::from(distance) < options.ratio * f64::from(second);
+        let rival = f64::from(second.min(most + 1));
+        let clear = f64::from(distance) < ratio * f64::from(second);
         clear.then(|| (j, 1.0 - f64::from(distance) / rival))
     };
     from.iter().map(one).collect()

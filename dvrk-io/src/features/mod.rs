@@ -37,7 +37,7 @@ pub struct Keypoint {
     pub column: usize,
     /// Row of its pixel.
     pub row: usize,
-    /// How strong the corner is: the sum of what the pixels of its arc differ from its centre beyond the threshold, in grey levels.
+    /// How strong the corner is, grey levels: how much brighter (or darker) the pixels of the circle around it are, beyond the threshold, summed.
     pub score: u32,
     /// What it looks like.
     pub descriptor: Descriptor,

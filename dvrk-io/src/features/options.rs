@@ -22,7 +22,7 @@ pub struct FeatureOptions {
     pub motion: f64,
     /// Most bits that may differ between two descriptions of one place, of 256. Default 60.
     pub most_different: u32,
-    /// A match must have fewer different bits than this share of what the second best has. Default 0.8.
+    /// A match must have fewer different bits than this share, at most 1, of what the second best has. Default 0.8.
     pub ratio: f64,
 }
 

@@ -214,3 +214,49 @@ fn barycentric([a, b, c]: &[Point2<f64>; 3], at: &Point2<f64>) -> Option<[f64; 3
     let (s, t) = (w.perp(&v) / area, u.perp(&w) / area);
     Some([1.0 - s - t, s, t])
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+pub(super) mod tests {
+    use super::*;
+
+    /// What the camera sees of a ball.
+    pub fn ball(centre: &Point3<f64>, radius: f64) -> Vec<Point3<f64>> {
+        let count = 6000;
+        let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+        (0..count)
+            .map(|k| {
+                let z = 1.0 - 2.0 * (f64::from(k) + 0.5) / f64::from(count);
+                let (sin, cos) = (golden * f64::from(k)).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                Vector3::new(r * cos, r * sin, z)
+            })
+            .filter(|n| n.dot(&(centre + n * radius).coords) < 0.0)
+            .map(|n| centre + n * radius)
+            .collect()
+    }
+
+    /// Between its points the depth map of a ball is the ball, to the sagitta of a triangle.
+    #[test]
+    fn a_depth_map_is_the_surface_along_every_ray() {
+        let (centre, radius) = (Point3::new(0.0, 0.0, 0.5), 0.05);
+        let depth = DepthMap::new(&ball(&centre, radius)).unwrap().unwrap();
+        let mut hits = 0;
+        for k in 0..1000 {
+            let (x, y) = (
+                f64::from(k % 32) / 16.0 - 1.0,
+                f64::from(k / 32) / 16.0 - 1.0,
+            );
+            let behind = Point3::new(0.05 * x, 0.05 * y, 0.6);
+            let Some(hit) = depth.at(&behind) else {
+                continue;
+            };
+            hits += 1;
+            assert!(((hit.point - centre).norm() - radius).abs() < 1e-4);
+            assert!(hit.point.coords.cross(&behind.coords).norm() < 1e-12);
+            assert!(hit.normal.dot(&((hit.point - centre) / radius)) > 0.98);
+        }
+        assert!(hits > 500);
+        assert!(depth.at(&Point3::new(0.3, 0.0, 0.5)).is_none());
+    }
+}

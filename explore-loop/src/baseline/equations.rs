@@ -3,6 +3,7 @@
 //! ```text
 //! H ξ = f      H = Σ w Jᵀ J,  f = −Σ w Jᵀ r;   block (i, j) is there if some residual leans on both nodes
 //! ```
+//! Blocks stand as whole columns of a scalar matrix, as in the solver of `nonrigid-reg`, which has blocks of 3 × 3 and keeps its structure to itself.
 //! The structure is worked out once a frame and serves all its iterations. One thread: the same input gives the same bits.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -166,5 +167,47 @@ impl<'a> Equations<'a> {
             }
         }
         values
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_sparse_answer_is_the_dense_one(values in prop::collection::vec(-1.0..1.0_f64, 36 * 40)) {
+            let count = 20;
+            let pairs: Vec<[u32; 2]> = (0..count).flat_map(|i| [1, 7].map(|d| [i, (i + d) % count])).collect();
+            let structure = Structure::new(count as usize, pairs.iter().copied()).unwrap();
+            let mut equations = Equations::new(&structure);
+            let size = 6 * count as usize;
+            let mut dense = DMatrix::<f64>::identity(size, size) * 1e-12;
+            let mut right = DVector::<f64>::zeros(size);
+            for (pair, block) in pairs.iter().zip(values.chunks_exact(36)) {
+                let rows = Matrix6::from_column_slice(block) + Matrix6::identity() * 3.0;
+                for i in pair {
+                    let force = rows.transpose() * Vector6::repeat(1.0);
+                    equations.add_right(*i, &force);
+                    let mut part = right.fixed_rows_mut::<6>(6 * *i as usize);
+                    part += force;
+                    for j in pair {
+                        let sign = if i == j { 1.0 } else { 0.3 };
+                        let product = rows.transpose() * rows * sign;
+                        equations.add(*i, *j, &product);
+                        let mut view = dense.fixed_view_mut::<6, 6>(6 * *i as usize, 6 * *j as usize);
+                        view += product;
+                    }
+                }
+            }
+            let expected = dense.cholesky().unwrap().solve(&right);
+            let found = equations.solve(0.0).unwrap();
+            for (i, twist) in found.iter().enumerate() {
+                prop_assert!((twist - expected.fixed_rows::<6>(6 * i)).norm() < 1e-8 * expected.norm());
+            }
+        }
     }
 }

@@ -71,15 +71,10 @@ impl Frame<'_> {
     /// Brings `warp` to the frame.
     pub fn solve(&self, warp: &mut Warp, surface: &[SurfacePoint]) {
         for round in 0..self.options.rigid_iterations {
-            let pairs = self.associate(
-                warp,
-                surface,
-                self.gate(round, self.options.rigid_iterations),
-            );
-            if self
-                .step_rigid(warp, surface, &pairs)
-                .is_none_or(|s| s < SETTLED)
-            {
+            let gate = self.gate(round, self.options.rigid_iterations);
+            let pairs = self.associate(warp, surface, gate);
+            let step = self.step_rigid(warp, surface, &pairs);
+            if step.is_none_or(|step| step < SETTLED) {
                 break;
             }
         }
@@ -166,12 +161,13 @@ impl Frame<'_> {
             .first()
             .map(|s| warp.blend(&s.skin).apply(&s.rest))?;
         let (mut left, mut right) = (Matrix6::zeros(), Vector6::zeros());
-        let last = self.options.tukey[0];
+        // Wide to the end: what is far off is not matched any more then, and the rest counts alike.
+        let scale = self.options.tukey[0];
         for pair in pairs {
             let s = &surface[pair.point];
             let arm = warp.blend(&s.skin).apply(&s.rest) - centre;
             let row = row(&pair.normal, &point_rows(&arm));
-            let weight = tukey(pair.residual(), last);
+            let weight = tukey(pair.residual(), scale);
             left += row.transpose() * row * weight;
             right -= row.transpose() * (weight * pair.residual());
         }
@@ -236,21 +232,12 @@ fn add_rigidity(equations: &mut Equations<'_>, warp: &Warp, options: &DynamicFus
 }
 
 /// `T_i g_j − T_j g_j`, and its derivatives for the twists of both nodes.
-pub(super) fn rigidity(warp: &Warp, i: u32, j: u32) -> (Vector3<f64>, [Matrix3x6<f64>; 2]) {
+fn rigidity(warp: &Warp, i: u32, j: u32) -> (Vector3<f64>, [Matrix3x6<f64>; 2]) {
     let place = warp.rest(j);
     let (by_other, by_own) = (warp.carried_by(i, &place), warp.carried_by(j, &place));
     let centre = warp.carried_by(i, &warp.rest(i));
     let own = -point_rows(&Vector3::zeros());
     (by_other - by_own, [point_rows(&(by_other - centre)), own])
-}
-
-/// The value of the as-rigid-as-possible term, without its weight, m².
-#[cfg(test)]
-pub(super) fn rigidity_energy(warp: &Warp) -> f64 {
-    let both = |[i, j]: &[u32; 2]| {
-        rigidity(warp, *i, *j).0.norm_squared() + rigidity(warp, *j, *i).0.norm_squared()
-    };
-    warp.edges.iter().map(both).sum()
 }
 
 /// Which nodes meet in a residual.
@@ -298,4 +285,57 @@ fn tukey(residual: f64, scale: f64) -> f64 {
 /// Weight of Huber's penalty.
 fn huber(length: f64, scale: f64) -> f64 {
     if length <= scale { 1.0 } else { scale / length }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::warp::tests::{STEP, motion, sheet, twists};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The value of the as-rigid-as-possible term, without its weight, m².
+    fn rigidity_energy(warp: &Warp) -> f64 {
+        let both = |[i, j]: &[u32; 2]| {
+            rigidity(warp, *i, *j).0.norm_squared() + rigidity(warp, *j, *i).0.norm_squared()
+        };
+        warp.edges.iter().map(both).sum()
+    }
+
+    proptest! {
+        #[test]
+        fn a_rigid_motion_costs_nothing(motion in motion()) {
+            let mut warp = sheet();
+            warp.carry(&motion);
+            // Rounding: places of 1 m, sums of a dozen terms.
+            prop_assert!(rigidity_energy(&warp) < 1e-24 * warp.edges.len() as f64);
+        }
+
+        #[test]
+        fn a_motion_that_is_not_rigid_costs(twists in twists(60)) {
+            let mut warp = sheet();
+            warp.step(&twists);
+            prop_assert!(rigidity_energy(&warp) > 1e-6);
+        }
+
+        #[test]
+        fn derivatives_of_rigidity_are_its_finite_differences(motion in motion(), twists in twists(200), edge in 0..1000_usize, end in 0..2_usize, axis in 0..6_usize) {
+            let mut warp = sheet();
+            warp.carry(&motion);
+            warp.step(&twists);
+            let [i, j] = warp.edges[edge % warp.edges.len()];
+            let exact = rigidity(&warp, i, j).1[end].column(axis).into_owned();
+            let mut nudged = |step: f64| {
+                let mut all = vec![Vector6::zeros(); warp.len()];
+                all[[i, j][end] as usize][axis] = step;
+                warp.step(&all);
+                let there = rigidity(&warp, i, j).0;
+                all[[i, j][end] as usize][axis] = -step;
+                warp.step(&all);
+                there
+            };
+            let difference = (nudged(STEP) - nudged(-STEP)) / (2.0 * STEP);
+            prop_assert!((difference - exact).norm() < 1e-7);
+        }
+    }
 }

@@ -211,3 +211,49 @@ pub(super) fn around(points: &[Point3<f64>], margin: f64) -> Option<[Point3<f64>
     let margin = Vector3::repeat(margin);
     Some([low - margin, high + margin])
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::depth::tests::ball;
+    use super::*;
+    use crate::measure::MeshReport;
+    use nalgebra::{Isometry3, Translation3, UnitQuaternion};
+
+    /// A ball turned about its centre shows the camera the same cloud for ever: all that its volume knows of the turn it has from the warp.
+    #[test]
+    fn a_ball_seen_from_all_around_is_the_ball() {
+        let (centre, radius, voxel) = (Point3::new(0.01, -0.02, 0.5), 0.05, 0.004);
+        let cloud = ball(&centre, radius);
+        let depth = DepthMap::new(&cloud).unwrap().unwrap();
+        let [low, high] = around(&[centre], 0.09).unwrap();
+        let mut volume = Volume::new(&low, &high, voxel, 0.012, [0.3, 60.0]);
+        volume.integrate_still(&depth);
+        let mut warp = Warp::new(0.02, 0.02, 3, 2.0);
+        let grow = |volume: &mut Volume, warp: &mut Warp| {
+            let fresh = warp.support(&volume.surface().vertices);
+            volume.reach(&fresh, warp, 0.04);
+        };
+        grow(&mut volume, &mut warp);
+        for k in 0..48 {
+            let axis = if k < 24 { Vector3::x() } else { Vector3::y() };
+            let turn = UnitQuaternion::from_scaled_axis(axis * (15.0_f64).to_radians());
+            let shift = centre.coords - turn * centre.coords;
+            warp.carry(&Isometry3::from_parts(Translation3::from(shift), turn));
+            volume.integrate(&depth, &warp, 0.04);
+            grow(&mut volume, &mut warp);
+        }
+        let surface = volume.surface();
+        let report = MeshReport::of(&surface.vertices, &surface.triangles);
+        assert!(report.watertight && report.euler == 2, "{report:?}");
+        let off: Vec<f64> = surface
+            .vertices
+            .iter()
+            .map(|v| ((v - centre).norm() - radius).abs())
+            .collect();
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        let worst = off.iter().copied().fold(0.0, f64::max);
+        // A projective distance is not the distance to the surface: it is longer at a slant, and the mean of many slants is off by a share of a voxel.
+        assert!(mean < 0.1 * voxel && worst < 0.4 * voxel, "{mean} {worst}");
+    }
+}

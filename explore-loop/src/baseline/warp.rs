@@ -301,3 +301,83 @@ pub(super) fn exp(twist: &Vector6<f64>, centre: &Point3<f64>) -> Isometry3<f64> 
     let to_centre = centre.coords - turn * centre.coords;
     Isometry3::from_parts(Translation3::from(to_centre + shift), turn)
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+pub(super) mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Nodes on a bent sheet, 20 mm apart or more, all levels.
+    pub fn sheet() -> Warp {
+        let mut warp = Warp::new(0.02, 0.02, 3, 2.0);
+        let places: Vec<Point3<f64>> = (0..400)
+            .map(|k| {
+                let (x, y) = (0.01 * f64::from(k % 20), 0.01 * f64::from(k / 20));
+                Point3::new(x - 0.1, y - 0.1, 0.5 + 3.0 * (x - 0.1) * (x - 0.1))
+            })
+            .collect();
+        assert!(warp.support(&places).len() > 40);
+        warp
+    }
+
+    pub fn motion() -> impl Strategy<Value = Isometry3<f64>> {
+        (
+            prop::array::uniform3(-3.0..3.0_f64),
+            prop::array::uniform3(-0.5..0.5_f64),
+        )
+            .prop_map(|(turn, shift)| {
+                let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
+                Isometry3::from_parts(Translation3::from(Vector3::from(shift)), turn)
+            })
+    }
+
+    /// Twists of every node, up to 0.5 rad and 50 mm.
+    pub fn twists(count: usize) -> impl Strategy<Value = Vec<Vector6<f64>>> {
+        prop::collection::vec(prop::array::uniform6(-1.0..1.0_f64), count).prop_map(|all| {
+            all.into_iter()
+                .map(|t| {
+                    Vector6::from(t).component_mul(&Vector6::new(0.5, 0.5, 0.5, 0.05, 0.05, 0.05))
+                })
+                .collect()
+        })
+    }
+
+    /// A step of the finite differences: their error is of the order of its square, and of 1e-16 over it.
+    pub const STEP: f64 = 1e-5;
+
+    proptest! {
+        #[test]
+        fn a_rigid_motion_is_reproduced(motion in motion(), x in prop::array::uniform3(-0.1..0.1_f64)) {
+            let mut warp = sheet();
+            warp.carry(&motion);
+            let place = Point3::from(x) + Vector3::z() * 0.5;
+            // Rounding: places of 1 m, sums of a dozen terms.
+            prop_assert!((warp.apply(&place) - motion * place).norm() < 1e-13);
+        }
+
+        #[test]
+        fn derivatives_of_the_blend_are_its_finite_differences(
+            motion in motion(), twists in twists(200), x in prop::array::uniform3(-0.1..0.1_f64), node in 0..4_usize, axis in 0..6_usize
+        ) {
+            let mut warp = sheet();
+            warp.carry(&motion);
+            warp.step(&twists);
+            let place = Point3::from(x) + Vector3::z() * 0.5;
+            let skin = warp.skin(&place).unwrap();
+            let exact = warp.derivatives(&skin, &place)[node].column(axis).into_owned();
+            let mut nudged = |step: f64| {
+                let mut all = vec![Vector6::zeros(); warp.len()];
+                all[skin.nodes[node] as usize][axis] = step;
+                warp.step(&all);
+                let there = warp.blend(&skin).apply(&place);
+                // A step about where the node is now is undone by its opposite there.
+                all[skin.nodes[node] as usize][axis] = -step;
+                warp.step(&all);
+                there
+            };
+            let difference = (nudged(STEP) - nudged(-STEP)) / (2.0 * STEP);
+            prop_assert!((difference - exact).norm() < 1e-7, "{difference} {exact}");
+        }
+    }
+}

@@ -81,7 +81,7 @@ impl ColourMap {
         let around =
             (-2..=2).flat_map(|i| (-2..=2).flat_map(move |j| (-2..=2).map(move |k| [i, j, k])));
         for [i, j, k] in around {
-            let key = [x + i, y + j, z + k];
+            let key = [(x, i), (y, j), (z, k)].map(|(c, step): (i32, i32)| c.saturating_add(step));
             let middle = Vector3::from(key.map(|c| (f64::from(c) + 0.5) * CELL * spacing));
             let away = (middle - place.coords).norm() / spacing;
             for side in (0..6).filter(|side| away < 1.0 && direction(*side).dot(normal) > 0.0) {

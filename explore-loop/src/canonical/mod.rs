@@ -129,11 +129,11 @@ impl CanonicalModel {
         (0..self.len()).map(|i| self.live_normal(i)).collect()
     }
 
-    /// Keeps the vertices with `keep[i]`; returns for every vertex that stays the index it had. The edges
-    /// are renumbered, those of removed vertices go.
+    /// Keeps the vertices with `keep[i]`, those that it says nothing of go; returns for every vertex that stays the index it had. The
+    /// edges are renumbered, those of removed vertices go.
     pub fn retain(&mut self, keep: &[bool]) -> Vec<u32> {
         let stays: Vec<u32> = (0..self.len())
-            .filter(|&i| keep[i])
+            .filter(|&i| keep.get(i) == Some(&true))
             .map(|i| i as u32)
             .collect();
         let mut index = vec![u32::MAX; self.len()];

@@ -7,6 +7,7 @@
 //! ```
 //! Gate and Tukey's constant shrink from the first step of a frame to its last.
 
+use super::ReconstructOptions;
 use super::view::FrameView;
 use crate::canonical::{CanonicalModel, graph};
 use crate::visibility::{Sight, facing};
@@ -108,69 +109,89 @@ impl Posed {
     }
 }
 
-/// Matches of all visible vertices.
-pub(crate) fn matches(
-    posed: &Posed,
-    times_seen: &[u32],
-    view: &FrameView,
-    gates: Gates,
+/// What a frame is looked at with.
+pub(crate) struct Look<'a> {
+    model: &'a CanonicalModel,
+    embeddings: &'a [Embedding],
+    view: &'a FrameView,
     min_facing: f64,
     spacing: f64,
-) -> Vec<Match> {
-    let weight = SIGMA.powi(-2);
-    let mut found = Vec::with_capacity(posed.points.len());
-    for (i, (at, normal)) in posed.points.iter().zip(&posed.normals).enumerate() {
-        if facing(at, normal) < min_facing {
-            continue;
+}
+
+impl<'a> Look<'a> {
+    pub fn new(
+        model: &'a CanonicalModel,
+        embeddings: &'a [Embedding],
+        view: &'a FrameView,
+        options: &ReconstructOptions,
+    ) -> Self {
+        Self {
+            model,
+            embeddings,
+            view,
+            min_facing: options.min_facing,
+            spacing: options.spacing,
         }
-        let sight = view.depth.sight(at, f64::INFINITY, 3.0 * spacing);
+    }
+
+    /// Matches of all visible vertices of the body in a pose.
+    pub fn matches(&self, lattice: &Lattice, pose: &Pose, gates: Gates) -> Vec<Match> {
+        let posed = Posed::new(self.model, self.embeddings, lattice, pose);
+        let vertices = posed.points.iter().zip(&posed.normals).enumerate();
+        vertices
+            .filter_map(|(i, (at, normal))| self.meet(i, at, normal, gates))
+            .collect()
+    }
+
+    /// What a vertex meets, if it can be seen.
+    fn meet(
+        &self,
+        vertex: usize,
+        at: &Point3<f64>,
+        normal: &UnitVector3<f64>,
+        gates: Gates,
+    ) -> Option<Match> {
+        let view = self.view;
+        if facing(at, normal) < self.min_facing {
+            return None;
+        }
+        let sight = view.depth.sight(at, f64::INFINITY, 3.0 * self.spacing);
         if matches!(sight, Sight::Occluded | Sight::NoData) {
-            continue;
+            return None;
         }
         let near = graph::near(&view.tree, at, gates.gate, TRIED);
-        let Some((k, _)) = near
+        let (point, _) = near
             .into_iter()
-            .find(|(k, _)| view.normals[*k].dot(normal) > AGREE)
-        else {
-            continue;
-        };
-        let across = UnitVector3::new_normalize(view.normals[k].into_inner() + normal.into_inner());
-        let offset = at - view.points[k];
+            .find(|(k, _)| view.normals[*k].dot(normal) > AGREE)?;
+        let across =
+            UnitVector3::new_normalize(view.normals[point].into_inner() + normal.into_inner());
+        let offset = at - view.points[point];
         let residual = across.dot(&offset);
         let relative = residual / gates.tukey;
         let share = (1.0 - relative * relative).max(0.0);
-        let rim = if view.rim[k] { RIM } else { 1.0 };
-        let young = if times_seen[i] < YOUNG {
+        let rim = if view.rim[point] { RIM } else { 1.0 };
+        let young = if self.model.times_seen[vertex] < YOUNG {
             YOUNG_WEIGHT
         } else {
             1.0
         };
-        let counts = weight * share * share * rim * young;
-        if counts > 0.0 {
-            found.push(Match {
-                vertex: i,
-                point: k,
-                normal: across,
-                residual,
-                aside: (offset - across.into_inner() * residual).norm(),
-                weight: counts,
-            });
-        }
-    }
-    found
-}
-
-/// Matches as rows on the body.
-pub(crate) fn rows(found: &[Match], embeddings: &[Embedding], view: &FrameView) -> Vec<Row> {
-    found
-        .iter()
-        .map(|m| {
-            Row::along(
-                embeddings[m.vertex],
-                view.points[m.point],
-                m.normal,
-                m.weight,
-            )
+        let weight = SIGMA.powi(-2) * share * share * rim * young;
+        (weight > 0.0).then(|| Match {
+            vertex,
+            point,
+            normal: across,
+            residual,
+            aside: (offset - across.into_inner() * residual).norm(),
+            weight,
         })
-        .collect()
+    }
+
+    /// The same as rows on the body.
+    pub fn rows(&self, lattice: &Lattice, pose: &Pose, gates: Gates) -> Vec<Row> {
+        let row = |m: &Match| {
+            let (at, meets) = (self.embeddings[m.vertex], self.view.points[m.point]);
+            Row::along(at, meets, m.normal, m.weight)
+        };
+        self.matches(lattice, pose, gates).iter().map(row).collect()
+    }
 }

@@ -21,13 +21,16 @@
 //! | `keyframe` | which frames are kept? |
 //! | `relocate` | what if it was lost and found again? |
 //! | `fuse` | what do all of them say of the rest shape? |
+//! | `report` | what happened in the frame? |
+//! | `stage` | what does the loop ask of any reconstruction? |
 
 use crate::Error;
 use crate::canonical::CanonicalModel;
-use crate::cell::{Observation, Plane};
+use crate::cell::{ArmState, Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
 pub use options::{ColourFeatures, Material, ReconstructOptions};
 use recognise::{Before, Recognised};
+pub use report::{Constraints, FrameReport};
 pub use stage::{Reconstruct, RestSurface};
 use std::sync::Arc;
 use std::time::Instant;
@@ -44,67 +47,10 @@ mod options;
 mod pieces;
 mod recognise;
 mod relocate;
+mod report;
 mod stage;
 mod track;
 mod view;
-
-/// What happened in a frame.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct FrameReport {
-    /// Number of the frame, from 0.
-    pub frame: u32,
-    /// Vertices measured in it.
-    pub measured: Vec<bool>,
-    /// Vertices added.
-    pub added: usize,
-    /// Whether the rest shape was fused anew.
-    pub fused: bool,
-    /// Edges cut because they glued places that only touched.
-    pub cut: usize,
-    /// Mean distance of the measured vertices from the cloud along the normals, metres.
-    pub residual: f64,
-    /// Share of the vertices facing the camera that were measured.
-    pub overlap: f64,
-    /// Mean motion of the body since the last frame, metres.
-    pub moved: f64,
-    /// Prediction error of the hollow hypothesis over that of the solid one so far, while both are followed and the body was held.
-    pub hollow_over_solid: Option<f64>,
-    /// How the constraints on the body ended.
-    pub constraints: Constraints,
-    /// Why the frame was not used, if so.
-    pub failure: Option<String>,
-    /// Time to bring the body to the frame, ms.
-    pub registration_ms: f64,
-    /// Time of the whole frame, re-fusion left out, ms.
-    pub frame_ms: f64,
-    /// Time of the re-fusion, ms.
-    pub fusion_ms: f64,
-}
-
-/// Table and self-contact in a frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Constraints {
-    /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
-    pub active: usize,
-    /// Vertices that were near another part of the surface and had to stay on their side of it.
-    pub near_itself: usize,
-    /// Whether they contradicted each other; they are then violated as little as possible.
-    pub infeasible: bool,
-    /// Largest violation left, metres.
-    pub violation: f64,
-    /// How far the deepest vertex of the model lies under the table after the frame, metres; 0 when none does.
-    pub below_table: f64,
-}
-
-impl FrameReport {
-    /// A frame that measured all of `vertices`.
-    pub fn measured(vertices: usize) -> Self {
-        Self {
-            measured: vec![true; vertices],
-            ..Self::default()
-        }
-    }
-}
 
 /// Frames of rest after which the shape is fused.
 const STILL: usize = 3;
@@ -311,8 +257,44 @@ impl Reconstructor {
         table: &Plane,
         report: &mut FrameReport,
     ) -> Result<(), Error> {
-        let view = Arc::new(view);
         let started = Instant::now();
+        report.added = self.follow_all(track, view, observation, table)?;
+        report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
+        report.hollow_over_solid = self.hollow_over_solid(track);
+        self.decide(track, false);
+        report.residual = track.residual;
+        report.overlap = track.share.min(1.0);
+        report.moved = track.moved;
+        report.constraints = track.constraints;
+        report.failure = failure(track);
+        let arms = &observation.arms;
+        if self.is_due(track, arms) {
+            let started = Instant::now();
+            self.decide(track, true);
+            fuse::refuse(track, table, &self.options);
+            report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
+            report.fused = self.options.fusion_rounds > 0;
+            self.fused = true;
+            self.handled = false;
+        }
+        for hypothesis in std::iter::once(&mut *track).chain(self.rival.as_mut()) {
+            hypothesis.take_grips(arms, self.options.grip_radius);
+        }
+        self.free = !track.is_held();
+        self.handled |= track.is_held();
+        report.measured.clone_from(&track.seen);
+        Ok(())
+    }
+
+    /// Brings the hypotheses to a frame; how many vertices were added to the first.
+    fn follow_all(
+        &mut self,
+        track: &mut Track,
+        view: FrameView,
+        observation: &Observation,
+        table: &Plane,
+    ) -> Result<usize, Error> {
+        let view = Arc::new(view);
         let recognised = self.recognise(&view, observation);
         let frame = Frame {
             view: &view,
@@ -333,45 +315,18 @@ impl Reconstructor {
             let other = other.map(std::thread::ScopedJoinHandle::join);
             (own, other)
         });
-        report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
         // A hypothesis that cannot follow is refuted, and one that went on alone is a frame ahead.
         if own.is_err() || !matches!(other, Some(Ok(Ok(_)))) {
             self.rival = None;
         }
-        report.added = own?;
-        report.hollow_over_solid = self.hollow_over_solid(track);
-        self.decide(track, false);
-        report.residual = track.residual;
-        report.overlap = track.share.min(1.0);
-        report.moved = track.moved;
-        report.constraints = track.constraints;
-        if let Some(reason) = &track.refused {
-            report.failure = Some(reason.clone());
-        } else if track.residual > LOST || track.share < LOST_SHARE {
-            report.failure = Some(format!(
-                "lost: {:.1} mm off, {:.0} % of what should be seen is",
-                1e3 * track.residual,
-                100.0 * track.share
-            ));
-        }
-        let takes_hold = track.takes_hold(&observation.arms);
+        own
+    }
+
+    /// Whether the shape is to be fused anew: the object was handled, and has come to rest or is taken hold of again.
+    fn is_due(&self, track: &Track, arms: &[ArmState]) -> bool {
         let rests = track.still == STILL;
-        if self.handled && (rests || (takes_hold && self.free)) && track.keyframes.all().len() > 3 {
-            let started = Instant::now();
-            self.decide(track, true);
-            fuse::refuse(track, table, &self.options);
-            report.fusion_ms = started.elapsed().as_secs_f64() * 1e3;
-            report.fused = self.options.fusion_rounds > 0;
-            self.fused = true;
-            self.handled = false;
-        }
-        for hypothesis in std::iter::once(&mut *track).chain(self.rival.as_mut()) {
-            hypothesis.take_grips(&observation.arms, self.options.grip_radius);
-        }
-        self.free = !track.is_held();
-        self.handled |= track.is_held();
-        report.measured.clone_from(&track.seen);
-        Ok(())
+        let again = self.free && track.takes_hold(arms);
+        self.handled && (rests || again) && track.keyframes.all().len() > 3
     }
 
     /// The colour features of a frame, if it has any and they are asked for, and where those of the last frame went.
@@ -420,6 +375,20 @@ impl Reconstructor {
             track.renamed_after(&old);
         }
     }
+}
+
+/// Why a frame cannot be used, if so.
+fn failure(track: &Track) -> Option<String> {
+    let lost = track.residual > LOST || track.share < LOST_SHARE;
+    track.refused.clone().or_else(|| {
+        lost.then(|| {
+            format!(
+                "lost: {:.1} mm off, {:.0} % of what should be seen is",
+                1e3 * track.residual,
+                100.0 * track.share
+            )
+        })
+    })
 }
 
 /// What both hypotheses are given.

@@ -1,8 +1,8 @@
 //! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
 
-use super::keyframe::{Keyframe, Keyframes};
+use super::keyframe::Keyframes;
 use super::landmark::{self, Landmarks};
-use super::matching::{Gates, Match, Posed, matches, rows};
+use super::matching::{Gates, Look, Match};
 use super::recognise::Recognised;
 use super::view::FrameView;
 use super::{Constraints, ReconstructOptions};
@@ -12,10 +12,13 @@ use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
 use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, Rotation3, UnitVector3};
-use std::sync::Arc;
-use topo_ekf::body::{AtRest, BodyFilter, BodyFrame, Embedding, Lattice, Limits};
+use topo_ekf::body::{
+    AtRest, BodyFilter, BodyFrame, BodyInequality, BodyReport, Embedding, Lattice, Limits,
+};
 
+mod belief;
 mod grips;
+mod kept;
 mod material;
 mod own_contact;
 
@@ -152,7 +155,7 @@ impl Track {
         self.seen.push(true);
     }
 
-    /// Moves the body to a frame and judges the fit.
+    /// Moves the body to a frame and judges the fit; a frame that is not believed leaves everything as it was.
     pub fn follow(
         &mut self,
         view: &FrameView,
@@ -167,53 +170,15 @@ impl Track {
             return Ok(());
         }
         let contacts = self.own_contacts(options.separation);
-        let (lattice, pose) = (self.body.lattice(), self.body.pose());
-        match recognised {
-            Some(frame) => self.landmarks.recognise(frame, lattice, pose, self.frame),
-            None => self.landmarks.lose(),
-        }
-        let met = landmark::embedded(&self.landmarks.sighted(), lattice);
-        let (model, embeddings) = (&self.model, &self.embeddings);
-        let look = |lattice: &Lattice, pose: &topo_ekf::body::Pose, gates: Gates| {
-            let posed = Posed::new(model, embeddings, lattice, pose);
-            let facing = options.min_facing;
-            matches(
-                &posed,
-                &model.times_seen,
-                view,
-                gates,
-                facing,
-                options.spacing,
-            )
-        };
-        let mut innovation = None;
-        let frame = BodyFrame::new(&grips, embeddings).with_inequalities(&contacts);
-        let stepped = self.body.step(
-            &frame.with_limits(limits),
-            &mut |lattice, pose, progress| {
-                let gates = Gates::at(progress);
-                let mut rows = rows(&look(lattice, pose, gates), embeddings, view);
-                rows.extend(landmark::rows(&met, lattice, pose, gates));
-                rows
-            },
-            &mut |lattice, pose| {
-                innovation = Some(mean_residual(&look(lattice, pose, Gates::PREDICTION)));
-            },
-        );
-        let report = match stepped {
-            Ok(report) => report,
+        self.recognise(recognised);
+        let report = match self.step(&grips, &contacts, limits, view, options) {
             Err(error @ topo_ekf::Error::Beyond { .. }) => {
                 self.refuse(format!("not believed: {error}"));
                 return Ok(());
             }
-            Err(error) => return Err(error.into()),
+            stepped => stepped?,
         };
         (self.refused, self.missed) = (None, 0);
-        let found = look(self.body.lattice(), self.body.pose(), Gates::JUDGE);
-        if let Some(innovation) = innovation {
-            self.innovations.push(innovation);
-            self.carried += report.moved;
-        }
         self.moved = report.moved;
         self.constraints = Constraints {
             active: report.pushing,
@@ -223,14 +188,61 @@ impl Track {
             below_table: 0.0,
         };
         self.pose();
-        self.judge(&found, view, options.spacing);
+        self.judge(view, options);
         let rests = self.moved < options.rest_motion && grips.is_empty() && !self.body.is_falling();
         self.still = if rests { self.still + 1 } else { 0 };
         self.weigh(&grips);
-        let (lattice, pose) = (self.body.lattice(), self.body.pose());
-        self.landmarks.judge(lattice, pose);
+        self.landmarks.judge(self.body.lattice(), self.body.pose());
         self.frame += 1;
         Ok(())
+    }
+
+    /// Recognises landmarks in a frame in which the body is not posed yet.
+    fn recognise(&mut self, recognised: Option<&Recognised>) {
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        match recognised {
+            Some(frame) => self.landmarks.recognise(frame, lattice, pose, self.frame),
+            None => self.landmarks.lose(),
+        }
+    }
+
+    /// Bends the body until it meets the cloud and the landmarks, within what grips, contacts and limits allow. Where it is held, what these predicted
+    /// without the cloud is compared with the cloud first.
+    fn step(
+        &mut self,
+        grips: &[(Embedding, Point3<f64>)],
+        contacts: &[BodyInequality],
+        limits: Limits,
+        view: &FrameView,
+        options: &ReconstructOptions,
+    ) -> Result<BodyReport, topo_ekf::Error> {
+        let frame = BodyFrame::new(grips, &self.embeddings)
+            .with_inequalities(contacts)
+            .with_limits(limits);
+        let look = Look::new(&self.model, &self.embeddings, view, options);
+        let met = landmark::embedded(&self.landmarks.sighted(), self.body.lattice());
+        let mut innovation = None;
+        let report = self.body.step(
+            &frame,
+            &mut |lattice, pose, progress| {
+                let gates = Gates::at(progress);
+                let mut rows = look.rows(lattice, pose, gates);
+                rows.extend(landmark::rows(&met, lattice, pose, gates));
+                rows
+            },
+            &mut |lattice, pose| {
+                innovation = Some(mean_residual(&look.matches(
+                    lattice,
+                    pose,
+                    Gates::PREDICTION,
+                )));
+            },
+        )?;
+        if let Some(innovation) = innovation {
+            self.innovations.push(innovation);
+            self.carried += report.moved;
+        }
+        Ok(report)
     }
 
     /// Plants landmarks where the surface was measured in this frame.
@@ -254,61 +266,6 @@ impl Track {
         }
     }
 
-    /// What is believed of this frame: what was not followed for some frames may have gone as much farther.
-    fn limits_now(&self, limits: &Limits) -> Limits {
-        let frames = (self.missed + 1) as f64;
-        Limits {
-            motion: limits.motion * frames,
-            fall: limits.fall * frames,
-            ..*limits
-        }
-    }
-
-    /// Says so when the cloud shows more motion than is believed.
-    fn gone_too_far(
-        &self,
-        view: &FrameView,
-        grips: &[(Embedding, Point3<f64>)],
-        limits: &Limits,
-    ) -> Option<String> {
-        let falls = grips.is_empty() && (self.is_held() || self.body.is_falling());
-        let most = if falls { limits.fall } else { limits.motion };
-        let gone = self.gone(view);
-        (gone > most).then(|| {
-            format!(
-                "the surface moved by more than {:.1} mm, at most {:.1} mm can be followed",
-                1e3 * gone,
-                1e3 * most
-            )
-        })
-    }
-
-    /// A lower bound on how far the seen surface moved, metres: 95 % of what was measured last has a point of the cloud this near, or 95 % of
-    /// the cloud has a vertex. What an arm hides spoils the first, what it shows again the second, what moves both.
-    fn gone(&self, view: &FrameView) -> f64 {
-        let last_taken = self.frame.saturating_sub(self.missed as u32 + 1);
-        let seen = self.model.live.iter().zip(&self.model.last_seen);
-        let left = seen
-            .filter(|(_, last)| **last == last_taken)
-            .map(|(p, _)| graph::nearest(&view.tree, p).1);
-        let left = most_of(left.collect());
-        let Some(live) = graph::tree(&self.model.live) else {
-            return 0.0;
-        };
-        let reached = view.points.iter().map(|p| graph::nearest(&live, p).1);
-        left.min(most_of(reached.collect()))
-    }
-
-    /// A frame that is not believed: everything stays as it was before it.
-    fn refuse(&mut self, why: String) {
-        self.refused = Some(why);
-        self.missed += 1;
-        self.seen.fill(false);
-        self.landmarks.lose();
-        self.still = 0;
-        self.frame += 1;
-    }
-
     /// Live positions and rotations of the vertices from the body's pose.
     pub fn pose(&mut self) {
         let (lattice, pose) = (self.body.lattice(), self.body.pose());
@@ -325,12 +282,16 @@ impl Track {
     }
 
     /// Which vertices this frame measured, and how well the whole fits.
-    fn judge(&mut self, found: &[Match], view: &FrameView, spacing: f64) {
+    fn judge(&mut self, view: &FrameView, options: &ReconstructOptions) {
+        let (lattice, pose) = (self.body.lattice(), self.body.pose());
+        let look = Look::new(&self.model, &self.embeddings, view, options);
+        let found = look.matches(lattice, pose, Gates::JUDGE);
+        let spacing = options.spacing;
         self.seen = vec![false; self.model.len()];
-        for m in found {
+        for m in &found {
             self.seen[m.vertex] = m.residual.abs() < SEEN && m.aside < SEEN_ASIDE * spacing;
         }
-        self.residual = mean_residual(found);
+        self.residual = mean_residual(&found);
         let visible = (0..self.model.len()).filter(|&i| {
             let at = &self.model.live[i];
             facing(at, &self.model.live_normal(i)) > 0.3
@@ -388,85 +349,6 @@ impl Track {
     ) -> Option<AtRest> {
         to_rest(self.body.lattice(), self.body.pose(), point, cells)
     }
-}
-
-/// Search tree over the centres of all cells in a pose.
-pub(crate) fn cell_tree(
-    lattice: &Lattice,
-    live: &[Point3<f64>],
-) -> Option<ImmutableKdTree<f64, 3>> {
-    let centres: Vec<Point3<f64>> = (0..lattice.cells().len() as u32)
-        .map(|c| lattice.centre(live, c))
-        .collect();
-    graph::tree(&centres)
-}
-
-/// Carries a live point to rest through the nearest cells that are stiff enough to be trusted.
-pub(crate) fn to_rest(
-    lattice: &Lattice,
-    pose: &topo_ekf::body::Pose,
-    point: &Point3<f64>,
-    cells: Option<&ImmutableKdTree<f64, 3>>,
-) -> Option<AtRest> {
-    let near = graph::near(cells?, point, 3.0 * lattice.size(), CELLS_TRIED);
-    let firm = near
-        .into_iter()
-        .map(|(c, _)| c as u32)
-        .filter(|&c| lattice.mass(c) >= 0.02);
-    pose.inverse(lattice, point, firm)
-}
-
-/// What 95 % of the values do not exceed; 0 of none.
-fn most_of(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    let at = values.len() * 95 / 100;
-    values.get(at).copied().unwrap_or(0.0)
-}
-
-fn mean_residual(found: &[Match]) -> f64 {
-    let sum: f64 = found.iter().map(|m| m.residual.abs()).sum();
-    sum / found.len().max(1) as f64
-}
-
-impl Track {
-    /// Keeps a frame for re-fusion.
-    pub fn keep_keyframe(&mut self, view: Arc<FrameView>, arms: &[ArmState], at_rest: bool) {
-        self.keyframes.keep(Keyframe {
-            view,
-            pose: self.body.pose().clone(),
-            arms: arms.to_vec(),
-            grips: self.grips_now(arms),
-            sightings: self.landmarks.sighted(),
-            at_rest,
-            frame: self.frame,
-        });
-    }
-
-    /// Fits the poses of the keyframes anew to their clouds, now that the shape is known better. A pose that cannot be fitted stays.
-    pub fn refit_keyframes(&mut self, options: &ReconstructOptions) {
-        let mut keyframes = std::mem::take(&mut self.keyframes);
-        for keyframe in keyframes.all_mut().iter_mut().filter(|k| k.frame > 0) {
-            let (model, embeddings, view) = (&self.model, &self.embeddings, &keyframe.view);
-            let frame = BodyFrame::new(&keyframe.grips, embeddings);
-            let met = landmark::embedded(&keyframe.sightings, self.body.lattice());
-            let refitted =
-                self.body
-                    .refit(&keyframe.pose, &frame, &mut |lattice, pose, progress| {
-                        let posed = Posed::new(model, embeddings, lattice, pose);
-                        let gates = Gates::again(progress);
-                        let (facing, spacing) = (options.min_facing, options.spacing);
-                        let found =
-                            matches(&posed, &model.times_seen, view, gates, facing, spacing);
-                        let mut rows = rows(&found, embeddings, view);
-                        rows.extend(landmark::rows(&met, lattice, pose, gates));
-                        rows
-                    });
-            if let Ok(pose) = refitted {
-                keyframe.pose = pose;
-            }
-        }
-        self.keyframes = keyframes;
-    }
 
     /// Moves the body as little as it takes until none of its surface, some of which is new to it, is under the table.
     pub fn lift_out(&mut self) {
@@ -495,4 +377,35 @@ impl Track {
     pub fn settle_edges(&mut self, spacing: f64) {
         self.model.edges = graph::surface_edges(&self.model, spacing);
     }
+}
+
+/// Search tree over the centres of all cells in a pose.
+pub(crate) fn cell_tree(
+    lattice: &Lattice,
+    live: &[Point3<f64>],
+) -> Option<ImmutableKdTree<f64, 3>> {
+    let centres: Vec<Point3<f64>> = (0..lattice.cells().len() as u32)
+        .map(|c| lattice.centre(live, c))
+        .collect();
+    graph::tree(&centres)
+}
+
+/// Carries a live point to rest through the nearest cells that are stiff enough to be trusted.
+pub(crate) fn to_rest(
+    lattice: &Lattice,
+    pose: &topo_ekf::body::Pose,
+    point: &Point3<f64>,
+    cells: Option<&ImmutableKdTree<f64, 3>>,
+) -> Option<AtRest> {
+    let near = graph::near(cells?, point, 3.0 * lattice.size(), CELLS_TRIED);
+    let firm = near
+        .into_iter()
+        .map(|(c, _)| c as u32)
+        .filter(|&c| lattice.mass(c) >= 0.02);
+    pose.inverse(lattice, point, firm)
+}
+
+fn mean_residual(found: &[Match]) -> f64 {
+    let sum: f64 = found.iter().map(|m| m.residual.abs()).sum();
+    sum / found.len().max(1) as f64
 }
