@@ -12,7 +12,8 @@ use dvrk_io::transport::Transport;
 use nalgebra::{Isometry3, Point3};
 
 use super::cell::{Driven, DvrkCell};
-use super::file::{ArmEntry, CellFile};
+use super::entries::ArmEntry;
+use super::file::CellFile;
 use super::see::{Eye, links};
 use crate::cell::CellError;
 
