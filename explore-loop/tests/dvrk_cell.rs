@@ -1,6 +1,11 @@
 //! The cell of dVRK arms against served arms and a served camera on a bus within this process, in simulated time: what it does when
 //! all is well, and what each fault is to those who command it.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::float_cmp,
+    reason = "tests; what does not move stays at the same bits"
+)]
 
 #[path = "dvrk_cell/world.rs"]
 mod world;
@@ -242,13 +247,20 @@ fn a_camera_that_is_silent_shows_nothing_and_then_fails() {
 
     under_way(&mut cell);
     world.silence_camera(true);
-    let start = world.bus.now();
-    let failed = (0..100).find_map(|_| cell.observe().err());
+    let start = world.now();
+    frames(&mut cell, 1);
+    let first = world.now() - start;
+    assert!((1.0..1.2).contains(&first), "{first}");
+    // Frames without points come at the rate of the camera: what is held is lowered by them, and in time.
+    frames(&mut cell, 10);
+    let ten = world.now() - start - first;
+    assert!((0.99..1.1).contains(&ten), "{ten}");
+    let failed = (0..400).find_map(|_| cell.observe().err());
     let Some(CellError::Failed(reason)) = &failed else {
         panic!("{failed:?}");
     };
     assert!(reason.contains("silent"), "{reason}");
-    let waited = (world.bus.now() - start).as_secs_f64();
+    let waited = world.now() - start;
     assert!((30.0..35.0).contains(&waited), "{waited}");
 }
 

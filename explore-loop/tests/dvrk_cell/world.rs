@@ -201,6 +201,11 @@ impl World {
         }
     }
 
+    /// Seconds.
+    pub fn now(&self) -> f64 {
+        self.bus.now().as_secs_f64()
+    }
+
     pub fn preflight(&self) -> Preflight {
         let node = || -> Arc<dyn Transport> {
             Arc::new(Node {

@@ -30,7 +30,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let session = reader
         .frames(&args.session)
         .map_err(|error| with_path(&args.session, &error))?;
-    let out = OutputFolder::create(&args.out)?;
+    let out = OutputFolder::create(&args.results.out)?;
     let spacing = args.spacing * 1e-3;
     let started = Instant::now();
     let wrong = |error: &dyn std::fmt::Display| with_path(&args.session, error);
@@ -38,9 +38,9 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         return Err(wrong(&without_clouds(session.topics())).into());
     }
     let mut cell = ReplayCell::streamed(session).map_err(|error| wrong(&error))?;
-    remark(args.output(), &cell);
-    let mut truth =
-        Truth::read(&reader, &args.session, args.output()).map_err(|error| wrong(&error))?;
+    remark(args.results.output(), &cell);
+    let mut truth = Truth::read(&reader, &args.session, args.results.output())
+        .map_err(|error| wrong(&error))?;
     let features = match args.features {
         Features::On => ColourFeatures::Landmarks,
         Features::Off => ColourFeatures::Ignored,
@@ -50,7 +50,10 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         part.leave_out_of_reconstruction(&mut options);
     }
     let mut reconstructor = args.reconstruction.begin(options, &args.without)?;
-    let bar = args.output().progress(cell.remaining() as u64, "frames");
+    let bar = args
+        .results
+        .output()
+        .progress(cell.remaining() as u64, "frames");
     let mut log = Log::new(args, &cell);
     watch(
         args,
@@ -69,7 +72,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         return Err(wrong(&format!("the object is in none of the frames: {why}")).into());
     }
     if let Some(skipped) = cell.skipped().filter(|s| !s.is_empty()) {
-        complain(args.output(), skipped);
+        complain(args.results.output(), skipped);
     }
     reconstructor.consolidate(&cell.info().table);
     let topology =
@@ -79,7 +82,7 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
         None => FinalMesh::of(reconstructor.model(), &topology, spacing),
     };
     out.frames(&log.lines)?;
-    out.mesh(&mesh, &args.export)?;
+    out.mesh(&mesh, &args.results.export)?;
     if let Some(truth) = &truth {
         out.truth(truth.measurer.rest())?;
     }
@@ -97,10 +100,10 @@ pub fn replay(args: &ReplayArgs) -> Result<bool, Failure> {
     let mut rows = rows(&metrics, log.failures);
     rows.extend(topology.obstacle().map(|o| ("not closed", o.to_string())));
     out.report(&log.report, &metrics, rows.clone())?;
-    if !args.quiet {
-        table(args.output(), &rows)?;
+    if !args.results.quiet {
+        table(args.results.output(), &rows)?;
     }
-    unless_closed(args.output().object(&metrics))?;
+    unless_closed(args.results.output().object(&metrics))?;
     Ok(true)
 }
 

@@ -19,9 +19,11 @@ use super::preflight::{home, workspace};
 use super::see::{Eye, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
-/// A camera that is silent for this long gives a frame without points, and after so much longer the cell has failed.
+/// A camera that is silent for this long gives frames without points, one a period, and after so much longer the cell has failed.
 const SILENT: Duration = Duration::from_secs(1);
 const DEAD: Duration = Duration::from_secs(30);
+/// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
+const NEARLY: f64 = 0.8;
 /// How often it is looked for a frame while waiting for one, and where the arms are then.
 const LOOK: Duration = Duration::from_millis(5);
 /// Longest time for a jaw, and for a way home.
@@ -138,8 +140,8 @@ pub struct DvrkCell {
     silent_since: Option<Duration>,
     /// Stamp of the last frame that was used.
     last: Duration,
-    /// Least time between two that are.
-    least_period: Duration,
+    /// Time between two that are.
+    period: Duration,
     asked_to_stop: Arc<AtomicBool>,
 }
 
@@ -161,7 +163,7 @@ impl DvrkCell {
         transport: Arc<dyn Transport>,
     ) -> Result<Self, CellError> {
         let speed = file.limits.speed.get();
-        let least_period = file.camera.least_period().map_err(CellError::Failed)?;
+        let period = file.camera.period().map_err(CellError::Failed)?;
         let infos = arms.iter().map(|arm| info(&arm.entry, speed));
         let infos: Result<Vec<_>, Error> = infos.collect();
         let infos = infos.map_err(|error| CellError::Failed(error.to_string()))?;
@@ -179,7 +181,7 @@ impl DvrkCell {
             transport,
             silent_since: None,
             last: Duration::ZERO,
-            least_period,
+            period,
             asked_to_stop: Arc::default(),
         })
     }
@@ -245,13 +247,19 @@ impl DvrkCell {
 
     /// The next frame, no sooner after the last one than the rate that is wanted says; nothing when the camera is silent.
     fn next_frame(&mut self) -> Result<Option<CameraFrame>, CellError> {
-        let end = self.transport.now() + SILENT + self.least_period;
+        // Whoever lowers something while the camera is silent is not slower at it.
+        let patience = match self.silent_since {
+            None => SILENT + self.period,
+            Some(_) => self.period,
+        };
+        let end = self.transport.now() + patience;
+        let least = self.last + self.period.mul_f64(NEARLY);
         loop {
             self.goes_on()?;
             self.watch();
             // What cannot be read is as good as nothing.
             if let Ok(Some(frame)) = self.camera.try_frame()
-                && frame.stamp >= self.last + self.least_period
+                && frame.stamp >= least
             {
                 self.last = frame.stamp;
                 return Ok(Some(frame));

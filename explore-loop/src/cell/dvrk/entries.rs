@@ -16,8 +16,6 @@ use crate::cell::Plane;
 
 /// Fewest frames a second that can be asked for: arms go no farther than a frame ahead.
 const LEAST_RATE: f64 = 0.1;
-/// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
-const NEARLY: f64 = 0.8;
 
 /// The network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -169,15 +167,15 @@ impl NetworkEntry {
 }
 
 impl CameraEntry {
-    /// Least time between two frames that are used.
-    pub(super) fn least_period(&self) -> Result<Duration, String> {
+    /// Time between two frames that are used.
+    pub(super) fn period(&self) -> Result<Duration, String> {
         let rate = self.rate.get();
         if rate < LEAST_RATE {
             return Err(format!(
                 "a rate of {rate} frames a second is less than {LEAST_RATE}"
             ));
         }
-        Ok(Duration::from_secs_f64(NEARLY / rate))
+        Ok(Duration::from_secs_f64(1.0 / rate))
     }
 
     /// Its topics.

@@ -114,7 +114,7 @@ impl CellFile {
             let mut found = (1..).zip(text.lines()).filter(|(_, line)| content(line));
             found.nth(index).map_or(0, |(line, _)| line)
         };
-        let camera = file.camera.topics().and(file.camera.least_period());
+        let camera = file.camera.topics().and(file.camera.period());
         camera.map_err(|reason| bad(line("[camera]", 0), reason))?;
         if let Some(table) = &file.table {
             let checked = table.check();
