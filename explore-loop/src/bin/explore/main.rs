@@ -25,11 +25,88 @@ use crate::without::Part;
 use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
+use explore_loop::canonical::genus::Genus;
+use explore_loop::explore::ExploreOptions;
 use explore_loop::mesh::Format;
 use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use mesh_io::program::{self, Failure, Output, not_negative, numbers, positive};
 use std::path::PathBuf;
 use std::process::ExitCode;
+
+/// Where results go, and in which forms.
+#[derive(Debug, Clone, clap::Args)]
+struct ResultArgs {
+    /// Folder for the results
+    #[arg(long, value_name = "DIR", default_value = "explored")]
+    out: PathBuf,
+    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
+    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
+    export: Vec<Format>,
+    /// Print the metrics as one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Print nothing but errors, and the metrics if --json asks for them
+    #[arg(long)]
+    quiet: bool,
+}
+
+impl ResultArgs {
+    fn output(&self) -> Output {
+        let (json, quiet) = (self.json, self.quiet);
+        Output { json, quiet }
+    }
+}
+
+impl Default for ResultArgs {
+    /// As if nothing had been given on the command line.
+    fn default() -> Self {
+        Self {
+            out: "explored".into(),
+            export: Vec::new(),
+            json: false,
+            quiet: false,
+        }
+    }
+}
+
+/// What is explored, and when that ends.
+#[derive(Debug, Clone, clap::Args)]
+struct AimArgs {
+    /// Spacing of the model, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
+    spacing: f64,
+    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    seed_point: Option<[f64; 3]>,
+    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
+    #[arg(long, value_name = "N")]
+    genus: Option<usize>,
+    /// Most manipulations before giving up
+    #[arg(long, default_value_t = 8)]
+    max_manipulations: usize,
+}
+
+impl AimArgs {
+    /// How it is explored at a speed, mm/s.
+    fn options(&self, speed: f64) -> ExploreOptions {
+        let mut options = ExploreOptions::new(self.spacing * 1e-3, speed * 1e-3);
+        options.max_manipulations = self.max_manipulations;
+        options.genus = self.genus.map_or(Genus::Any, Genus::Exactly);
+        options
+    }
+}
+
+impl Default for AimArgs {
+    /// As if nothing had been given on the command line.
+    fn default() -> Self {
+        Self {
+            spacing: 5.0,
+            seed_point: None,
+            genus: None,
+            max_manipulations: 8,
+        }
+    }
+}
 
 /// Robots explore unknown soft objects.
 #[derive(Debug, Parser)]
@@ -141,9 +218,6 @@ struct RunArgs {
     /// Fastest grip speed, mm/s
     #[arg(long, value_name = "MM_S", default_value_t = 30.0, value_parser = positive)]
     speed: f64,
-    /// Spacing of the model, mm
-    #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
-    spacing: f64,
     /// What builds the model
     #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
     reconstruction: Reconstruction,
@@ -156,36 +230,19 @@ struct RunArgs {
     /// Whether features of a colour image are landmarks
     #[arg(long, value_enum, default_value_t = Features::Off)]
     features: Features,
-    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
-    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
-    seed_point: Option<[f64; 3]>,
-    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
-    #[arg(long, value_name = "N")]
-    genus: Option<usize>,
-    /// Most manipulations before giving up
-    #[arg(long, default_value_t = 8)]
-    max_manipulations: usize,
+    #[command(flatten)]
+    aim: AimArgs,
     /// Leave parts of the method out, to learn what each is worth
     #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
     without: Vec<Part>,
-    /// Folder for the results
-    #[arg(long, value_name = "DIR", default_value = "explored")]
-    out: PathBuf,
     /// Go on where the run in the folder was broken off; the other options as they were then
     #[arg(long)]
     resume: bool,
     /// Also write a picture of the model after every manipulation
     #[arg(long)]
     pictures: bool,
-    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
-    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
-    export: Vec<Format>,
-    /// Print the metrics as one JSON object
-    #[arg(long)]
-    json: bool,
-    /// Print nothing but errors, and the metrics if --json asks for them
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    results: ResultArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -207,27 +264,17 @@ struct ReplayArgs {
     /// What builds the model
     #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
     reconstruction: Reconstruction,
-    /// Folder for the results
-    #[arg(long, value_name = "DIR", default_value = "explored")]
-    out: PathBuf,
     /// Also write a picture of the model every N frames
     #[arg(long, value_name = "N")]
     pictures: Option<u32>,
-    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
-    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
-    export: Vec<Format>,
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
     /// Leave parts of the method out, to learn what each is worth
     #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
     without: Vec<Part>,
-    /// Print the metrics as one JSON object
-    #[arg(long)]
-    json: bool,
-    /// Print nothing but errors, and the metrics if --json asks for them
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    results: ResultArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -240,20 +287,6 @@ struct ViewArgs {
     output: Output,
 }
 
-impl RunArgs {
-    fn output(&self) -> Output {
-        let (json, quiet) = (self.json, self.quiet);
-        Output { json, quiet }
-    }
-}
-
-impl ReplayArgs {
-    fn output(&self) -> Output {
-        let (json, quiet) = (self.json, self.quiet);
-        Output { json, quiet }
-    }
-}
-
 impl Default for RunArgs {
     /// As if nothing had been given on the command line.
     fn default() -> Self {
@@ -263,21 +296,15 @@ impl Default for RunArgs {
             grips: Grips::Planned,
             seed: 0,
             speed: 30.0,
-            spacing: 5.0,
             reconstruction: Reconstruction::Body,
             camera: Camera::Ideal,
             noise: 0.5,
             features: Features::Off,
-            seed_point: None,
-            genus: None,
-            max_manipulations: 8,
+            aim: AimArgs::default(),
             without: Vec::new(),
-            out: "explored".into(),
             resume: false,
             pictures: false,
-            export: Vec::new(),
-            json: false,
-            quiet: false,
+            results: ResultArgs::default(),
         }
     }
 }

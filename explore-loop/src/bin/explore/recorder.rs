@@ -73,7 +73,7 @@ impl<'a> Recorder<'a> {
             "session.mcap"
         }))?;
         session.table(0.0, &info.table.normal, info.table.offset)?;
-        let bar = if args.quiet {
+        let bar = if args.results.quiet {
             indicatif::ProgressBar::hidden()
         } else {
             indicatif::ProgressBar::no_length()
@@ -135,7 +135,7 @@ impl<'a> Recorder<'a> {
                 subject: self.subject.clone(),
                 command: command_line(),
                 version: env!("CARGO_PKG_VERSION").into(),
-                spacing: self.args.spacing * 1e-3,
+                spacing: self.args.aim.spacing * 1e-3,
                 ..About::default()
             }
             .with_cell(info),
@@ -174,7 +174,7 @@ impl<'a> Recorder<'a> {
     /// A line of progress: above the bar on a terminal, plainly where there is none.
     fn say(&self, line: &str) {
         if self.bar.is_hidden() {
-            self.args.output().note(line);
+            self.args.results.output().note(line);
         } else {
             self.bar.println(line);
         }
@@ -234,7 +234,7 @@ impl<'a> Recorder<'a> {
     }
 
     fn topology(&mut self, topology: &Topology, model: &CanonicalModel) -> Result<(), Error> {
-        let spacing = self.args.spacing * 1e-3;
+        let spacing = self.args.aim.spacing * 1e-3;
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
         self.so_far.shapes.push(shape.unwrap_or_default());
         self.so_far.betti.push(topology.persistent);
@@ -270,7 +270,7 @@ impl<'a> Recorder<'a> {
     /// Takes what is known before a decision, and at the end, into the report.
     pub fn shown(&mut self, topology: &Topology, model: &CanonicalModel, mesh: &FinalMesh) {
         let measurer = self.measurer.as_ref();
-        let truth = mesh.against(measurer, model, self.args.spacing * 1e-3);
+        let truth = mesh.against(measurer, model, self.args.aim.spacing * 1e-3);
         let mesh = mesh.page(measurer.map(Measurer::surface));
         let report = &mut self.so_far.report;
         report.decision(topology, model, &mesh, &truth);
@@ -297,7 +297,7 @@ impl<'a> Recorder<'a> {
             scene: self.subject.clone(),
             arms: self.arm_names.len(),
             seed: args.seed,
-            spacing_m: args.spacing * 1e-3,
+            spacing_m: args.aim.spacing * 1e-3,
             stop: "error".into(),
             reason: Some(error.to_string()),
             frames: self.so_far.frames.len(),
@@ -313,7 +313,7 @@ impl<'a> Recorder<'a> {
         outcome: &Outcome,
         mesh: &FinalMesh,
     ) -> Result<Metrics, Failure> {
-        let spacing = args.spacing * 1e-3;
+        let spacing = args.aim.spacing * 1e-3;
         let measurer = self.measurer.as_ref();
         let shape = measurer.map(|m| m.shape(&self.so_far.model, spacing));
         let measures = mesh.measure(

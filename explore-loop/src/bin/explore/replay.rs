@@ -36,10 +36,10 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     replay.out.metrics(&metrics)?;
     let rows = rows(&topology, &metrics);
     replay.report(&topology, &mesh, &metrics, &rows)?;
-    if !args.quiet {
-        table(args.output(), &rows)?;
+    if !args.results.quiet {
+        table(args.results.output(), &rows)?;
     }
-    Ok(unless_closed(args.output().object(&metrics))?)
+    Ok(unless_closed(args.results.output().object(&metrics))?)
 }
 
 /// A recording that is being reconstructed.
@@ -63,14 +63,15 @@ impl<'a> Replay<'a> {
             reader = reader.with_topic(role.clone(), topic);
         }
         let session = reader.frames(&args.session).map_err(|e| wrong(&e))?;
-        let out = OutputFolder::create(&args.out)?;
+        let out = OutputFolder::create(&args.results.out)?;
         let started = Instant::now();
         if session.stamps().len() == 0 {
             return Err(wrong(&without_clouds(session.topics())).into());
         }
         let cell = ReplayCell::streamed(session).map_err(|e| wrong(&e))?;
-        remark(args.output(), &cell);
-        let truth = Truth::read(&reader, &args.session, args.output()).map_err(|e| wrong(&e))?;
+        remark(args.results.output(), &cell);
+        let truth =
+            Truth::read(&reader, &args.session, args.results.output()).map_err(|e| wrong(&e))?;
         Ok(Self {
             args,
             out,
@@ -94,7 +95,7 @@ impl<'a> Replay<'a> {
     /// Takes frame after frame, to the end of the recording or as far as was asked for.
     fn watch(&mut self) -> Result<(), Failure> {
         let frames = self.cell.remaining() as u64;
-        let bar = self.args.output().progress(frames, "frames");
+        let bar = self.args.results.output().progress(frames, "frames");
         loop {
             let observation = match self.cell.observe() {
                 Ok(observation) => observation,
@@ -153,7 +154,7 @@ impl<'a> Replay<'a> {
             return Err(of_file(&self.args.session, &why).into());
         }
         if let Some(skipped) = self.cell.skipped().filter(|s| !s.is_empty()) {
-            complain(self.args.output(), skipped);
+            complain(self.args.results.output(), skipped);
         }
         Ok(())
     }
@@ -169,7 +170,7 @@ impl<'a> Replay<'a> {
     /// Writes the frames, the mesh and the truth.
     fn write(&self, mesh: &FinalMesh) -> Result<(), Failure> {
         self.out.frames(&self.log.lines)?;
-        self.out.mesh(mesh, &self.args.export)?;
+        self.out.mesh(mesh, &self.args.results.export)?;
         if let Some(measurer) = self.measurer() {
             self.out.truth(measurer.rest())?;
         }

@@ -1,16 +1,14 @@
 //! `explore robot`: an exploration with the arms and the camera of a dVRK.
 
-use crate::output::{OutputFolder, table};
+use crate::output::OutputFolder;
 use crate::recorder::{Recorder, interruption};
-use crate::run::{rows, write};
-use crate::{Failure, RunArgs};
+use crate::run::{rows, tell, write};
+use crate::{AimArgs, Failure, ResultArgs, RunArgs};
 use dvrk_io::transport::{Participant, Transport};
 use explore_loop::Error;
-use explore_loop::canonical::genus::Genus;
 use explore_loop::cell::Cell;
 use explore_loop::cell::dvrk::{CellFile, Preflight};
-use explore_loop::explore::{ExploreOptions, Explorer, Outcome};
-use explore_loop::mesh::Format;
+use explore_loop::explore::{Explorer, Outcome};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::CoveragePlanner;
 use mesh_io::program::{unless_closed, warn};
@@ -20,7 +18,6 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-#[allow(clippy::struct_excessive_bools, reason = "options of a command line")]
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: explore robot CELL.toml --dry-run")]
 pub(crate) struct RobotArgs {
@@ -32,49 +29,23 @@ pub(crate) struct RobotArgs {
     /// Fastest grip speed, mm/s
     #[arg(long, value_name = "MM_S", default_value_t = 20.0, value_parser = crate::positive)]
     speed: f64,
-    /// Spacing of the model, mm
-    #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = crate::positive)]
-    spacing: f64,
-    /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
-    #[arg(long, value_name = "X,Y,Z", value_parser = crate::numbers::<3>, allow_hyphen_values = true)]
-    seed_point: Option<[f64; 3]>,
-    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
-    #[arg(long, value_name = "N")]
-    genus: Option<usize>,
-    /// Most manipulations before giving up
-    #[arg(long, default_value_t = 8)]
-    max_manipulations: usize,
-    /// Folder for the results
-    #[arg(long, value_name = "DIR", default_value = "explored")]
-    out: PathBuf,
+    #[command(flatten)]
+    aim: AimArgs,
     /// Also write a picture of the model after every manipulation
     #[arg(long)]
     pictures: bool,
-    /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
-    #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
-    export: Vec<Format>,
-    /// Print the metrics as one JSON object
-    #[arg(long)]
-    json: bool,
-    /// Print nothing but errors, and the metrics if --json asks for them
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    results: ResultArgs,
 }
 
 impl RobotArgs {
-    /// The options that it shares with a run in the simulated cell.
+    /// The same as of a run in the simulated cell.
     fn run(&self) -> RunArgs {
         RunArgs {
             speed: self.speed,
-            spacing: self.spacing,
-            seed_point: self.seed_point,
-            genus: self.genus,
-            max_manipulations: self.max_manipulations,
-            out: self.out.clone(),
+            aim: self.aim.clone(),
             pictures: self.pictures,
-            export: self.export.clone(),
-            json: self.json,
-            quiet: self.quiet,
+            results: self.results.clone(),
             ..RunArgs::default()
         }
     }
@@ -86,7 +57,7 @@ pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
     let stop = interruption()?;
     let participant = Participant::join(&file.network()?)?;
     let node = || -> Arc<dyn Transport> { Arc::new(participant.clone()) };
-    let preflight = Preflight::run(&file, &node, args.seed_point.map(Point3::from));
+    let preflight = Preflight::run(&file, &node, args.aim.seed_point.map(Point3::from));
     list(args, &preflight)?;
     if args.dry_run || !preflight.is_ok() {
         return Ok(if preflight.is_ok() {
@@ -96,15 +67,13 @@ pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
         });
     }
     let run = args.run();
-    let out = OutputFolder::create(&run.out)?;
+    let out = OutputFolder::create(&run.results.out)?;
     let mut cell = preflight.start()?.stop_flag(Arc::clone(&stop));
     let name = args.cell.file_stem().unwrap_or_default().to_string_lossy();
     let mut recorder = Recorder::new(&run, &out, &name, cell.info(), None, Arc::clone(&stop))?;
     recorder.begin(cell.info());
     let mut planner = CoveragePlanner::default();
-    let mut options = ExploreOptions::new(run.spacing * 1e-3, run.speed * 1e-3);
-    options.max_manipulations = run.max_manipulations;
-    options.genus = run.genus.map_or(Genus::Any, Genus::Exactly);
+    let mut options = run.aim.options(run.speed);
     options.limits.empty.speed = options.limits.empty.speed.min(file.limits.speed.get());
     let outcome = Explorer::new(&mut cell, &mut planner, &mut recorder, options)?.run();
     // From here on the arms hold where they are.
@@ -114,11 +83,11 @@ pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
 
 /// Prints what was looked at; also when quiet where all is not well.
 fn list(args: &RobotArgs, preflight: &Preflight) -> Result<(), Failure> {
-    let mut words = args.run().output().words();
+    let mut words = args.results.output().words();
     for check in preflight.checks() {
         if check.found.is_err() {
             warn(&check.to_string());
-        } else if !args.quiet {
+        } else if !args.results.quiet {
             unless_closed(writeln!(words, "{check}"))?;
         }
     }
@@ -149,13 +118,5 @@ fn finish(
         }
     };
     let metrics = write(run, out, finished?, &outcome)?;
-    if !run.quiet {
-        table(run.output(), &rows(&metrics))?;
-    }
-    unless_closed(run.output().object(&metrics))?;
-    Ok(match metrics.stop.as_str() {
-        "closed" => ExitCode::SUCCESS,
-        "closed_but_attached" => ExitCode::from(3),
-        _ => ExitCode::from(1),
-    })
+    tell(run, &metrics)
 }

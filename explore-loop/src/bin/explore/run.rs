@@ -7,10 +7,9 @@ use crate::saved::Saved;
 use crate::without::{Part, planner_without, refuse};
 use crate::{Camera, Failure, Features, Grips, RunArgs};
 use explore_loop::Error;
-use explore_loop::canonical::genus::Genus;
 use explore_loop::cell::Cell;
 use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
-use explore_loop::explore::{ExploreOptions, Explorer, Outcome, Stop};
+use explore_loop::explore::{Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{Planner, RandomPlanner};
 use explore_loop::reconstruct::ReconstructOptions;
@@ -23,11 +22,16 @@ const COLOUR_PIXELS: usize = 2;
 
 /// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
-    let metrics = explore(args)?;
-    if !args.quiet {
-        table(args.output(), &rows(&metrics))?;
+    tell(args, &explore(args)?)
+}
+
+/// Prints what was measured; the exit code is that of [`run`].
+pub fn tell(args: &RunArgs, metrics: &Metrics) -> Result<ExitCode, Failure> {
+    let output = args.results.output();
+    if !output.quiet {
+        table(output, &rows(metrics))?;
     }
-    unless_closed(args.output().object(&metrics))?;
+    unless_closed(output.object(metrics))?;
     Ok(match metrics.stop.as_str() {
         "closed" => ExitCode::SUCCESS,
         "closed_but_attached" => ExitCode::from(3),
@@ -45,21 +49,19 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
         )?;
     }
     let options = simulation(args)?;
-    let out = OutputFolder::create(&args.out)?;
+    let out = OutputFolder::create(&args.results.out)?;
     let (mut cell, truth) = SimCell::new(&options)?;
     let mut planner: Box<dyn Planner> = match args.grips {
         Grips::Planned => Box::new(planner_without(&args.without)),
         Grips::Random => Box::new(RandomPlanner::new(args.seed)),
     };
-    let mut exploring = ExploreOptions::new(args.spacing * 1e-3, args.speed * 1e-3);
+    let mut exploring = args.aim.options(args.speed);
     let mut reconstruction = ReconstructOptions::new(exploring.spacing);
     for part in &args.without {
         part.leave_out_of_loop(&mut exploring);
         part.leave_out_of_reconstruction(&mut reconstruction);
     }
     let reconstructor = args.reconstruction.begin(reconstruction, &args.without)?;
-    exploring.max_manipulations = args.max_manipulations;
-    exploring.genus = args.genus.map_or(Genus::Any, Genus::Exactly);
     let saved = if args.resume {
         Saved::read(&out, args)?
     } else {
@@ -80,7 +82,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     let outcome = match outcome {
         Err(Error::Interrupted) => {
             let recorder = finished?;
-            let dir = args.out.display();
+            let dir = args.results.out.display();
             return Err(format!(
                 "interrupted after {} manipulations; --resume --out {dir} goes on from there",
                 recorder.so_far.manipulations
@@ -105,7 +107,7 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
         options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
-        options.seed_point = args.seed_point.map(Point3::from);
+        options.seed_point = args.aim.seed_point.map(Point3::from);
         options
     })
 }
@@ -138,10 +140,10 @@ pub fn write(
     let mesh = FinalMesh::of(
         &recorder.so_far.model,
         &outcome.topology,
-        args.spacing * 1e-3,
+        args.aim.spacing * 1e-3,
     );
     out.frames(&recorder.so_far.lines)?;
-    out.mesh(&mesh, &args.export)?;
+    out.mesh(&mesh, &args.results.export)?;
     if let Some(measurer) = &recorder.measurer {
         out.truth(measurer.rest())?;
     }

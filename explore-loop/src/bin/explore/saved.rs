@@ -39,13 +39,13 @@ impl Saved {
                 args.grips,
                 args.seed,
                 args.speed,
-                args.spacing,
+                args.aim.spacing,
                 args.camera,
                 args.noise,
                 args.features,
-                args.seed_point,
-                args.genus.map_or_else(|| "any".into(), |g| g.to_string()),
-                args.max_manipulations,
+                args.aim.seed_point,
+                args.aim.genus.map_or_else(|| "any".into(), |g| g.to_string()),
+                args.aim.max_manipulations,
                 args.without
             )
             .to_lowercase(),

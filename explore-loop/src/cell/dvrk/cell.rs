@@ -12,13 +12,14 @@ use dvrk_io::kinematics::Kinematics;
 use dvrk_io::transport::Transport;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
-use super::file::{ArmEntry, CellFile};
+use super::entries::ArmEntry;
+use super::file::CellFile;
 use super::history::History;
 use super::preflight::{home, workspace};
 use super::see::{Eye, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
-/// A camera that is silent for this long gives a frame without points, and after so much longer the cell has failed.
+/// A camera that is silent for this long gives frames without points, one a period, and after so much longer the cell has failed.
 const SILENT: Duration = Duration::from_secs(1);
 const DEAD: Duration = Duration::from_secs(30);
 /// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
@@ -45,6 +46,8 @@ pub(super) struct Driven {
     joints: Option<[f64; 6]>,
     /// Whether the jaw was closed on something.
     closed: bool,
+    /// Why it was stopped, where nothing but a new start makes that good.
+    fault: Option<String>,
 }
 
 impl Driven {
@@ -58,14 +61,18 @@ impl Driven {
             history: History::default(),
             joints: None,
             closed: false,
+            fault: None,
         })
     }
 
-    /// Notes where the arm is.
+    /// Notes where the arm is, and why it was stopped.
     fn note(&mut self) {
         let arm = self.thread.lock();
         let (tip, joints) = (arm.rcm_from_tip(), arm.joints());
+        let fault = arm.last_stop().filter(|stop| is_fault(stop));
+        let fault = fault.map(ToString::to_string);
         drop(arm);
+        self.fault = self.fault.take().or(fault);
         if let Some(tip) = tip {
             let CameraFromTip(pose) = self.camera_from_rcm * tip.value;
             self.history.add(tip.stamp, pose);
@@ -133,6 +140,8 @@ pub struct DvrkCell {
     silent_since: Option<Duration>,
     /// Stamp of the last frame that was used.
     last: Duration,
+    /// Time between two that are.
+    period: Duration,
     asked_to_stop: Arc<AtomicBool>,
 }
 
@@ -154,6 +163,7 @@ impl DvrkCell {
         transport: Arc<dyn Transport>,
     ) -> Result<Self, CellError> {
         let speed = file.limits.speed.get();
+        let period = file.camera.period().map_err(CellError::Failed)?;
         let infos = arms.iter().map(|arm| info(&arm.entry, speed));
         let infos: Result<Vec<_>, Error> = infos.collect();
         let infos = infos.map_err(|error| CellError::Failed(error.to_string()))?;
@@ -171,6 +181,7 @@ impl DvrkCell {
             transport,
             silent_since: None,
             last: Duration::ZERO,
+            period,
             asked_to_stop: Arc::default(),
         })
     }
@@ -185,11 +196,25 @@ impl DvrkCell {
         }
     }
 
-    fn hold(&self) {
-        self.arms.iter().for_each(|arm| arm.thread.lock().hold());
+    /// All hold but those that were stopped by a fault: they hold already, or are in the hands of somebody else.
+    fn hold(&mut self) {
+        // A held arm says nothing but that it was held.
+        self.arms.iter_mut().for_each(Driven::note);
+        let arms = self.arms.iter().filter(|arm| arm.fault.is_none());
+        arms.for_each(|arm| arm.thread.lock().hold());
     }
 
-    fn goes_on(&self) -> Result<(), CellError> {
+    /// Notes how the arms are; a fault of one stops all.
+    fn watch(&mut self) {
+        let faults = |arms: &[Driven]| arms.iter().filter(|arm| arm.fault.is_some()).count();
+        let before = faults(&self.arms);
+        self.arms.iter_mut().for_each(Driven::note);
+        if faults(&self.arms) > before {
+            self.hold();
+        }
+    }
+
+    fn goes_on(&mut self) -> Result<(), CellError> {
         if self.asked_to_stop.load(Ordering::Relaxed) {
             self.hold();
             return Err(CellError::Failed(
@@ -199,8 +224,21 @@ impl DvrkCell {
         Ok(())
     }
 
-    fn arm(&mut self, arm: usize) -> Result<&mut Driven, CellError> {
+    /// # Errors
+    /// An arm has a fault: none is commanded then.
+    fn without_fault(&mut self) -> Result<(), CellError> {
         self.goes_on()?;
+        self.watch();
+        let mut faults = (0..).zip(&self.arms);
+        let fault = faults.find_map(|(arm, driven)| Some((arm, driven.fault.clone()?)));
+        fault.map_or(Ok(()), |(arm, reason)| {
+            Err(CellError::ArmFault { arm, reason })
+        })
+    }
+
+    /// An arm to command.
+    fn arm(&mut self, arm: usize) -> Result<&mut Driven, CellError> {
+        self.without_fault()?;
         let count = self.arms.len();
         self.arms
             .get_mut(arm)
@@ -209,13 +247,19 @@ impl DvrkCell {
 
     /// The next frame, no sooner after the last one than the rate that is wanted says; nothing when the camera is silent.
     fn next_frame(&mut self) -> Result<Option<CameraFrame>, CellError> {
-        let end = self.transport.now() + SILENT + self.least_period();
+        // Whoever lowers something while the camera is silent is not slower at it.
+        let patience = match self.silent_since {
+            None => SILENT + self.period,
+            Some(_) => self.period,
+        };
+        let end = self.transport.now() + patience;
+        let least = self.last + self.period.mul_f64(NEARLY);
         loop {
             self.goes_on()?;
-            self.arms.iter_mut().for_each(Driven::note);
+            self.watch();
             // What cannot be read is as good as nothing.
             if let Ok(Some(frame)) = self.camera.try_frame()
-                && frame.stamp >= self.last + self.least_period()
+                && frame.stamp >= least
             {
                 self.last = frame.stamp;
                 return Ok(Some(frame));
@@ -226,11 +270,6 @@ impl DvrkCell {
             }
             self.transport.wait(now + LOOK);
         }
-    }
-
-    /// Least time between two frames that are used.
-    fn least_period(&self) -> Duration {
-        Duration::from_secs_f64(NEARLY / self.info.camera_rate)
     }
 
     /// A frame without points.
@@ -266,10 +305,10 @@ impl DvrkCell {
         }
     }
 
-    fn wait_for_arms(&self) -> Result<(), CellError> {
+    fn wait_for_arms(&mut self) -> Result<(), CellError> {
         let end = self.transport.now() + HOME;
         while self.arms.iter().any(|arm| arm.thread.lock().is_moving()) {
-            self.goes_on()?;
+            self.without_fault()?;
             if self.transport.now() >= end {
                 self.hold();
                 return Err(CellError::Failed("the arms did not get home".into()));
@@ -305,6 +344,11 @@ impl DvrkCell {
 /// Whether an arm that stopped for this may be commanded again without more ado.
 fn goes_on_after(reason: &Stop) -> bool {
     matches!(reason, Stop::Arrived | Stop::Held | Stop::Blocked { .. })
+}
+
+/// Whether somebody has to look why an arm stopped. One that was silent may speak again.
+fn is_fault(reason: &Stop) -> bool {
+    !(goes_on_after(reason) || matches!(reason, Stop::Stale { .. } | Stop::Unreachable(_)))
 }
 
 /// What an error of an arm is to the loop.
@@ -349,7 +393,7 @@ impl Cell for DvrkCell {
                 "the camera speaks of the frame {found}, not {expected}"
             )));
         }
-        self.arms.iter_mut().for_each(Driven::note);
+        self.watch();
         let links: Result<Vec<_>, Error> = self.arms.iter().map(Driven::links).collect();
         let seen = links.and_then(|links| self.eye.look(&frame.scan, &links.concat()));
         // A frame in which nothing can be found is one that shows nothing.

@@ -19,14 +19,17 @@
 //! | Ctrl-C ([`DvrkCell::stop_flag`]) | [`CellError::Failed`](super::CellError::Failed), from then on: arms hold where they are, jaws stay as they are |
 
 mod cell;
+mod entries;
 mod file;
 mod history;
 mod preflight;
 mod see;
+mod values;
 
 pub use cell::DvrkCell;
-pub use file::{
-    ArmEntry, CameraEntry, CellFile, Direction, JawEntry, Kind, LimitsEntry, NetworkEntry,
-    PoseEntry, Positive, TableEntry, ToolEntry,
+pub use entries::{
+    ArmEntry, CameraEntry, JawEntry, Kind, LimitsEntry, NetworkEntry, TableEntry, ToolEntry,
 };
+pub use file::CellFile;
 pub use preflight::{Check, Preflight};
+pub use values::{Direction, PoseEntry, Positive};

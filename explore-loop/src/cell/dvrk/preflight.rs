@@ -9,10 +9,11 @@ use dvrk_io::arm::{Arm, ArmOptions, Mode, ProfileLimits};
 use dvrk_io::camera::{Camera, CameraOptions};
 use dvrk_io::kinematics::{PsmWorkspace, SafetyMargins};
 use dvrk_io::transport::Transport;
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::cell::{Driven, DvrkCell};
-use super::file::{ArmEntry, CellFile};
+use super::entries::ArmEntry;
+use super::file::CellFile;
 use super::see::{Eye, links};
 use crate::cell::CellError;
 
@@ -28,6 +29,9 @@ const FEWEST: usize = 20;
 const HOME_HEIGHT: f64 = 0.03;
 /// Where arms must reach: this high above the middle of the object, metres.
 const ABOVE: f64 = 0.02;
+
+/// What is found of an arm without power.
+const NOT_YET: &str = "not told before the arm is powered";
 
 /// One thing that was looked at.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -150,57 +154,12 @@ impl Preflight {
             arm.tick();
             clock.wait(clock.now() + Duration::from_millis(5));
         }
-        let status = arm.status();
-        let state = match status.mode {
-            Mode::Fault => Err(format!(
-                "{status}: find out why, and clear the fault at the console"
-            )),
-            _ => Ok(format!(
-                "{status}, {:?}, instrument {}",
-                arm.dialect(),
-                arm.tool().unwrap_or("not reported")
-            )),
-        };
         self.say(format!("{name}, streams"), Ok("all there".into()));
-        self.say(format!("{name}, state"), state);
-        let clock = match arm.joints() {
-            None => Ok("not told before the arm is powered".into()),
-            Some(joints) => {
-                let age = clock.now().as_secs_f64() - joints.stamp.as_secs_f64();
-                let text = format!("readings are {:.0} ms old", 1e3 * age);
-                if age.abs() <= CLOCKS {
-                    Ok(text)
-                } else {
-                    Err(format!("{text}: are the clocks synchronised?"))
-                }
-            }
-        };
-        self.say(format!("{name}, clock"), clock);
+        self.say(format!("{name}, state"), state(&arm));
+        self.say(format!("{name}, clock"), clocks(&arm, clock.now()));
         self.say(format!("{name}, who else commands"), nobody_else(&arm));
-        let jaw = match arm.jaw().map(|jaw| jaw.value) {
-            None => Ok("not told before the arm is powered".into()),
-            Some(jaw) if jaw.gap() > entry.jaw.holds_above.get() => Err(format!(
-                "it holds something, {:.2} rad more open than it was sent to be: an exploration begins by opening the jaws",
-                jaw.gap()
-            )),
-            Some(jaw) => Ok(format!("{:.2} rad, holds nothing", jaw.angle)),
-        };
-        self.say(format!("{name}, jaw"), jaw);
-        let frames = if status.mode == Mode::Enabled {
-            arm.check().map_or_else(
-                |error| Err(error.to_string()),
-                |found| {
-                    Ok(format!(
-                        "pose and joints agree to {:.1} mm, control point: {:?}",
-                        1e3 * found.distance,
-                        found.control_point
-                    ))
-                },
-            )
-        } else {
-            Ok("not told before the arm is powered; checked then".into())
-        };
-        self.say(format!("{name}, frames"), frames);
+        self.say(format!("{name}, jaw"), empty(&arm, entry));
+        self.say(format!("{name}, frames"), frames(&mut arm));
         self.arms.push((entry.clone(), arm));
     }
 
@@ -302,21 +261,15 @@ impl Preflight {
         let Some(table) = self.eye.table() else {
             return;
         };
-        let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
+        let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
         let above = sum / points.len() as f64 + table.normal.into_inner() * ABOVE;
-        let down = nalgebra::UnitQuaternion::face_towards(
-            &-table.normal.into_inner(),
-            &nalgebra::Vector3::y(),
-        );
+        let down = UnitQuaternion::face_towards(&-table.normal.into_inner(), &Vector3::y());
         for entry in self.file.arm.clone() {
             // Some turn of the jaws about the approach will do.
             let reach = workspace(&entry).map(|space| {
                 let turned = (0..8).map(|k| {
                     let about = f64::from(k) * std::f64::consts::FRAC_PI_4;
-                    let turn = nalgebra::UnitQuaternion::from_axis_angle(
-                        &nalgebra::Vector3::z_axis(),
-                        about,
-                    );
+                    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), about);
                     Isometry3::from_parts(above.into(), down * turn)
                 });
                 let tried: Vec<_> = turned.map(|pose| space.reach(&pose)).collect();
@@ -330,6 +283,58 @@ impl Preflight {
             self.say(format!("{}, reaches the object", entry.name), found);
         }
     }
+}
+
+fn state(arm: &Arm) -> Result<String, String> {
+    let status = arm.status();
+    if status.mode == Mode::Fault {
+        return Err(format!(
+            "{status}: find out why, and clear the fault at the console"
+        ));
+    }
+    Ok(format!(
+        "{status}, {:?}, instrument {}",
+        arm.dialect(),
+        arm.tool().unwrap_or("not reported")
+    ))
+}
+
+fn clocks(arm: &Arm, now: Duration) -> Result<String, String> {
+    let Some(joints) = arm.joints() else {
+        return Ok(NOT_YET.into());
+    };
+    let age = now.as_secs_f64() - joints.stamp.as_secs_f64();
+    let text = format!("readings are {:.0} ms old", 1e3 * age);
+    if age.abs() <= CLOCKS {
+        Ok(text)
+    } else {
+        Err(format!("{text}: are the clocks synchronised?"))
+    }
+}
+
+fn empty(arm: &Arm, entry: &ArmEntry) -> Result<String, String> {
+    let Some(jaw) = arm.jaw() else {
+        return Ok(NOT_YET.into());
+    };
+    let (angle, gap) = (jaw.value.angle, jaw.value.gap());
+    if gap > entry.jaw.holds_above.get() {
+        return Err(format!(
+            "it holds something, {gap:.2} rad more open than it was sent to be: an exploration begins by opening the jaws"
+        ));
+    }
+    Ok(format!("{angle:.2} rad, holds nothing"))
+}
+
+fn frames(arm: &mut Arm) -> Result<String, String> {
+    if arm.status().mode != Mode::Enabled {
+        return Ok("not told before the arm is powered; checked then".into());
+    }
+    let found = arm.check().map_err(|error| error.to_string())?;
+    Ok(format!(
+        "pose and joints agree to {:.1} mm, control point: {:?}",
+        1e3 * found.distance,
+        found.control_point
+    ))
 }
 
 fn nobody_else(arm: &Arm) -> Result<String, String> {

@@ -6,7 +6,7 @@
 use super::summary::Spread;
 use crate::output::OutputFolder;
 use crate::run;
-use crate::{Failure, RunArgs, TablesArgs};
+use crate::{Failure, ResultArgs, RunArgs, TablesArgs};
 use explore_loop::report::metrics::Metrics;
 use mesh_io::program::unless_closed;
 use serde::Serialize;
@@ -82,8 +82,11 @@ fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
         object: args.object.clone(),
         arms: args.arms.unwrap_or(ARMS),
         seed,
-        out,
-        quiet: true,
+        results: ResultArgs {
+            out,
+            quiet: true,
+            ..ResultArgs::default()
+        },
         ..RunArgs::default()
     }
 }

@@ -1,0 +1,276 @@
+//! The parts of a file that describes a cell, and what the rest of the program makes of them: a network, topics, a plane, lengths and limits.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use dvrk_io::Psm;
+use dvrk_io::calibration::Calibration;
+use dvrk_io::camera::CameraTopics;
+use dvrk_io::kinematics::{Instrument, Kinematics};
+use dvrk_io::transport::{Interfaces, Network};
+use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
+
+use super::values::{Direction, PoseEntry, Positive};
+use crate::cell::Plane;
+
+/// Fewest frames a second that can be asked for: arms go no farther than a frame ahead.
+const LEAST_RATE: f64 = 0.1;
+
+/// The network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct NetworkEntry {
+    /// The domain.
+    #[serde(default)]
+    pub domain: u16,
+    /// This machine only.
+    #[serde(default)]
+    pub loopback: bool,
+}
+
+/// The depth camera: either `cloud`, or `image` and `info`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraEntry {
+    /// Its optical frame, as it names it.
+    pub frame: String,
+    /// Frames a second that are used: no more than the camera sends, nor than the computer can follow.
+    pub rate: Positive,
+    /// Topic of the depth images.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub image: Option<String>,
+    /// Topic of their camera.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub info: Option<String>,
+    /// Topic of the clouds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cloud: Option<String>,
+    /// What is this near to an arm is taken for the arm, metres.
+    #[serde(default = "arm_clearance")]
+    pub arm_clearance: Positive,
+}
+
+fn arm_clearance() -> Positive {
+    Positive(0.005)
+}
+
+/// The table, camera frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TableEntry {
+    /// Towards the camera.
+    pub normal: Direction,
+    /// `normal · x + offset = 0`, metres.
+    pub offset: f64,
+}
+
+/// Limits of straight motions.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LimitsEntry {
+    /// Of the fastest point of the jaws, m/s.
+    pub speed: Positive,
+    /// m/s².
+    pub acceleration: Positive,
+}
+
+impl Default for LimitsEntry {
+    fn default() -> Self {
+        Self {
+            speed: Positive(0.05),
+            acceleration: Positive(1.0),
+        }
+    }
+}
+
+/// The generation of an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The first.
+    Classic,
+    /// S and Si.
+    Si,
+}
+
+/// An arm; where it stands says either `calibration` or `camera_from_base`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ArmEntry {
+    /// Its name, such as `PSM1`.
+    pub name: String,
+    /// Its generation.
+    pub kind: Kind,
+    /// Joint values out of the camera's view: radians, metres for the insertion.
+    pub home: [f64; 6],
+    /// A calibration of dvrk-io, beside the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<PathBuf>,
+    /// Where its remote centre is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub camera_from_base: Option<PoseEntry>,
+    /// Lengths of its instrument; nothing: large needle driver.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tool: Option<ToolEntry>,
+    /// Its jaw.
+    #[serde(default)]
+    pub jaw: JawEntry,
+}
+
+/// Lengths of an instrument, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolEntry {
+    /// Roll joint to wrist pitch axis.
+    pub shaft: f64,
+    /// Wrist pitch axis to wrist yaw axis.
+    pub wrist: f64,
+    /// Wrist yaw axis to the tips.
+    pub jaw: f64,
+}
+
+/// A jaw: angles in radians, 0 closed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct JawEntry {
+    /// Where it is open.
+    pub open: f64,
+    /// Where it is sent to hold; negative squeezes.
+    pub closed: f64,
+    /// By how much a jaw that holds something stays more open than it was sent to be.
+    pub holds_above: Positive,
+    /// Half of what fits between the open jaws, metres.
+    pub radius: Positive,
+}
+
+impl Default for JawEntry {
+    fn default() -> Self {
+        Self {
+            open: 1.0,
+            closed: -0.2,
+            holds_above: Positive(0.08),
+            radius: Positive(0.008),
+        }
+    }
+}
+
+impl NetworkEntry {
+    pub(super) fn network(self) -> Result<Network, dvrk_io::Error> {
+        let network = Network::default().with_domain(self.domain)?;
+        Ok(if self.loopback {
+            network.with_interfaces(Interfaces::Loopback)
+        } else {
+            network
+        })
+    }
+}
+
+impl CameraEntry {
+    /// Time between two frames that are used.
+    pub(super) fn period(&self) -> Result<Duration, String> {
+        let rate = self.rate.get();
+        if rate < LEAST_RATE {
+            return Err(format!(
+                "a rate of {rate} frames a second is less than {LEAST_RATE}"
+            ));
+        }
+        Ok(Duration::from_secs_f64(1.0 / rate))
+    }
+
+    /// Its topics.
+    ///
+    /// # Errors
+    /// Neither `cloud` nor `image` and `info`, or all of them.
+    pub fn topics(&self) -> Result<CameraTopics, String> {
+        match (&self.cloud, &self.image, &self.info) {
+            (Some(cloud), None, None) => Ok(CameraTopics::Cloud(cloud.clone())),
+            (None, Some(image), Some(info)) => Ok(CameraTopics::Depth {
+                image: image.clone(),
+                info: info.clone(),
+            }),
+            _ => Err("the camera needs either `cloud`, or `image` and `info`".into()),
+        }
+    }
+}
+
+impl TableEntry {
+    pub(super) fn check(&self) -> Result<(), String> {
+        if self.offset.is_finite() {
+            Ok(())
+        } else {
+            Err(format!("the offset of the table is {}", self.offset))
+        }
+    }
+
+    /// The plane.
+    pub fn plane(&self) -> Plane {
+        Plane {
+            normal: self.normal.0,
+            offset: self.offset,
+        }
+    }
+}
+
+impl ArmEntry {
+    /// Takes where it stands from its calibration.
+    pub(super) fn place(&mut self, cell: &Path) -> Result<(), String> {
+        match (&self.calibration, self.camera_from_base) {
+            (None, Some(_)) => Ok(()),
+            (Some(name), None) => {
+                let path = cell.parent().unwrap_or(Path::new("")).join(name);
+                let found = Calibration::load(&path)
+                    .map_err(|error| format!("{}: {error}", path.display()))?;
+                if found.arm != self.name {
+                    return Err(format!("{} is of {}", path.display(), found.arm));
+                }
+                self.camera_from_base = Some(PoseEntry(found.camera_from_rcm));
+                Ok(())
+            }
+            _ => Err(format!(
+                "{} needs either `calibration` or `camera_from_base`",
+                self.name
+            )),
+        }
+    }
+
+    pub(super) fn check(&self) -> Result<(), String> {
+        self.kinematics().map_err(|error| error.to_string())?;
+        if !self.home.iter().all(|value| value.is_finite()) {
+            return Err(format!("{}: the home is not finite", self.name));
+        }
+        let (open, closed) = (self.jaw.open, self.jaw.closed);
+        if !(open.is_finite() && closed.is_finite() && closed < open) {
+            return Err(format!(
+                "{}: the jaw cannot close from {open} to {closed} rad",
+                self.name
+            ));
+        }
+        Ok(())
+    }
+
+    /// Where its remote centre is in the camera frame; the identity before the file was loaded.
+    pub fn camera_from_rcm(&self) -> Isometry3<f64> {
+        self.camera_from_base
+            .map_or_else(Isometry3::identity, |pose| pose.0)
+    }
+
+    /// Its lengths and limits.
+    ///
+    /// # Errors
+    /// [`dvrk_io::Error::OutOfRange`]: a length that no instrument has.
+    pub fn kinematics(&self) -> Result<Kinematics, dvrk_io::Error> {
+        let arm = Kinematics::new(match self.kind {
+            Kind::Classic => Psm::Classic,
+            Kind::Si => Psm::Si,
+        });
+        let Some(tool) = self.tool else {
+            return Ok(arm);
+        };
+        let instrument = Instrument::default()
+            .with_shaft(tool.shaft)
+            .with_wrist(tool.wrist)
+            .with_jaw(tool.jaw);
+        arm.with_instrument(instrument)
+    }
+}
