@@ -460,6 +460,13 @@ proptest! {
         let surface = close(&points, &normals).unwrap();
         assert_sound(&surface, 2);
         prop_assert!(surface.bare > 0.003, "bare {}", surface.bare);
+        let places = surface.unseen();
+        let place = places.first().unwrap();
+        prop_assert!((place.middle - centre).norm() < 0.5 * radius, "{:.1} mm off", (place.middle - centre).norm() * 1e3);
+        prop_assert!(place.facing.dot(&facing) > 0.8, "facing {}", place.facing.dot(&facing));
+        let disc = |r: f64| std::f64::consts::PI * r * r;
+        prop_assert!((disc(0.3 * radius)..disc(1.1 * radius)).contains(&place.area), "{:.2} cm²", place.area * 1e4);
+        prop_assert!(places.iter().skip(1).all(|other| other.area < 0.5 * place.area));
         let trimmed = surface.trimmed();
         prop_assert!(counts(&trimmed.triangles).open > 6);
         let directed: BTreeSet<[u32; 2]> = trimmed
@@ -562,6 +569,11 @@ fn a_view_from_one_side_is_bare_on_the_other() {
     let surface = close(&points, &normals).unwrap();
     assert_sound(&surface, 2);
     assert!(surface.bare > 0.15, "bare {}", surface.bare);
+    let places = surface.unseen();
+    let share: f64 = places.iter().map(|place| place.share).sum();
+    assert!((share - surface.bare).abs() < 1e-9, "{share}");
+    assert!(places[0].facing.z < -0.95 && places[0].middle.z < -0.005);
+    assert!(places[0].farthest > SPACING && places[0].share > 0.15);
     assert!(counts(&surface.trimmed().triangles).open > 20);
 }
 

@@ -88,6 +88,7 @@ impl Body {
             missing: if whole { 0.02 } else { 0.6 },
             bare: 0.1,
             hidden: Vec::new(),
+            unseen: Vec::new(),
             farthest: 0.05,
             wholly_seen: false,
             strays: 0.0,

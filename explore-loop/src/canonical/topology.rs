@@ -10,7 +10,7 @@
 //! from them than 1.75 spacings; *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away from each
 //! other are not joined. The genus `g` is that of the object unless one is asked for ([`super::genus`]).
 
-use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, closed_surface};
+use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{Genus, Handles};
 use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
@@ -47,6 +47,8 @@ pub struct Topology {
     pub bare: f64,
     /// The pieces of it that no point supports.
     pub hidden: Vec<Hidden>,
+    /// The places that were never seen, at rest, the largest first; none when it was wholly seen, or when no surface could be drawn.
+    pub unseen: Vec<Unseen>,
     /// Distance of the innermost of those from anything that was seen, m; infinite when no surface could be drawn.
     pub farthest: f64,
     /// Whether what no point supports is chance gaps alone ([`ClosedSurface::is_wholly_seen`]).
@@ -265,6 +267,7 @@ fn analyse_limited(
         missing: drawn.as_ref().map_or(1.0, missing_share),
         bare: drawn.as_ref().map_or(1.0, |s| s.bare),
         hidden: drawn.as_ref().map_or_else(Vec::new, |s| hidden(s, model)),
+        unseen: drawn.as_ref().map_or_else(Vec::new, ClosedSurface::unseen),
         farthest: drawn.as_ref().map_or(f64::INFINITY, |s| s.farthest),
         wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,

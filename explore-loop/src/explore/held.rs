@@ -166,6 +166,7 @@ mod tests {
                 vertex: 1,
                 area: Vector3::new(0.0, 0.0, 2e-4),
             }],
+            unseen: Vec::new(),
             farthest: 0.01,
             wholly_seen: false,
             strays: 0.0,

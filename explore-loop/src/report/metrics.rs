@@ -1,5 +1,6 @@
 //! `metrics.json`: what a run measured, under the names of [`crate::measure`].
 
+use crate::canonical::closed_surface::Unseen;
 use crate::measure::{
     FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackingMeasures, TruthMeasures,
 };
@@ -83,6 +84,33 @@ impl ConstraintMeasures {
     }
 }
 
+/// A place of the surface that was never seen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct UnseenPlace {
+    /// Its middle at rest, in the frame of `canonical.ply`, metres.
+    pub middle_m: [f64; 3],
+    /// Which way it faces there, a unit vector.
+    pub facing: [f64; 3],
+    /// Its area, m².
+    pub area_m2: f64,
+    /// Its share of the surface.
+    pub share: f64,
+    /// Distance of its innermost point from anything that was seen, metres; null when nothing seen faces as it does.
+    pub farthest_m: Option<f64>,
+}
+
+impl From<&Unseen> for UnseenPlace {
+    fn from(unseen: &Unseen) -> Self {
+        Self {
+            middle_m: unseen.middle.into(),
+            facing: unseen.facing.into_inner().into(),
+            area_m2: unseen.area,
+            share: unseen.share,
+            farthest_m: Some(unseen.farthest).filter(|f| f.is_finite()),
+        }
+    }
+}
+
 /// The file's content. Keys are stable; measures that need a ground truth are null where there is none.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
@@ -111,6 +139,9 @@ pub struct Metrics {
     /// What was given up on the way, in order.
     #[serde(default)]
     pub troubles: Vec<String>,
+    /// Where the surface was never seen, the largest place first; none when it was wholly seen.
+    #[serde(default)]
+    pub unseen: Vec<UnseenPlace>,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
     /// The same before the first manipulation and after each.

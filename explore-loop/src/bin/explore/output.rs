@@ -12,7 +12,7 @@ use explore_loop::mesh::{self, Format, Mesh, Property};
 use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::reconstruct::RestSurface;
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
-use explore_loop::report::metrics::Metrics;
+use explore_loop::report::metrics::{Metrics, UnseenPlace};
 use explore_loop::report::{frames, picture};
 use mesh_io::program::{Output, unless_closed};
 use std::io::Write;
@@ -429,7 +429,7 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
             format!("{} mean, {} p95, {} max", mm(s.mean), mm(s.p95), mm(s.max))
         })
     };
-    vec![
+    let mut rows = vec![
         ("explored", list(&metrics.explored)),
         ("explored, two spacings", list(&metrics.explored_2eps)),
         ("accuracy", spread(metrics.accuracy_m)),
@@ -476,7 +476,38 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .stiffness_over_weight
                 .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
-    ]
+    ];
+    rows.extend(unseen(&metrics.unseen).map(|text| ("never seen", text)));
+    rows
+}
+
+/// Most places named in the closing table; `metrics.json` has them all.
+const MOST_PLACES: usize = 3;
+
+/// Where the surface was never seen, if anywhere.
+fn unseen(places: &[UnseenPlace]) -> Option<String> {
+    if places.is_empty() {
+        return None;
+    }
+    let three = |v: [f64; 3], digits: usize| v.map(|x| format!("{x:.digits$}")).join(" ");
+    let named = places.iter().take(MOST_PLACES).map(|place| {
+        format!(
+            "{:.2} cm² around {} m, facing {}",
+            1e4 * place.area_m2,
+            three(place.middle_m, 3),
+            three(place.facing, 1)
+        )
+    });
+    let mut texts: Vec<String> = named.collect();
+    if places.len() > MOST_PLACES {
+        texts.push(format!("{} smaller places", places.len() - MOST_PLACES));
+    }
+    let share: f64 = places.iter().map(|place| place.share).sum();
+    Some(format!(
+        "{:.2} % of the surface: {}",
+        100.0 * share,
+        texts.join("; ")
+    ))
 }
 
 fn mesh_text(mesh: &MeshReport) -> String {

@@ -16,7 +16,7 @@ use explore_loop::explore::{Event, Outcome, Phase, SavedState, Watcher};
 use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::report::frames;
 use explore_loop::report::html::About;
-use explore_loop::report::metrics::{Cut, Metrics, Timing};
+use explore_loop::report::metrics::{Cut, Metrics, Timing, UnseenPlace};
 use grip_planner::Plan;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
@@ -339,6 +339,7 @@ impl<'a> Recorder<'a> {
             without: names(&args.without),
             betti: outcome.topology.persistent,
             betti_before: self.so_far.betti.clone(),
+            unseen: outcome.topology.unseen.iter().map(UnseenPlace::from).collect(),
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
             thinned: outcome.topology.thinned,

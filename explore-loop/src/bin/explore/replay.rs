@@ -12,7 +12,7 @@ use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
 use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
-use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing};
+use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing, UnseenPlace};
 use mesh_io::program::{Output, of_file, unless_closed};
 use std::path::Path;
 use std::time::Instant;
@@ -222,6 +222,7 @@ impl<'a> Replay<'a> {
             stop: if closed { "closed" } else { "ended" }.into(),
             without: names(&args.without),
             betti: topology.persistent,
+            unseen: topology.unseen.iter().map(UnseenPlace::from).collect(),
             nm_cut: Cut::of(topology.cut),
             nm_remaining: topology.non_manifold,
             thinned: topology.thinned,

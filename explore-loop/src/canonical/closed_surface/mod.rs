@@ -45,8 +45,10 @@ mod poisson;
 mod remesh;
 mod samples;
 mod support;
+mod unseen;
 
 pub use error::ClosedSurfaceError;
+pub use unseen::Unseen;
 pub(crate) use grid::{Field, Grid};
 pub(crate) use isosurface::extract_where;
 

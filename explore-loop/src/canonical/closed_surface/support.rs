@@ -14,12 +14,12 @@ const SCATTERED: f64 = 0.003;
 const SMALL_PIECE: f64 = 0.05;
 
 /// A connected patch without support.
-struct Gap {
+pub(super) struct Gap {
     /// m².
-    area: f64,
+    pub area: f64,
     /// Greatest distance of its corners from the nearest point that faces as they do, m.
-    farthest: f64,
-    triangles: Vec<usize>,
+    pub farthest: f64,
+    pub triangles: Vec<usize>,
 }
 
 /// The nearest point that does not face away from each vertex, and its distance.
@@ -120,6 +120,18 @@ impl ClosedSurface {
         gaps
     }
 
+    /// The patches without support that are not chance gaps, the smallest first.
+    pub(super) fn places_not_seen(&self) -> Vec<Gap> {
+        let all: Vec<usize> = (0..self.triangles.len()).collect();
+        let (mut so_far, most) = (0.0, SCATTERED * self.area(&all));
+        let mut gaps = self.gaps();
+        gaps.retain(|gap| {
+            so_far += gap.area;
+            gap.farthest > CHANCE * self.spacing || so_far > most
+        });
+        gaps
+    }
+
     /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
     ///
     /// A triangle has support if two of its corners have and the third is not far off. Patches without it that are nowhere farther than
@@ -128,16 +140,9 @@ impl ClosedSurface {
     /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
     #[must_use]
     pub fn trimmed(&self) -> ClosedSurface {
-        let mut keep: Vec<bool> = self.bare_triangles().iter().map(|b| !b).collect();
-        let all: Vec<usize> = (0..keep.len()).collect();
-        let (mut kept, most) = (0.0, SCATTERED * self.area(&all));
-        for gap in self.gaps() {
-            kept += gap.area;
-            if gap.farthest <= CHANCE * self.spacing && kept <= most {
-                for t in gap.triangles {
-                    keep[t] = true;
-                }
-            }
+        let mut keep = vec![true; self.triangles.len()];
+        for t in self.places_not_seen().into_iter().flat_map(|g| g.triangles) {
+            keep[t] = false;
         }
         let pieces = self.pieces(&keep);
         let total: f64 = pieces.iter().map(|p| self.area(p)).sum();
@@ -217,7 +222,7 @@ impl ClosedSurface {
         found
     }
 
-    fn area(&self, triangles: &[usize]) -> f64 {
+    pub(super) fn area(&self, triangles: &[usize]) -> f64 {
         triangles
             .iter()
             .map(|&t| {
