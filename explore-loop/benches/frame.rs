@@ -1,13 +1,16 @@
-//! Time of a whole frame of reconstruction while a body is held and turned, at three sizes of the model.
+//! Time of a frame of reconstruction while a body is held and turned, and of its parts, at three sizes of the model: about 500, 2,000 and 8,000
+//! vertices; and of a re-fusion.
 //!
-//! An ellipsoid is looked at, taken, and turned by 60 degrees; then two neighbouring frames alternate, so that every frame moves. The parts of the
-//! elastic body (assembly, factor, variances, projection) have their own bench in topo-ekf.
+//! An ellipsoid is looked at, taken, and turned by 60 degrees; then two neighbouring frames alternate, so that every frame moves. Parts are summed over
+//! the steps of a frame. Variances, projection and self-contact have their own bench in topo-ekf. Two versions are compared by
+//! `-- --save-baseline before` on the one and `-- --baseline before` on the other, with one target folder.
 #![allow(missing_docs, clippy::unwrap_used)]
 
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use explore_loop::cell::{ArmState, Observation, Plane};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::{FrameParts, ReconstructOptions, Reconstructor};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use std::time::{Duration, Instant};
 
 /// Half axes at size 1, distance of the table, metres; spacing of the model.
 const AXES: [f64; 3] = [0.06, 0.045, 0.03];
@@ -70,6 +73,16 @@ fn frame(size: f64, turned: u32, holding: bool) -> Observation {
     }
 }
 
+type Part = fn(&FrameParts) -> f64;
+
+const PARTS: [(&str, Part); 5] = [
+    ("prepare", |p| p.prepare),
+    ("match", |p| p.matching),
+    ("assemble", |p| p.assemble),
+    ("factor", |p| p.factor),
+    ("grow", |p| p.grow),
+];
+
 fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
@@ -82,10 +95,33 @@ fn frames(criterion: &mut Criterion) {
         let pair = [frame(size, 31, true), frame(size, 30, true)];
         let mut next = 0;
         let vertices = reconstructor.model().len();
-        group.bench_function(format!("{vertices} vertices"), |bencher| {
-            bencher.iter(|| {
-                next = 1 - next;
-                reconstructor.process(&pair[1 - next], &table()).unwrap()
+        let mut process = |reconstructor: &mut Reconstructor| {
+            next = 1 - next;
+            reconstructor.process(&pair[1 - next], &table()).unwrap()
+        };
+        group.bench_function(BenchmarkId::new("whole", vertices), |bencher| {
+            bencher.iter(|| process(&mut reconstructor));
+        });
+        for (name, part) in PARTS {
+            group.bench_function(BenchmarkId::new(name, vertices), |bencher| {
+                bencher.iter_custom(|frames| {
+                    let ms: f64 = (0..frames)
+                        .map(|_| part(&process(&mut reconstructor).parts))
+                        .sum();
+                    Duration::from_secs_f64(1e-3 * ms)
+                });
+            });
+        }
+        group.bench_function(BenchmarkId::new("fuse", vertices), |bencher| {
+            bencher.iter_custom(|times| {
+                let mut spent = Duration::ZERO;
+                for _ in 0..times {
+                    process(&mut reconstructor);
+                    let began = Instant::now();
+                    reconstructor.consolidate(&table());
+                    spent += began.elapsed();
+                }
+                spent
             });
         });
     }

@@ -30,10 +30,10 @@ use crate::cell::{ArmState, Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
 pub use options::{ColourFeatures, Material, ReconstructOptions};
 use recognise::{Before, Recognised};
-pub use report::{Constraints, FrameReport};
+pub use report::{Constraints, FrameParts, FrameReport};
 pub use stage::{Reconstruct, RestSurface};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use track::{Fill, Track};
 use view::FrameView;
 
@@ -161,6 +161,7 @@ impl Reconstructor {
     ) -> Result<FrameReport, Error> {
         let start = Instant::now();
         let view = FrameView::new(observation, self.options.spacing)?;
+        let prepare = start.elapsed().as_secs_f64() * 1e3;
         let mut report = FrameReport {
             frame: self.frame,
             ..FrameReport::default()
@@ -194,6 +195,7 @@ impl Reconstructor {
         self.frame += 1;
         let heights = self.model().live.iter().map(|p| table.height(p));
         report.constraints.below_table = -heights.fold(0.0, f64::min);
+        report.parts.prepare = prepare;
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3 - report.fusion_ms;
         Ok(report)
     }
@@ -260,6 +262,7 @@ impl Reconstructor {
         let started = Instant::now();
         report.added = self.follow_all(track, view, observation, table)?;
         report.registration_ms = started.elapsed().as_secs_f64() * 1e3;
+        report.parts = track.parts;
         report.hollow_over_solid = self.hollow_over_solid(track);
         self.decide(track, false);
         report.residual = track.residual;
@@ -406,7 +409,13 @@ struct Frame<'a> {
 /// Brings one hypothesis to a frame, grows it, keeps the frame if it is worth it; how many vertices were added.
 fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let (options, arms) = (frame.options, &frame.observation.arms);
+    let spent = track.body.spent();
     track.follow(frame.view, frame.recognised, arms, options)?;
+    let now = track.body.spent();
+    let ms = |time: Duration| time.as_secs_f64() * 1e3;
+    track.parts.assemble = ms(now.assembling.saturating_sub(spent.assembling));
+    track.parts.factor = ms(now.factoring.saturating_sub(spent.factoring));
+    let started = Instant::now();
     let learns = track.refused.is_none() && track.fits() && !track.body.is_falling();
     let mut added = 0;
     if let Some(first) = frame.first.filter(|_| learns) {
@@ -422,6 +431,7 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
             }
         }
     }
+    track.parts.grow = ms(started.elapsed());
     if let Some(features) = frame.recognised.filter(|_| learns) {
         track.plant(features, options.spacing);
     }

@@ -31,6 +31,25 @@ pub struct FrameReport {
     pub frame_ms: f64,
     /// Time of the re-fusion, ms.
     pub fusion_ms: f64,
+    /// Where the time of the frame went.
+    pub parts: FrameParts,
+}
+
+/// Times of the parts of a frame, ms. Of two hypotheses that are followed side by side they are those of the one whose model is given. What is missing
+/// to the time of the frame went into prediction and constraints, judging the fit, landmarks, colours and keyframes.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[non_exhaustive]
+pub struct FrameParts {
+    /// The cloud: filtered, thinned, oriented, its depth and its tree.
+    pub prepare: f64,
+    /// Finding what each vertex meets, in all steps.
+    pub matching: f64,
+    /// Putting the normal equations together, in all steps.
+    pub assemble: f64,
+    /// Factorising them, in all steps.
+    pub factor: f64,
+    /// Adding what is new to the model, and filling the body under it.
+    pub grow: f64,
 }
 
 /// Table and self-contact in a frame.

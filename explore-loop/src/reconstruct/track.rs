@@ -5,13 +5,14 @@ use super::landmark::{self, Landmarks};
 use super::matching::{Gates, Look, Match};
 use super::recognise::Recognised;
 use super::view::FrameView;
-use super::{Constraints, ReconstructOptions};
+use super::{Constraints, FrameParts, ReconstructOptions};
 use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
 use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, Rotation3, UnitVector3};
+use std::time::{Duration, Instant};
 use topo_ekf::body::{
     AtRest, BodyFilter, BodyFrame, BodyInequality, BodyReport, Embedding, Lattice, Limits,
 };
@@ -57,6 +58,9 @@ pub(crate) struct Track {
     pub still: usize,
     /// How the constraints of the last frame ended.
     pub constraints: Constraints,
+    /// Where the time of the last frame went.
+    #[serde(skip)]
+    pub parts: FrameParts,
     /// Why the last frame was not taken, if so.
     pub refused: Option<String>,
     /// Frames in a row that were not taken.
@@ -99,6 +103,7 @@ impl Track {
             moved: 0.0,
             still: 0,
             constraints: Constraints::default(),
+            parts: FrameParts::default(),
             refused: None,
             missed: 0,
             grips: Vec::new(),
@@ -222,11 +227,14 @@ impl Track {
         let look = Look::new(&self.model, &self.embeddings, view, options);
         let met = landmark::embedded(&self.landmarks.sighted(), self.body.lattice());
         let mut innovation = None;
+        let mut matching = Duration::ZERO;
         let report = self.body.step(
             &frame,
             &mut |lattice, pose, progress| {
                 let gates = Gates::at(progress);
+                let began = Instant::now();
                 let mut rows = look.rows(lattice, pose, gates);
+                matching += began.elapsed();
                 rows.extend(landmark::rows(&met, lattice, pose, gates));
                 rows
             },
@@ -238,6 +246,7 @@ impl Track {
                 )));
             },
         )?;
+        self.parts.matching = matching.as_secs_f64() * 1e3;
         if let Some(innovation) = innovation {
             self.innovations.push(innovation);
             self.carried += report.moved;

@@ -15,6 +15,7 @@
 //! of a node and not three ([`super::project`]).
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -22,6 +23,7 @@ use super::cube::{CORNERS, Occupancy, PARTS, Stiffness, stiffness};
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 use super::row::Row;
+use super::spent::Spent;
 use crate::Error;
 use crate::system::{Factor, System};
 
@@ -55,6 +57,7 @@ pub(crate) struct Elastic {
     slots: Vec<[[u32; 9]; PAIRS]>,
     /// Values of the step before, to be used again.
     spare: Vec<f64>,
+    spent: Spent,
 }
 
 /// Normal equations of a step, for variances and projections.
@@ -89,6 +92,7 @@ impl Elastic {
             wiring: lattice.wiring,
             slots,
             spare: Vec::new(),
+            spent: Spent::default(),
         })
     }
 
@@ -153,6 +157,11 @@ impl Elastic {
         Ok((longest, solved))
     }
 
+    /// The time spent since this was asked last.
+    pub fn take_spent(&mut self) -> Spent {
+        std::mem::take(&mut self.spent)
+    }
+
     /// Keeps the memory of normal equations that are of no more use.
     pub fn recycle(&mut self, solved: Solved) {
         self.spare = solved.values;
@@ -165,6 +174,7 @@ impl Elastic {
         pose: &Pose,
         acting: &Acting<'_>,
     ) -> Result<(Solved, Vec<f64>), Error> {
+        let began = Instant::now();
         let mut values = std::mem::take(&mut self.spare);
         values.clear();
         // One more for the entries that are nobody's.
@@ -209,7 +219,12 @@ impl Elastic {
         for &at in &self.system.pattern.diagonal {
             values[at] += acting.expected_weight;
         }
+        let assembled = Instant::now();
         let factor = self.system.factorise(&values)?;
+        self.spent += Spent {
+            assembling: assembled - began,
+            factoring: assembled.elapsed(),
+        };
         Ok((Solved { values, factor }, right))
     }
 }

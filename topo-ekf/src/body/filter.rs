@@ -24,6 +24,7 @@ use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use super::pose::Pose;
 use super::row::{Row, check_unit};
+use super::spent::Spent;
 use super::weight::{Foot, WeightEstimate, loads};
 use crate::Error;
 use crate::observation::Plane;
@@ -62,6 +63,8 @@ pub struct BodyFilter {
     state: State,
     #[cfg_attr(feature = "serde", serde(skip))]
     last: Option<(Elastic, Solved)>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    spent: Spent,
 }
 
 impl std::fmt::Debug for BodyFilter {
@@ -120,6 +123,7 @@ impl BodyFilter {
             lattice,
             table,
             last: None,
+            spent: Spent::default(),
         })
     }
 
@@ -211,6 +215,11 @@ impl BodyFilter {
     /// frames after a release.
     pub fn loads(&self) -> Vec<Vector3<f64>> {
         self.loads_of(&self.state.pose, self.weight.value())
+    }
+
+    /// Time spent on the normal equations since the filter was made, steps that came to nothing included.
+    pub fn spent(&self) -> Spent {
+        self.spent
     }
 
     /// Whether the body was let go a few frames ago.

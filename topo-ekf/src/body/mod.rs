@@ -77,6 +77,7 @@ mod row;
 #[cfg(feature = "serde")]
 mod saved;
 mod self_contact;
+mod spent;
 mod variance;
 mod weight;
 
@@ -89,5 +90,6 @@ pub use pieces::Piece;
 pub use pose::{AtRest, Pose};
 pub use row::{BodyInequality, Row};
 pub use self_contact::SelfContact;
+pub use spent::Spent;
 pub use variance::BodyObservability;
 pub use weight::Foot;

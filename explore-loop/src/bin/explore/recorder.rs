@@ -339,7 +339,12 @@ impl<'a> Recorder<'a> {
             without: names(&args.without),
             betti: outcome.topology.persistent,
             betti_before: self.so_far.betti.clone(),
-            unseen: outcome.topology.unseen.iter().map(UnseenPlace::from).collect(),
+            unseen: outcome
+                .topology
+                .unseen
+                .iter()
+                .map(UnseenPlace::from)
+                .collect(),
             nm_cut: Cut::of(outcome.topology.cut),
             nm_remaining: outcome.topology.non_manifold,
             thinned: outcome.topology.thinned,

@@ -48,9 +48,9 @@ mod support;
 mod unseen;
 
 pub use error::ClosedSurfaceError;
-pub use unseen::Unseen;
 pub(crate) use grid::{Field, Grid};
 pub(crate) use isosurface::extract_where;
+pub use unseen::Unseen;
 
 /// Settings of [`closed_surface`].
 #[derive(Debug, Clone, PartialEq)]

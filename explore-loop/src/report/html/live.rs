@@ -195,7 +195,7 @@ mod tests {
     use super::{Indices, Live, MOST_BYTES, MOST_FRAMES, Moment, triangulate};
     use crate::canonical::{CanonicalModel, NewVertex};
     use crate::cell::Observation;
-    use crate::reconstruct::{Constraints, FrameReport};
+    use crate::reconstruct::FrameReport;
     use nalgebra::{Point3, UnitVector3, Vector3};
 
     /// A square sheet of `side`² vertices, with a report that measured all of them.
@@ -215,19 +215,10 @@ mod tests {
         };
         let report = FrameReport {
             frame,
-            measured: vec![true; model.len()],
-            added: 0,
-            fused: false,
-            cut: 0,
-            residual: 0.0,
             overlap: 1.0,
-            moved: 0.0,
-            hollow_over_solid: None,
-            constraints: Constraints::default(),
-            failure: None,
             registration_ms: 1.0,
             frame_ms: 2.0,
-            fusion_ms: 0.0,
+            ..FrameReport::measured(model.len())
         };
         (model, observation, report)
     }

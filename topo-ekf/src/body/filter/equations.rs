@@ -16,7 +16,9 @@ impl BodyFilter {
     ) -> Result<BodyReport, Error> {
         let before = self.state.clone();
         let (mut elastic, kept) = self.take_elastic()?;
-        match change(self, &mut elastic) {
+        let changed = change(self, &mut elastic);
+        self.spent += elastic.take_spent();
+        match changed {
             Ok((report, solved)) => {
                 self.last = Some((elastic, solved));
                 Ok(report)

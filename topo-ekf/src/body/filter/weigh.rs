@@ -52,6 +52,7 @@ impl BodyFilter {
         }
         let (mut elastic, kept) = self.take_elastic()?;
         let looked = self.look_at_sag(&mut elastic, frame, seen);
+        self.spent += elastic.take_spent();
         self.give_back(elastic, kept);
         let look = looked?;
         self.weight.weigh(look.constant, look.slope, look.sigma);
