@@ -133,14 +133,22 @@ pub enum Error {
         /// What it must be.
         expected: &'static str,
     },
-    /// Something is given in a coordinate frame other than that of the clouds.
-    #[error("{topic} is in frame `{found}`, the clouds are in `{expected}`")]
+    /// A camera that moves was not measured around the time of a cloud.
+    #[error("no pose of the camera within {tolerance} s of the cloud at {stamp:.3} s")]
+    NoCameraPose {
+        /// Time of the cloud, seconds.
+        stamp: f64,
+        /// How far off a pose may be, seconds.
+        tolerance: f64,
+    },
+    /// Something is given in a coordinate frame other than that of the clouds, or, where the camera moves, than that of its poses.
+    #[error("{topic} is in frame `{found}`, expected is `{expected}`")]
     FrameMismatch {
         /// The topic.
         topic: String,
         /// Its frame.
         found: String,
-        /// Frame of the clouds.
+        /// Frame of the clouds, or of the poses of the camera.
         expected: String,
     },
     /// An arm cannot have its tip in this pose.

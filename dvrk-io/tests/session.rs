@@ -383,6 +383,68 @@ fn a_file_that_rosbags_wrote() {
     );
 }
 
+/// A camera that moves: clouds in its own frame, arms and truth in the fixed one; one cloud has no pose of the camera near it.
+#[test]
+fn a_camera_that_moves_has_its_pose_in_every_frame() {
+    const LACKS: u32 = 5;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("session.mcap");
+    let mut writer = SessionWriter::create(&path).unwrap();
+    writer.table(0.0, &table().0, table().1).unwrap();
+    for frame in 0..FRAMES {
+        if frame != LACKS {
+            writer.camera(stamp(frame), &pose(frame)).unwrap();
+        }
+        record_frame(&mut writer, frame);
+    }
+    writer.finish().unwrap();
+    let session = read(&std::fs::read(&path).unwrap());
+    let found: Vec<f64> = session.frames.iter().map(|frame| frame.stamp).collect();
+    let expected: Vec<f64> = (0..FRAMES).filter(|f| *f != LACKS).map(stamp).collect();
+    assert_eq!(found, expected);
+    for frame in &session.frames {
+        let number = (0..FRAMES).find(|f| stamp(*f) == frame.stamp).unwrap();
+        assert_eq!(frame.camera, Some(pose(number)));
+        assert_eq!(frame.points.len(), points(number).len());
+        assert_eq!(frame.arms[0].pose, holds(number).then(|| pose(number)));
+    }
+    let skipped: Vec<String> = session
+        .skipped
+        .first
+        .iter()
+        .map(ToString::to_string)
+        .collect();
+    assert_eq!(skipped.len(), 1, "{skipped:?}");
+    assert!(
+        skipped[0].contains("no pose of the camera within"),
+        "{skipped:?}"
+    );
+    assert!(skipped[0].contains("0.500 s"), "{skipped:?}");
+    // Poses of arms that were written before the camera was said to move are in another frame.
+    let mut writer = SessionWriter::create(&path).unwrap();
+    writer.pose(0.0, "PSM1", &pose(1)).unwrap();
+    writer.camera(0.0, &pose(0)).unwrap();
+    writer.points(0.0, &points(0)).unwrap();
+    writer.finish().unwrap();
+    let refused = SessionReader::default().read_bytes(&std::fs::read(&path).unwrap());
+    assert!(
+        matches!(refused, Err(Error::FrameMismatch { .. })),
+        "{refused:?}"
+    );
+}
+
+/// Without poses of the camera it stands still.
+#[test]
+fn a_camera_that_stands_still_has_no_pose() {
+    let (bytes, _) = recorded();
+    assert!(
+        read(&bytes)
+            .frames
+            .iter()
+            .all(|frame| frame.camera.is_none())
+    );
+}
+
 #[test]
 fn poses_in_another_frame_are_refused() {
     let mut bytes = include_bytes!("data/rosbags.mcap").to_vec();

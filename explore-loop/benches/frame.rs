@@ -66,6 +66,7 @@ fn frame(size: f64, turned: u32, holding: bool) -> Observation {
     });
     Observation {
         stamp: 0.0,
+        camera: None,
         points: render(size, &at),
         colours: None,
         features: None,
@@ -86,7 +87,7 @@ const PARTS: [(&str, Part); 5] = [
 fn frames(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
-    for size in [0.85, 1.7, 3.4] {
+    for size in [1.0, 2.06, 4.25] {
         let mut reconstructor = Reconstructor::new(ReconstructOptions::new(SPACING)).unwrap();
         for number in 0..36_u32 {
             let observation = frame(size, number.saturating_sub(6).min(30), number >= 4);

@@ -15,7 +15,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// The version that this program writes and reads.
-pub const VERSION: u32 = 5;
+pub const VERSION: u32 = 6;
 
 const MAGIC: &[u8; 8] = b"EXPLORER";
 const HEAD: usize = 20;

@@ -26,6 +26,12 @@ pub enum Error {
         /// The value given.
         value: f64,
     },
+    /// A camera that moves, and a reconstruction that needs one that stands still.
+    #[error("{reconstruction} needs a camera that stands still")]
+    CameraMoves {
+        /// Which reconstruction.
+        reconstruction: &'static str,
+    },
     /// The camera saw (almost) nothing where the object should be.
     #[error("the camera sees {points} points of the object; at least {needed} are needed to begin")]
     NothingToSee {

@@ -1,6 +1,6 @@
 //! What the camera can see of the model.
 //!
-//! The camera sits at the origin and looks along +z, so a point is seen along the ray `(x/z, y/z)`. The cloud
+//! In its own frame the camera sits at the origin and looks along +z, so a point is seen along the ray `(x/z, y/z)`. The cloud
 //! of a frame, binned by ray, is a depth image without needing the camera's intrinsics:
 //!
 //! ```text
@@ -10,11 +10,13 @@
 //! ```
 
 use crate::canonical::CanonicalModel;
-use nalgebra::{Point3, UnitVector3};
+use crate::cell::Observation;
+use nalgebra::{Isometry3, Point3, UnitVector3};
 
 /// A depth image made of a cloud: nearest depth per ray bin.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct DepthGrid {
+    camera_from_fixed: Isometry3<f64>,
     bin: f64,
     low: [i64; 2],
     size: [usize; 2],
@@ -38,9 +40,15 @@ pub enum Sight {
 }
 
 impl DepthGrid {
-    /// Bins `points` by ray at about `pitch` metres (at their mean depth). `None` without points in front of the camera.
-    pub fn new(points: &[Point3<f64>], pitch: f64) -> Option<Self> {
-        let front: Vec<&Point3<f64>> = points.iter().filter(|p| p.z > 1e-6).collect();
+    /// Bins `points` by their rays from a camera, at about `pitch` metres (at their mean depth). `None` without points in front of the camera.
+    pub fn new(
+        points: &[Point3<f64>],
+        pitch: f64,
+        fixed_from_camera: &Isometry3<f64>,
+    ) -> Option<Self> {
+        let camera_from_fixed = fixed_from_camera.inverse();
+        let own = points.iter().map(|p| camera_from_fixed * p);
+        let front: Vec<Point3<f64>> = own.filter(|p| p.z > 1e-6).collect();
         if front.is_empty() {
             return None;
         }
@@ -60,6 +68,7 @@ impl DepthGrid {
             nearest[at] = nearest[at].min(point.z);
         }
         Some(Self {
+            camera_from_fixed,
             bin,
             low,
             size,
@@ -67,8 +76,19 @@ impl DepthGrid {
         })
     }
 
-    /// The cloud's depth at the ray of `point`: the bin's own, or the mean of the bins around it.
-    pub fn depth(&self, point: &Point3<f64>) -> Option<f64> {
+    /// Where the camera was.
+    pub fn eye(&self) -> Point3<f64> {
+        self.camera_from_fixed.inverse().translation.vector.into()
+    }
+
+    /// How far behind the cloud a point lies, metres: its depth minus that of the cloud along its ray. `None` where nothing was seen along it.
+    pub fn behind(&self, point: &Point3<f64>) -> Option<f64> {
+        let own = self.camera_from_fixed * point;
+        self.depth(&own).map(|depth| own.z - depth)
+    }
+
+    /// The cloud's depth at the ray of a point in the frame of the camera: the bin's own, or the mean of the bins around it.
+    fn depth(&self, point: &Point3<f64>) -> Option<f64> {
         if point.z <= 1e-6 {
             return None;
         }
@@ -91,13 +111,11 @@ impl DepthGrid {
 
     /// Judges `point`: supported when it lies at most `front` before and `back` behind the cloud, metres.
     pub fn sight(&self, point: &Point3<f64>, front: f64, back: f64) -> Sight {
-        match self.depth(point) {
+        match self.behind(point) {
             None => Sight::NoData,
-            Some(depth) if point.z - depth > back => Sight::Occluded,
-            Some(depth) if depth - point.z > front => Sight::Contradicted,
-            Some(depth) => Sight::Supported {
-                behind: point.z - depth,
-            },
+            Some(behind) if behind > back => Sight::Occluded,
+            Some(behind) if -behind > front => Sight::Contradicted,
+            Some(behind) => Sight::Supported { behind },
         }
     }
 
@@ -105,10 +123,11 @@ impl DepthGrid {
     /// about `most` metres of it. Bins are searched in square rings and the best of the first ring that has any answers, so
     /// the true nearest may be closer by up to a factor of √2.
     pub fn nearest_seen(&self, point: &Point3<f64>, most: f64) -> Option<Point3<f64>> {
+        let point = self.camera_from_fixed * point;
         if point.z <= 1e-6 {
             return None;
         }
-        let c = cell(point, self.bin);
+        let c = cell(&point, self.bin);
         let rings = (most / (self.bin * point.z)).ceil() as i64;
         for ring in 0..=rings {
             let mut best: Option<(i64, [i64; 2])> = None;
@@ -123,7 +142,8 @@ impl DepthGrid {
             }
             if let Some((_, [x, y])) = best {
                 let at = |k: i64| (k as f64 + 0.5) * self.bin * point.z;
-                return Some(Point3::new(at(x), at(y), point.z));
+                let own = Point3::new(at(x), at(y), point.z);
+                return Some(self.camera_from_fixed.inverse() * own);
             }
         }
         None
@@ -146,37 +166,38 @@ fn cell(point: &Point3<f64>, bin: f64) -> [i64; 2] {
     ]
 }
 
-/// Whether an arm may hide `point`: the ray to it passes within `margin` metres of the straight tool behind the tip.
+/// Whether an arm may hide `point` from a camera at `eye`: the ray to it passes within `margin` metres of the straight tool behind the tip.
 pub fn behind_arm(
     point: &Point3<f64>,
-    camera_from_tip: &nalgebra::Isometry3<f64>,
+    eye: &Point3<f64>,
+    camera_from_tip: &Isometry3<f64>,
     margin: f64,
 ) -> bool {
     const TOOL: f64 = 0.3;
-    let ray = point.coords / point.coords.norm().max(1e-12);
+    let way = point - eye;
+    let ray = way / way.norm().max(1e-12);
     (0..=60).any(|k| {
         let on_tool = camera_from_tip * Point3::new(0.0, 0.0, 0.01 - TOOL * f64::from(k) / 60.0);
-        let along = on_tool.coords.dot(&ray);
-        along > 0.0
-            && along < point.coords.norm() + margin
-            && (on_tool.coords - along * ray).norm() < margin
+        let tool = on_tool - eye;
+        let along = tool.dot(&ray);
+        along > 0.0 && along < way.norm() + margin && (tool - along * ray).norm() < margin
     })
 }
 
-/// Cosine between a surface normal and the direction to the camera: 1 faces it, negative turns away.
-pub fn facing(point: &Point3<f64>, normal: &UnitVector3<f64>) -> f64 {
-    -normal.dot(&point.coords) / point.coords.norm().max(1e-12)
+/// Cosine between a surface normal and the direction to a camera at `eye`: 1 faces it, negative turns away.
+pub fn facing(point: &Point3<f64>, normal: &UnitVector3<f64>, eye: &Point3<f64>) -> f64 {
+    let way = point - eye;
+    -normal.dot(&way) / way.norm().max(1e-12)
 }
 
-/// Which vertices of a model the camera sees, when `cloud` is what it sees: they face it, and the cloud passes within two spacings of them.
-/// `spacing` is that of the model, metres.
-pub fn visible(model: &CanonicalModel, cloud: &[Point3<f64>], spacing: f64) -> Vec<bool> {
-    let grid = DepthGrid::new(cloud, 0.6 * spacing);
-    let near = 2.0 * spacing;
+/// Which vertices of a model the camera sees: they face it, and the cloud passes within two spacings of them. `spacing` is that of the model, metres.
+pub fn visible(model: &CanonicalModel, seen: &Observation, spacing: f64) -> Vec<bool> {
+    let grid = DepthGrid::new(&seen.points, 0.6 * spacing, &seen.fixed_from_camera());
+    let (near, eye) = (2.0 * spacing, seen.eye());
     (0..model.len())
         .map(|i| {
             let sight = grid.as_ref().map(|g| g.sight(&model.live[i], near, near));
-            facing(&model.live[i], &model.live_normal(i)) > 0.1
+            facing(&model.live[i], &model.live_normal(i), &eye) > 0.1
                 && matches!(sight, Some(Sight::Supported { .. }))
         })
         .collect()

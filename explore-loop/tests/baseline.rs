@@ -72,6 +72,7 @@ fn seen(
     }
     Observation {
         stamp: 0.0,
+        camera: None,
         points,
         colours: None,
         features: None,

@@ -100,6 +100,7 @@ fn after_turning(features: ColourFeatures) -> (f64, f64, Vec<[u64; 3]>) {
         angle = 0.4_f64.to_radians() * f64::from(frame);
         let observation = Observation {
             stamp: 0.1 * f64::from(frame),
+            camera: None,
             points: cloud(),
             colours: None,
             features: Some(seen(&all, angle, &mut random)),
@@ -148,6 +149,7 @@ fn features_leave_what_rests_at_rest() {
     for frame in 0..20 {
         let observation = Observation {
             stamp: 0.1 * f64::from(frame),
+            camera: None,
             points: cloud(),
             colours: None,
             features: Some(seen(&all, 0.0, &mut random)),

@@ -120,6 +120,7 @@ impl Body {
             topology: &self.topology,
             visible: &self.visible,
             hidden: &[],
+            camera: Point3::origin(),
             cell: cell.info(),
             limits: ExploreOptions::new(GAP, 0.03).limits,
             attempt: 0,

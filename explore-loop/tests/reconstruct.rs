@@ -86,10 +86,23 @@ fn arms(camera_from_body: &Isometry3<f64>, holding: bool) -> Vec<ArmState> {
 }
 
 fn frame(turned: u32, holding: bool, number: u32) -> Observation {
+    seen_from(None, turned, holding, number)
+}
+
+/// A frame of a camera that stands still, or has this pose in its frame at rest.
+fn seen_from(
+    camera: Option<Isometry3<f64>>,
+    turned: u32,
+    holding: bool,
+    number: u32,
+) -> Observation {
     let at = motion(turned);
+    let pose = camera.unwrap_or_else(Isometry3::identity);
+    let own = render(&(pose.inverse() * at), u64::from(number));
     Observation {
         stamp: 0.1 * f64::from(number),
-        points: render(&at, u64::from(number)),
+        camera,
+        points: own.iter().map(|p| pose * p).collect(),
         colours: None,
         features: None,
         arms: arms(&at, holding),
@@ -98,10 +111,27 @@ fn frame(turned: u32, holding: bool, number: u32) -> Observation {
 
 /// Looked at, taken, turned, and held there.
 fn film() -> Vec<(u32, Observation)> {
+    film_from(|_| None)
+}
+
+/// The same by a camera in some pose in every frame.
+fn film_from(camera: impl Fn(u32) -> Option<Isometry3<f64>>) -> Vec<(u32, Observation)> {
     let turned = |number: u32| number.saturating_sub(6).min(TURNING);
     (0..TURNING + 10)
-        .map(|number| (turned(number), frame(turned(number), number >= 4, number)))
+        .map(|number| {
+            let seen = seen_from(camera(number), turned(number), number >= 4, number);
+            (turned(number), seen)
+        })
         .collect()
+}
+
+/// Swings by 20 degrees about the body, and comes nearer by a tenth of the way, in 30 frames.
+fn swinging(number: u32) -> Isometry3<f64> {
+    let phase = std::f64::consts::TAU * f64::from(number) / 30.0;
+    let about = Translation3::new(0.0, 0.0, TABLE);
+    let turn = Vector3::new(0.5 * (2.0 * phase).sin(), phase.sin(), 0.0) * 20.0_f64.to_radians();
+    let nearer = Translation3::new(0.0, 0.0, 0.05 * phase.sin());
+    about * UnitQuaternion::from_scaled_axis(turn) * about.inverse() * nearer
 }
 
 fn reconstructor() -> Reconstructor {
@@ -139,9 +169,37 @@ fn usable(report: &FrameReport) -> bool {
 /// grows around the side that turned up.
 #[test]
 fn a_rigid_body_is_followed_and_grows() {
+    followed(film());
+}
+
+/// The same where the camera moves: its motion is not taken for that of the body.
+#[test]
+fn a_camera_that_moves_is_told_from_a_body_that_does() {
+    followed(film_from(|number| Some(swinging(number))));
+    let mut reconstructor = reconstructor();
+    let mut first = 0;
+    for number in 0..16 {
+        let seen = seen_from(Some(swinging(number)), 0, false, number);
+        let report = reconstructor.process(&seen, &table()).unwrap();
+        assert!(usable(&report), "{report:?}");
+        let model = reconstructor.model();
+        let moved = mean((0..model.len()).map(|i| (model.live[i] - model.rest[i]).norm()));
+        assert!(moved < 5e-4, "{moved} m");
+        let visible = reconstructor.visible_now(&seen);
+        let measured = report.measured.iter().zip(&visible).filter(|(m, _)| **m);
+        let both = mean(measured.map(|(_, v)| f64::from(u8::from(*v))));
+        assert!(both > 0.97, "{both} of what was measured can be seen");
+        first = if number == 0 { model.len() } else { first };
+    }
+    // It sees the sides as well.
+    let grown = reconstructor.model().len();
+    assert!(grown as f64 > 1.1 * first as f64, "{first} to {grown}");
+}
+
+fn followed(film: Vec<(u32, Observation)>) {
     let mut reconstructor = reconstructor();
     let (mut first, mut worst) = (0, 0.0_f64);
-    for (turned, observation) in film() {
+    for (turned, observation) in film {
         let report = reconstructor.process(&observation, &table()).unwrap();
         assert!(usable(&report), "{report:?}");
         let model = reconstructor.model();
@@ -373,6 +431,7 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
         let before = reconstructor.model().clone();
         let at = Translation3::new(jump, 0.0, 0.0) * motion(0);
         let moved = Observation {
+            camera: None,
             stamp: 0.6,
             points: render(&at, 6),
             colours: None,

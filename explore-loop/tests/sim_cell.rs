@@ -9,7 +9,7 @@
 )]
 
 use explore_loop::cell::sim::{
-    CameraOptions, Scene, SimCell, SimError, SimOptions, TriangleMesh, Truth,
+    CameraOptions, Scene, SimCell, SimError, SimOptions, Sway, TriangleMesh, Truth,
 };
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::mesh::{Format, parse};
@@ -676,6 +676,46 @@ fn cameras_agree_on_the_surface() {
     let frame = cell.observe().unwrap();
     assert!(off(&frame.points, &truth) < 1e-9);
     assert_eq!(frame.colours().unwrap().len(), frame.points.len());
+}
+
+/// A camera that swings sees the same body from both sides, whichever camera it is; what it saw is given in its frame at rest.
+#[test]
+fn a_camera_that_swings_knows_where_it_is() {
+    for camera in [CameraOptions::default(), CameraOptions::realsense()] {
+        let mut options = options();
+        options.camera = camera;
+        let still = cell(&options).0.observe().unwrap();
+        options.camera.sway = Some(Sway {
+            angle: 0.5,
+            period: 4.0,
+        });
+        let (mut cell, truth) = cell(&options);
+        let frames: Vec<Observation> = (0..40).map(|_| cell.observe().unwrap()).collect();
+        let lower = |seen: &Observation| {
+            let heights = seen.points.iter().map(|p| cell.info().table.height(p));
+            heights.filter(|h| *h < 0.02).count()
+        };
+        let turned = |seen: &Observation| seen.fixed_from_camera().rotation.angle();
+        assert!(frames.iter().map(turned).fold(0.0, f64::max) > 0.45);
+        for seen in &frames {
+            let error = off(&seen.points, &truth);
+            assert!(error < 0.004, "{error}");
+            let own = seen.measured();
+            let back = own.points.iter().zip(&seen.points);
+            let pose = seen.fixed_from_camera();
+            assert!(
+                back.into_iter()
+                    .all(|(own, p)| (pose * own - p).norm() < 1e-12)
+            );
+        }
+        // The sides come into view.
+        let most = frames.iter().map(lower).max().unwrap();
+        assert!(
+            most > lower(&still) + lower(&still) / 5,
+            "{most} {}",
+            lower(&still)
+        );
+    }
 }
 
 /// A texture sticks to the body: what is carried off by a jaw has the colour at the same place of the body.

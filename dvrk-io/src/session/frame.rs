@@ -21,6 +21,8 @@ pub struct ArmSample {
 pub struct Frame {
     /// Time of the cloud in seconds.
     pub stamp: f64,
+    /// Pose of the camera in the frame of arms and table, if the camera moves: points and features are in the frame that the camera had now.
+    pub camera: Option<Isometry3<f64>>,
     /// Valid points of the object, camera frame: no NaN, and none of the zeros that depth cameras send for
     /// pixels without depth.
     pub points: Vec<Point3<f64>>,

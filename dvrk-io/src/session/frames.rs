@@ -62,6 +62,11 @@ impl<'a> Frames<'a> {
         self.index.arms.values().any(|arm| !arm.poses.is_empty())
     }
 
+    /// Whether poses of the camera were recorded: it moves. A cloud without one around its time is then passed over.
+    pub fn camera_moves(&self) -> bool {
+        !self.index.cameras.is_empty()
+    }
+
     /// Names of the arms, sorted.
     pub fn arm_names(&self) -> &[String] {
         &self.names
@@ -134,17 +139,38 @@ impl<'a> Frames<'a> {
         })
     }
 
-    fn frame(&self, stamp: u64, cloud: Coloured, features: Option<Vec<Feature>>) -> Frame {
+    /// Where the camera was at a time, if it moves.
+    fn camera(&self, stamp: u64) -> Result<Option<Isometry3<f64>>, Error> {
+        if self.index.cameras.is_empty() {
+            return Ok(None);
+        }
+        match self.closest(&self.index.cameras, stamp) {
+            Some(pose) => Ok(Some(*pose)),
+            None => Err(Error::NoCameraPose {
+                stamp: seconds(stamp),
+                tolerance: self.tolerance,
+            }),
+        }
+    }
+
+    fn frame(
+        &self,
+        stamp: u64,
+        cloud: Coloured,
+        features: Option<Vec<Feature>>,
+    ) -> Result<Frame, Error> {
+        let camera = self.camera(stamp)?;
         let arms = self.index.arms.iter();
-        Frame {
+        Ok(Frame {
             stamp: seconds(stamp),
+            camera,
             points: cloud.points,
             colours: cloud.colours,
             features,
             arms: arms
                 .map(|(name, arm)| self.sample(name, arm, stamp))
                 .collect(),
-        }
+        })
     }
 
     fn sample(&self, name: &str, arm: &Arm, stamp: u64) -> ArmSample {
@@ -187,7 +213,7 @@ impl Iterator for Frames<'_> {
             self.next += 1;
             let read = self.cloud(place).and_then(|cloud| {
                 let features = self.features(stamp)?;
-                Ok(cloud.map(|cloud| self.frame(stamp, cloud, features)))
+                Ok(cloud.and_then(|cloud| self.frame(stamp, cloud, features)))
             });
             match read {
                 Ok(Ok(frame)) => return Some(Ok(frame)),

@@ -33,9 +33,13 @@ pub(super) struct Index {
     pub(super) clouds: Track<Place>,
     /// The same of the features.
     pub(super) features: Track<Place>,
+    /// Where the camera was, if it moves.
+    pub(super) cameras: Track<Isometry3<f64>>,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
     pub(super) arms: BTreeMap<String, Arm>,
     pub(super) camera_frame: String,
+    /// Frame of the poses of a camera that moves, and of arms and table then.
+    fixed_frame: String,
     /// Topic of the clouds.
     pub(super) cloud_topic: String,
     pub(super) topics: Vec<TopicCount>,
@@ -43,8 +47,8 @@ pub(super) struct Index {
     pub(super) skipped: Skipped,
     /// By log time: the first plane is the table.
     planes: Track<(UnitVector3<f64>, f64)>,
-    /// Topics and the frames their messages are in.
-    frames: BTreeSet<(String, String)>,
+    /// Topics and the frames their messages are in; whether they are what the camera measured.
+    frames: BTreeSet<(String, String, bool)>,
 }
 
 impl Index {
@@ -65,6 +69,7 @@ impl Index {
         }
         index.clouds.sort_by_key(|(stamp, _)| *stamp);
         index.features.sort_by_key(|(stamp, _)| *stamp);
+        index.cameras.sort_by_key(|(stamp, _)| *stamp);
         index.planes.sort_by_key(|(time, _)| *time);
         index.table = index.planes.first().map(|(_, plane)| *plane);
         for arm in index.arms.values_mut() {
@@ -96,12 +101,22 @@ impl Index {
                     self.camera_frame.clone_from(&header.frame_id);
                 }
                 self.clouds.push((header.stamp.nanoseconds(), place));
-                self.in_frame(channel, header.frame_id);
+                self.in_frame(channel, header.frame_id, true);
             }
             Role::Features => {
                 let header = Header::read(&mut Decoder::new(data)?)?;
                 self.features.push((header.stamp.nanoseconds(), place));
-                self.in_frame(channel, header.frame_id);
+                self.in_frame(channel, header.frame_id, true);
+            }
+            Role::Camera => {
+                let PoseStamped { header, pose } = cdr::decode(data)?;
+                if let Some(stamp) = valid_stamp(&header, log_time) {
+                    self.cameras.push((stamp, pose.isometry()?));
+                    if self.fixed_frame.is_empty() {
+                        self.fixed_frame.clone_from(&header.frame_id);
+                    }
+                    self.in_frame(channel, header.frame_id, false);
+                }
             }
             Role::Table => {
                 let plane = cdr::decode::<Plane>(data)?.normalized()?;
@@ -112,7 +127,7 @@ impl Index {
                 if let Some(stamp) = valid_stamp(&header, log_time) {
                     let pose = pose.isometry()?;
                     self.arm(arm).poses.push((stamp, pose));
-                    self.in_frame(channel, header.frame_id);
+                    self.in_frame(channel, header.frame_id, false);
                 }
             }
             Role::Jaw(arm) => {
@@ -137,22 +152,29 @@ impl Index {
         self.arms.entry(name.to_owned()).or_default()
     }
 
-    fn in_frame(&mut self, channel: &Channel, frame: String) {
-        let entry = (channel.topic.clone(), frame);
+    fn in_frame(&mut self, channel: &Channel, frame: String, measured: bool) {
+        let entry = (channel.topic.clone(), frame, measured);
         if !self.frames.contains(&entry) {
             self.frames.insert(entry);
         }
     }
 
-    /// Poses in another frame than the clouds would be grips in the wrong place. An empty name says nothing.
+    /// Poses in another frame than the clouds would be grips in the wrong place; where the camera moves, poses in another than those of the camera. An
+    /// empty name says nothing.
     fn check_frames(&self) -> Result<(), Error> {
-        let expected = &self.camera_frame;
-        let is_wrong = |found: &str| !found.is_empty() && !expected.is_empty() && found != expected;
-        match self.frames.iter().find(|(_, found)| is_wrong(found)) {
-            Some((topic, found)) => Err(Error::FrameMismatch {
+        let expected = |measured: bool| match (measured, self.cameras.is_empty()) {
+            (false, false) => &self.fixed_frame,
+            _ => &self.camera_frame,
+        };
+        let is_wrong = |found: &str, expected: &str| {
+            !found.is_empty() && !expected.is_empty() && found != expected
+        };
+        let mut frames = self.frames.iter();
+        match frames.find(|(_, found, measured)| is_wrong(found, expected(*measured))) {
+            Some((topic, found, measured)) => Err(Error::FrameMismatch {
                 topic: topic.clone(),
                 found: found.clone(),
-                expected: expected.clone(),
+                expected: expected(*measured).clone(),
             }),
             None => Ok(()),
         }

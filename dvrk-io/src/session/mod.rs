@@ -3,12 +3,14 @@
 //! | topic | type | what |
 //! |---|---|---|
 //! | `/cell/points` | sensor_msgs/PointCloud2 | segmented cloud of the object, one message a frame |
+//! | `/cell/camera` | geometry_msgs/PoseStamped | pose of a camera that moves |
 //! | `/cell/table` | shape_msgs/Plane | a·x + d ≥ 0 on the free side of the table |
 //! | `/PSM1/measured_cp` … | geometry_msgs/PoseStamped | tip pose of an arm |
 //! | `/PSM1/jaw/measured_js` … | sensor_msgs/JointState | jaw angle of an arm, 0 = closed |
 //! | `/truth/points` | sensor_msgs/PointCloud2 | where the material points truly are, in simulations |
 //!
-//! Everything is in the frame of the camera, in metres and radians. Each cloud makes a [`Frame`]; an arm
+//! Everything is in the frame of the camera, in metres and radians. Where the camera moves, its clouds are in the frame that it had at their time, and
+//! arms, table and truth are in the fixed frame of its poses. Each cloud makes a [`Frame`]; an arm
 //! belongs to it with the sample closest in time, if that lies within the tolerance
 //! ([`SessionReader::tolerance`]). An arm without pose in a frame was not measured then; simulations
 //! publish poses only while the arm holds.

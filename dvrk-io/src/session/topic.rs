@@ -8,6 +8,7 @@ use crate::cdr::{JointState, Message, Plane, PointCloud2, PoseStamped};
 
 const POINTS: &str = "/cell/points";
 const FEATURES: &str = "/cell/features";
+const CAMERA: &str = "/cell/camera";
 const TABLE: &str = "/cell/table";
 const TRUTH: &str = "/truth/points";
 const POSE: &str = "/measured_cp";
@@ -15,7 +16,7 @@ const JAW: &str = "/jaw/measured_js";
 
 /// What a topic means to a session.
 ///
-/// Written and parsed as its usual topic without the slash in front, or as `points`, `features`, `table`, `truth`:
+/// Written and parsed as its usual topic without the slash in front, or as `points`, `features`, `camera`, `table`, `truth`:
 ///
 /// ```
 /// use dvrk_io::session::Role;
@@ -31,6 +32,8 @@ pub enum Role {
     Points,
     /// Features of the colour image on the object: x, y, z and a descriptor.
     Features,
+    /// Pose of a camera that moves, in the frame of arms and table.
+    Camera,
     /// The table.
     Table,
     /// Where the material points truly are: only from simulations, only for measures.
@@ -54,6 +57,7 @@ impl Role {
         match name {
             POINTS => Some(Self::Points),
             FEATURES => Some(Self::Features),
+            CAMERA => Some(Self::Camera),
             TABLE => Some(Self::Table),
             TRUTH => Some(Self::Truth),
             _ => arm(JAW)
@@ -67,6 +71,7 @@ impl Role {
         match self {
             Self::Points => POINTS.to_owned(),
             Self::Features => FEATURES.to_owned(),
+            Self::Camera => CAMERA.to_owned(),
             Self::Table => TABLE.to_owned(),
             Self::Truth => TRUTH.to_owned(),
             Self::Pose(arm) => format!("/{arm}{POSE}"),
@@ -79,7 +84,7 @@ impl Role {
         match self {
             Self::Points | Self::Features | Self::Truth => PointCloud2::TYPE,
             Self::Table => Plane::TYPE,
-            Self::Pose(_) => PoseStamped::TYPE,
+            Self::Pose(_) | Self::Camera => PoseStamped::TYPE,
             Self::Jaw(_) => JointState::TYPE,
         }
     }
@@ -90,6 +95,7 @@ impl fmt::Display for Role {
         match self {
             Self::Points => formatter.write_str("points"),
             Self::Features => formatter.write_str("features"),
+            Self::Camera => formatter.write_str("camera"),
             Self::Table => formatter.write_str("table"),
             Self::Truth => formatter.write_str("truth"),
             Self::Pose(_) | Self::Jaw(_) => formatter.write_str(&self.topic()[1..]),
@@ -104,6 +110,7 @@ impl FromStr for Role {
         match text {
             "points" => Ok(Self::Points),
             "features" => Ok(Self::Features),
+            "camera" => Ok(Self::Camera),
             "table" => Ok(Self::Table),
             "truth" => Ok(Self::Truth),
             _ => Self::of_topic(&format!("/{text}")).ok_or_else(|| Error::BadRole {

@@ -21,8 +21,10 @@ use crate::cdr::{
 
 use crate::features::Feature;
 
-/// Frame of everything that is written.
+/// Frame of everything that is written where the camera stands still.
 const CAMERA_FRAME: &str = "camera";
+/// Frame of poses and truth where the camera moves.
+const FIXED_FRAME: &str = "fixed";
 /// A chunk goes to the file when it holds this many bytes …
 const CHUNK_BYTES: usize = 1 << 20;
 /// … or when its messages span this many nanoseconds: arms are recorded without a camera, too.
@@ -45,7 +47,8 @@ impl WriterOptions {
     }
 }
 
-/// Writes a session, message by message. Stamps are seconds; everything is in the camera frame.
+/// Writes a session, message by message. Stamps are seconds; everything is in the camera frame, where the camera
+/// moves ([`Self::camera`]) poses and truth in a fixed one.
 ///
 /// Dropping the writer closes the file as well, but only [`finish`](Self::finish) says whether that worked.
 pub struct SessionWriter {
@@ -56,6 +59,8 @@ pub struct SessionWriter {
     channels: BTreeMap<String, u16>,
     pending: usize,
     flushed_at: Option<u64>,
+    /// Whether a pose of the camera was written.
+    moves: bool,
 }
 
 impl std::fmt::Debug for SessionWriter {
@@ -92,7 +97,32 @@ impl SessionWriter {
             channels: BTreeMap::new(),
             pending: 0,
             flushed_at: None,
+            moves: false,
         })
+    }
+
+    /// Pose of a camera that moves, for the cloud of the same stamp: to be written for every cloud, and before any pose of an arm, which is in the
+    /// same fixed frame.
+    ///
+    /// # Errors
+    /// Pose or stamp not finite, or the file cannot be written.
+    pub fn camera(&mut self, stamp: f64, fixed_from_camera: &Isometry3<f64>) -> Result<(), Error> {
+        self.moves = true;
+        let pose = PoseStamped {
+            header: self.fixed(stamp)?,
+            pose: fixed_from_camera.into(),
+        };
+        pose.pose.isometry()?;
+        self.write(&Role::Camera, pose.header.stamp, &pose)
+    }
+
+    /// Header of what the camera did not measure.
+    fn fixed(&self, stamp: f64) -> Result<Header, Error> {
+        let mut header = header(stamp)?;
+        if self.moves {
+            FIXED_FRAME.clone_into(&mut header.frame_id);
+        }
+        Ok(header)
     }
 
     /// The table: `normal · x + offset ≥ 0` on the free side.
@@ -158,7 +188,7 @@ impl SessionWriter {
     ) -> Result<(), Error> {
         check_arm_name(arm)?;
         let pose = PoseStamped {
-            header: header(stamp)?,
+            header: self.fixed(stamp)?,
             pose: camera_from_tip.into(),
         };
         pose.pose.isometry()?;
@@ -193,7 +223,7 @@ impl SessionWriter {
     /// # Errors
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
     pub fn truth(&mut self, stamp: f64, points: &[Point3<f64>]) -> Result<(), Error> {
-        let cloud = PointCloud2::from_points(header(stamp)?, points)?;
+        let cloud = PointCloud2::from_points(self.fixed(stamp)?, points)?;
         self.write(&Role::Truth, cloud.header.stamp, &cloud)
     }
 

@@ -193,6 +193,7 @@ impl Cell for EggCell {
         self.frame += 1;
         Ok(Observation {
             stamp: f64::from(self.frame) / RATE,
+            camera: None,
             points: self.look(),
             colours: None,
             features: None,

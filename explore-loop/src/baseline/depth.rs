@@ -195,7 +195,7 @@ fn triangulate(points: &[Point3<f64>]) -> (Vec<[u32; 3]>, f64) {
     let faces = |t: &[u32; 3]| {
         let [a, b, c] = t.map(|v| points[v as usize]);
         let normal = UnitVector3::try_new((b - a).cross(&(c - a)), 1e-300);
-        normal.is_some_and(|n| facing(&a, &n).abs() > LEAST_FACING)
+        normal.is_some_and(|n| facing(&a, &n, &Point3::origin()).abs() > LEAST_FACING)
     };
     let kept = all
         .into_iter()

@@ -249,6 +249,11 @@ impl Scene {
 
 impl Reconstruct for DynamicFusion {
     fn process(&mut self, observation: &Observation, _: &Plane) -> Result<FrameReport, Error> {
+        if observation.camera.is_some() {
+            return Err(Error::CameraMoves {
+                reconstruction: "the DynamicFusion-style reconstruction",
+            });
+        }
         let start = Instant::now();
         let mut report = FrameReport {
             frame: self.frame,

@@ -15,7 +15,9 @@ use super::equations::{Equations, Structure};
 use super::warp::{BLENDED, Skin, Warp, exp};
 use super::{Association, DynamicFusionOptions};
 use crate::visibility::{DepthGrid, Sight, facing};
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Point3, RowVector6, UnitVector3, Vector3, Vector6};
+use nalgebra::{
+    Isometry3, Matrix3, Matrix3x6, Matrix6, Point3, RowVector6, UnitVector3, Vector3, Vector6,
+};
 
 /// A point of the canonical surface, and the nodes it leans on.
 #[derive(Debug, Clone, Copy)]
@@ -120,10 +122,10 @@ impl Frame<'_> {
             .collect();
         let front: Vec<Point3<f64>> = warped
             .iter()
-            .filter(|(v, n)| facing(v, n) > 0.0)
+            .filter(|(v, n)| facing(v, n, &Point3::origin()) > 0.0)
             .map(|(v, _)| *v)
             .collect();
-        let rendered = DepthGrid::new(&front, 1.5 * self.options.voxel);
+        let rendered = DepthGrid::new(&front, 1.5 * self.options.voxel, &Isometry3::identity());
         let back = 2.0 * self.options.truncation;
         let hidden = |v: &Point3<f64>| {
             let sight = rendered.as_ref().map(|r| r.sight(v, f64::INFINITY, back));
@@ -132,7 +134,7 @@ impl Frame<'_> {
         (0..surface.len())
             .filter_map(|point| {
                 let (v, normal) = warped[point];
-                if facing(&v, &normal) < FACING || hidden(&v) {
+                if facing(&v, &normal, &Point3::origin()) < FACING || hidden(&v) {
                     return None;
                 }
                 let hit = self.meet(&v)?;

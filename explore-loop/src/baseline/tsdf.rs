@@ -91,7 +91,7 @@ impl Volume {
     fn measure(&self, depth: &DepthMap, x: &Point3<f64>) -> Option<(f64, f64)> {
         let hit = depth.at(x)?;
         let sd = (hit.point.z - x.z) / self.truncation;
-        let c = facing(&hit.point, &hit.normal);
+        let c = facing(&hit.point, &hit.normal, &Point3::origin());
         (sd > -1.0 && c > SLANT).then_some((sd.min(1.0), c))
     }
 

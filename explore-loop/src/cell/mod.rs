@@ -1,10 +1,12 @@
 //! The one trait between the loop and a world.
 //!
-//! A [`Cell`] is a fixed depth camera, a table and a few arms. The loop sees nothing else: what it knows of
+//! A [`Cell`] is a depth camera, a table and a few arms. The loop sees nothing else: what it knows of
 //! the object it knows from [`Observation`]s. The simulated cell ([`sim`]), a recorded session
 //! ([`replay`]) and a dVRK implement the trait; a user's own robot is one more `impl`.
 //!
 //! All poses and points are in the camera frame: +z along the optical axis, away from the camera, metres.
+//! A camera that moves says where it is in every frame ([`Observation::camera`]); poses and points are then in one fixed frame, the camera frame of
+//! any one moment.
 //! A tip frame has its origin midway between the jaws, +z along the approach (from the wrist to the
 //! object) and ±y along the direction in which the jaws open.
 //!
@@ -26,6 +28,7 @@
 //!   next may have moved by one ξ more. In the twelve frames after all jaws opened the object may fall by 100 mm a frame.
 //! - **Time passes in [`Cell::observe`] and [`Cell::home`] only**, as far as the loop can tell: commanded motions go on there.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -54,6 +57,16 @@ impl Plane {
     /// Signed height of `point` above the plane, in metres.
     pub fn height(&self, point: &Point3<f64>) -> f64 {
         self.normal.dot(&point.coords) + self.offset
+    }
+
+    /// The plane carried by a motion.
+    #[must_use]
+    pub fn carried(&self, motion: &Isometry3<f64>) -> Self {
+        let normal = motion.rotation * self.normal;
+        Self {
+            normal,
+            offset: self.offset - normal.dot(&motion.translation.vector),
+        }
     }
 
     /// `point`, or the nearest point of the plane if it lies under it.
@@ -138,6 +151,8 @@ pub struct ArmState {
 pub struct Observation {
     /// Time of the frame, seconds since the cell started.
     pub stamp: f64,
+    /// Pose of the camera in the frame in which everything is given, if the camera moves; `None` where it stands still, and that frame is its own.
+    pub camera: Option<Isometry3<f64>>,
     /// Points on the visible surface of the object, unordered, at least one every half spacing of the model.
     pub points: Vec<Point3<f64>>,
     /// Red, green and blue of each point, if the camera has colours. A list of another length than the points is no colours.
@@ -149,6 +164,37 @@ pub struct Observation {
 }
 
 impl Observation {
+    /// Pose of the camera: the identity where it stands still.
+    pub fn fixed_from_camera(&self) -> Isometry3<f64> {
+        self.camera.unwrap_or_else(Isometry3::identity)
+    }
+
+    /// Where the camera is.
+    pub fn eye(&self) -> Point3<f64> {
+        self.fixed_from_camera().translation.vector.into()
+    }
+
+    /// The same with points and features as the camera measured them, in its own frame.
+    pub fn measured(&self) -> Cow<'_, Self> {
+        let Some(fixed_from_camera) = &self.camera else {
+            return Cow::Borrowed(self);
+        };
+        let camera_from_fixed = fixed_from_camera.inverse();
+        Cow::Owned(self.carried(&camera_from_fixed))
+    }
+
+    /// The same with points and features carried by a motion.
+    pub(crate) fn carried(&self, motion: &Isometry3<f64>) -> Self {
+        let mut moved = self.clone();
+        for point in &mut moved.points {
+            *point = motion * *point;
+        }
+        for feature in moved.features.iter_mut().flatten() {
+            feature.point = motion * feature.point;
+        }
+        moved
+    }
+
     /// The colours of the points, if each has one.
     pub fn colours(&self) -> Option<&[[u8; 3]]> {
         let colours = self.colours.as_deref();

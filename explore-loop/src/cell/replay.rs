@@ -192,12 +192,17 @@ impl Cell for ReplayCell {
             let closed = sample.and_then(|s| s.jaw).is_none_or(|jaw| jaw < CLOSED);
             state.holding = pose.is_some() && closed;
         }
-        Ok(Observation {
+        let measured = Observation {
             stamp: frame.stamp,
+            camera: frame.camera,
             points: frame.points,
             colours: frame.colours,
             features: frame.features,
             arms: self.last.clone(),
+        };
+        Ok(match &frame.camera {
+            Some(fixed_from_camera) => measured.carried(fixed_from_camera),
+            None => measured,
         })
     }
 

@@ -4,8 +4,10 @@ use super::{ClosedBy, Event, Explorer, Halt, Manipulation, Outcome, Phase, State
 use crate::Error;
 use crate::canonical::surface::{triangulate, vertex_areas};
 use crate::canonical::topology::{self, Topology};
+use crate::cell::Observation;
 use crate::plan::{NoPlan, PlanInput};
 use grip_planner::Plan;
+use nalgebra::Point3;
 
 impl Explorer<'_> {
     pub(super) fn decide(&mut self) -> Result<State, Halt> {
@@ -80,6 +82,7 @@ impl Explorer<'_> {
             topology,
             visible: &visible,
             hidden: &hidden,
+            camera: self.eye(),
             cell: self.cell.info(),
             limits: self.options.limits,
             attempt: self.manipulations + self.misses,
@@ -91,6 +94,12 @@ impl Explorer<'_> {
             }),
             planned => Ok(planned),
         }
+    }
+
+    /// Where the camera was in the last frame.
+    pub(super) fn eye(&self) -> Point3<f64> {
+        let latest = self.latest.as_ref();
+        latest.map_or_else(Point3::origin, Observation::eye)
     }
 
     /// The end, with the topology of what is known.

@@ -61,7 +61,7 @@ impl Explorer<'_> {
         let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live[i]).collect();
         let normals: Vec<UnitVector3<f64>> = kept.iter().map(|&i| model.live_normal(i)).collect();
         let seen_normals =
-            nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &Point3::origin()).ok()?;
+            nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &latest.eye()).ok()?;
         let cloud = nonrigid_reg::Cloud {
             points: &latest.points,
             normals: &seen_normals,

@@ -50,6 +50,8 @@ pub struct PlanInput<'a> {
     pub visible: &'a [bool],
     /// Vector areas of the pieces of surface that were never seen, as they face now, m².
     pub hidden: &'a [Vector3<f64>],
+    /// Where the camera is.
+    pub camera: Point3<f64>,
     /// The arms and the table.
     pub cell: &'a CellInfo,
     /// How fast the arms may go.
@@ -180,7 +182,7 @@ fn workspace(arm: &ArmInfo) -> Workspace {
 }
 
 /// Table, arms and camera as the planner sees them.
-pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm]) -> Scene<'a> {
+pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: Point3<f64>) -> Scene<'a> {
     let table = grip_planner::Plane {
         normal: cell.table.normal,
         offset: cell.table.offset,
@@ -194,7 +196,7 @@ pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm]) -> Scene<'a> {
     Scene {
         table,
         arms,
-        camera: Point3::origin(),
+        camera,
         jaw_radius,
         shaft_length: 0.05,
         jaw_separation: 4.0 * jaw_radius,

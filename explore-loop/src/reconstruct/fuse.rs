@@ -115,8 +115,9 @@ fn samples(track: &Track) -> Vec<Sample> {
         };
         let cells = cell_tree(lattice, &keyframe.pose.live);
         let view = &keyframe.view;
+        let eye = view.eye();
         for (i, point) in view.points.iter().enumerate() {
-            let turned = facing(point, &view.normals[i]);
+            let turned = facing(point, &view.normals[i], &eye);
             if turned < FACING {
                 continue;
             }
@@ -331,17 +332,16 @@ fn weigh_evidence(track: &Track, keyframe: &Keyframe, spacing: f64, evidence: &m
     pose.extend(lattice);
     let posed = Posed::new(&track.model, &track.embeddings, lattice, &pose);
     let depth = &keyframe.view.depth;
+    let eye = depth.eye();
     for (i, at) in posed.points.iter().enumerate() {
         let hidden_by_arm = || {
             let holds =
-                |a: &crate::cell::ArmState| behind_arm(at, &a.camera_from_tip, 3.0 * spacing);
+                |a: &crate::cell::ArmState| behind_arm(at, &eye, &a.camera_from_tip, 3.0 * spacing);
             keyframe.arms.iter().any(holds)
         };
-        evidence[i] += match depth.depth(at) {
-            Some(d) if d - at.z > 1.5 * spacing => -1.0,
-            Some(d) if (d - at.z).abs() < 0.6 * spacing && facing(at, &posed.normals[i]) > 0.3 => {
-                1.0
-            }
+        evidence[i] += match depth.behind(at) {
+            Some(d) if -d > 1.5 * spacing => -1.0,
+            Some(d) if d.abs() < 0.6 * spacing && facing(at, &posed.normals[i], &eye) > 0.3 => 1.0,
             None if !hidden_by_arm() && depth.nearest_seen(at, 0.012).is_none() => -1.0,
             _ => 0.0,
         };

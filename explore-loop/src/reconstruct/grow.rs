@@ -44,9 +44,10 @@ pub(crate) fn grown(
     };
     let normals = model.live_normals();
     let cells = track.cell_tree();
+    let eye = view.eye();
     let mut fresh: Vec<NewVertex> = Vec::new();
     for (point, normal) in view.points.iter().zip(&view.normals) {
-        if facing(point, normal) < FACING {
+        if facing(point, normal, &eye) < FACING {
             continue;
         }
         let around = graph::near(&live, point, 2.2 * spacing, 30);
@@ -82,7 +83,7 @@ pub(crate) fn grown(
             continue;
         }
         place -= table.normal.into_inner() * height.min(0.0);
-        if first.depth(&place).is_some_and(|d| d - place.z > spacing) {
+        if first.behind(&place).is_some_and(|d| -d > spacing) {
             continue;
         }
         let taken = |f: &NewVertex| {

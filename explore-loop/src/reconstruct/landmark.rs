@@ -124,7 +124,7 @@ impl Landmarks {
                 let (point, normal) = landmark.posed(lattice, pose)?;
                 let descriptor = landmark.descriptor;
                 let feature = Feature { point, descriptor };
-                (facing(&point, &normal) > FACING).then_some((l, feature))
+                (facing(&point, &normal, &frame.eye) > FACING).then_some((l, feature))
             })
             .collect();
         let features = |list: &[(usize, Feature)]| -> Vec<Feature> {
@@ -176,7 +176,7 @@ impl Landmarks {
         for (k, feature) in self.free(frame) {
             let (nearest, distance) = graph::nearest(&tree, &feature.point);
             let v = vertices[nearest];
-            let turned_away = facing(&feature.point, &model.live_normal(v)) < FACING;
+            let turned_away = facing(&feature.point, &model.live_normal(v), &frame.eye) < FACING;
             if distance > spacing || turned_away || crowded(&feature.point) {
                 continue;
             }

@@ -114,6 +114,7 @@ pub(crate) struct Look<'a> {
     model: &'a CanonicalModel,
     embeddings: &'a [Embedding],
     view: &'a FrameView,
+    eye: Point3<f64>,
     min_facing: f64,
     spacing: f64,
 }
@@ -129,6 +130,7 @@ impl<'a> Look<'a> {
             model,
             embeddings,
             view,
+            eye: view.eye(),
             min_facing: options.min_facing,
             spacing: options.spacing,
         }
@@ -152,7 +154,7 @@ impl<'a> Look<'a> {
         gates: Gates,
     ) -> Option<Match> {
         let view = self.view;
-        if facing(at, normal) < self.min_facing {
+        if facing(at, normal, &self.eye) < self.min_facing {
             return None;
         }
         let sight = view.depth.sight(at, f64::INFINITY, 3.0 * self.spacing);

@@ -217,7 +217,7 @@ impl Reconstructor {
 
     /// Vertices that the camera can see now, judged by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
-        visible(self.model(), &observation.points, self.options.spacing)
+        visible(self.model(), observation, self.options.spacing)
     }
 
     /// Refuses a state that was read and does not fit together.
@@ -343,7 +343,7 @@ impl Reconstructor {
         let after = |b: &Before| Recognised::after(b, view, &features, motion, spacing);
         let recognised = before
             .as_ref()
-            .map_or_else(|| Recognised::first(&features), after);
+            .map_or_else(|| Recognised::first(view, &features), after);
         let view = Arc::clone(view);
         self.before = Some(Before { view, features });
         Some(recognised)

@@ -9,6 +9,7 @@
 
 use super::view::FrameView;
 use dvrk_io::features::{Feature, FeatureOptions, match_features};
+use nalgebra::Point3;
 use nonrigid_reg::{Cloud, Options, Status};
 use std::sync::Arc;
 
@@ -26,6 +27,8 @@ pub(super) struct Before {
 
 /// The features of a frame, and where those of the one before went.
 pub(super) struct Recognised {
+    /// Where the camera was.
+    pub eye: Point3<f64>,
     pub features: Vec<Feature>,
     /// For each feature of the frame before: which it is now, and the confidence in that.
     pub from: Vec<Option<(usize, f64)>>,
@@ -33,8 +36,9 @@ pub(super) struct Recognised {
 
 impl Recognised {
     /// A frame after none.
-    pub fn first(features: &[Feature]) -> Self {
+    pub fn first(view: &FrameView, features: &[Feature]) -> Self {
         Self {
+            eye: view.eye(),
             features: features.to_vec(),
             from: Vec::new(),
         }
@@ -63,6 +67,7 @@ impl Recognised {
             from[pair.a] = (confidence >= BELIEVED).then_some((pair.b, confidence));
         }
         Self {
+            eye: view.eye(),
             features: features.to_vec(),
             from,
         }

@@ -43,7 +43,7 @@ pub trait Reconstruct {
     /// For every vertex of the model, whether the camera sees it now; `spacing` is that of the model, metres. By default: it faces
     /// the camera, and the cloud passes within two spacings of it.
     fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
-        visible(self.model(), &observation.points, spacing)
+        visible(self.model(), observation, spacing)
     }
 
     /// Stiffness over weight `E / (ρ g)` of the object, metres, if it is estimated.

@@ -118,7 +118,9 @@ impl Track {
         let apart = 0.85 * options.spacing;
         let mut taken: Vec<Point3<f64>> = Vec::new();
         for (point, normal) in view.points.iter().zip(&view.normals) {
-            if facing(point, normal) < 0.2 || taken.iter().any(|t| (t - point).norm() < apart) {
+            if facing(point, normal, &view.eye()) < 0.2
+                || taken.iter().any(|t| (t - point).norm() < apart)
+            {
                 continue;
             }
             taken.push(*point);
@@ -301,9 +303,10 @@ impl Track {
             self.seen[m.vertex] = m.residual.abs() < SEEN && m.aside < SEEN_ASIDE * spacing;
         }
         self.residual = mean_residual(&found);
+        let eye = view.eye();
         let visible = (0..self.model.len()).filter(|&i| {
             let at = &self.model.live[i];
-            facing(at, &self.model.live_normal(i)) > 0.3
+            facing(at, &self.model.live_normal(i), &eye) > 0.3
                 && !matches!(
                     view.depth.sight(at, f64::INFINITY, 3.0 * spacing),
                     Sight::Occluded

@@ -31,17 +31,23 @@ pub(crate) struct FrameView {
 }
 
 impl FrameView {
+    /// Where the camera was.
+    pub fn eye(&self) -> Point3<f64> {
+        self.depth.eye()
+    }
+
     /// Of an observation; `None` when it shows too little of the object.
     pub fn new(observation: &Observation, spacing: f64) -> Result<Option<Self>, Error> {
-        let points = usable(&observation.points);
+        let points = usable(observation);
         if points.len() < FEWEST {
             return Ok(None);
         }
-        let Some(depth) = DepthGrid::new(&points, 0.6 * spacing) else {
+        let Some(depth) = DepthGrid::new(&points, 0.6 * spacing, &observation.fixed_from_camera())
+        else {
             return Ok(None);
         };
         let normals =
-            nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &Point3::origin())?;
+            nonrigid_reg::estimate_normals(&points, NORMAL_NEIGHBOURS, &observation.eye())?;
         let thin = nonrigid_reg::voxel_downsample(&points, &normals, 0.5 * spacing)?;
         let cloud = nonrigid_reg::Cloud {
             points: &thin.points,
@@ -62,14 +68,16 @@ impl FrameView {
 }
 
 /// Points that are some, without strays many times as far away as the middle one: those would make the image of depths as large as they are far.
-fn usable(points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+fn usable(observation: &Observation) -> Vec<Point3<f64>> {
     let finite = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite());
-    let mut points: Vec<Point3<f64>> = points.iter().filter(finite).copied().collect();
-    let mut depths: Vec<f64> = points.iter().map(|p| p.z.abs()).collect();
+    let mut points: Vec<Point3<f64>> = observation.points.iter().filter(finite).copied().collect();
+    let camera_from_fixed = observation.fixed_from_camera().inverse();
+    let depth = |p: &Point3<f64>| (camera_from_fixed * p).z.abs();
+    let mut depths: Vec<f64> = points.iter().map(depth).collect();
     let middle = depths.len() / 2;
     if !depths.is_empty() {
         let middle = *depths.select_nth_unstable_by(middle, f64::total_cmp).1;
-        points.retain(|p| p.z.abs() <= FARTHEST * middle);
+        points.retain(|p| depth(p) <= FARTHEST * middle);
     }
     points
 }

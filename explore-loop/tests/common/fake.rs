@@ -232,6 +232,7 @@ impl Cell for FakeCell {
         };
         Ok(Observation {
             stamp: world.frame as f64 * PERIOD,
+            camera: None,
             points: world.seen(),
             colours: None,
             features: None,

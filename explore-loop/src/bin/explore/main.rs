@@ -230,6 +230,9 @@ struct RunArgs {
     /// Whether features of a colour image are landmarks
     #[arg(long, value_enum, default_value_t = Features::Off)]
     features: Features,
+    /// Swing the camera by so many degrees about the middle of the table, there and back in 12 s; its pose is known in every frame
+    #[arg(long, value_name = "DEGREES", value_parser = positive)]
+    sway: Option<f64>,
     #[command(flatten)]
     aim: AimArgs,
     /// Leave parts of the method out, to learn what each is worth
@@ -300,6 +303,7 @@ impl Default for RunArgs {
             camera: Camera::Ideal,
             noise: 0.5,
             features: Features::Off,
+            sway: None,
             aim: AimArgs::default(),
             without: Vec::new(),
             resume: false,

@@ -215,12 +215,16 @@ impl<'a> Recorder<'a> {
         let Some(session) = &mut self.session else {
             return Ok(());
         };
-        let (stamp, points) = (observation.stamp, &observation.points);
-        match observation.colours() {
-            Some(colours) => session.coloured_points(stamp, points, colours)?,
-            None => session.points(stamp, points)?,
+        let stamp = observation.stamp;
+        if let Some(camera) = &observation.camera {
+            session.camera(stamp, camera)?;
         }
-        if let Some(features) = &observation.features {
+        let measured = observation.measured();
+        match measured.colours() {
+            Some(colours) => session.coloured_points(stamp, &measured.points, colours)?,
+            None => session.points(stamp, &measured.points)?,
+        }
+        if let Some(features) = &measured.features {
             session.features(stamp, features)?;
         }
         for (name, arm) in self.arm_names.iter().zip(&observation.arms) {

@@ -8,7 +8,7 @@ use crate::without::{Part, planner_without, refuse};
 use crate::{Camera, Failure, Features, Grips, RunArgs};
 use explore_loop::Error;
 use explore_loop::cell::Cell;
-use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions};
+use explore_loop::cell::sim::{CameraOptions, SimCell, SimOptions, Sway};
 use explore_loop::explore::{Explorer, Outcome, Stop};
 use explore_loop::nalgebra::Point3;
 use explore_loop::plan::{Planner, RandomPlanner};
@@ -103,10 +103,17 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     write(args, &out, finished?, &outcome)
 }
 
+/// Seconds in which a camera that swings goes there and back.
+const SWAY_PERIOD: f64 = 12.0;
+
 /// The object and the cell that were asked for.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
         options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
+        options.camera.sway = args.sway.map(|degrees| Sway {
+            angle: degrees.to_radians(),
+            period: SWAY_PERIOD,
+        });
         options.seed_point = args.aim.seed_point.map(Point3::from);
         options
     })

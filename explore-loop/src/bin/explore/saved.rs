@@ -34,7 +34,7 @@ impl Saved {
         };
         Ok(Self {
             run: format!(
-                "{object}{reconstruction} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
+                "{object}{reconstruction} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --sway {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
                 args.arms,
                 args.grips,
                 args.seed,
@@ -43,6 +43,7 @@ impl Saved {
                 args.camera,
                 args.noise,
                 args.features,
+                args.sway,
                 args.aim.seed_point,
                 args.aim.genus.map_or_else(|| "any".into(), |g| g.to_string()),
                 args.aim.max_manipulations,

@@ -289,6 +289,7 @@ impl DvrkCell {
     fn observation(&self, stamp: Duration, seen: super::see::Seen) -> Observation {
         Observation {
             stamp: stamp.saturating_sub(self.start).as_secs_f64(),
+            camera: None,
             points: seen.points,
             colours: seen.colours,
             features: None,

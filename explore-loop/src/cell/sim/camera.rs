@@ -12,6 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use super::links::Links;
 use super::options::{CameraModel, CameraOptions};
 use super::realsense::TrueImage;
+use crate::cell::Plane;
 
 /// Nothing nearer than this is drawn, metres.
 const NEAR: f64 = 0.01;
@@ -198,23 +199,25 @@ impl DepthCamera {
     ///
     /// # Errors
     /// None: the image has the size of the camera.
-    pub fn image(&self, seed: u64, frame: u64) -> Result<DepthImage, dvrk_io::Error> {
+    pub fn image(
+        &self,
+        table: &Plane,
+        seed: u64,
+        frame: u64,
+    ) -> Result<DepthImage, dvrk_io::Error> {
         let c = &self.options;
         let (mut depth, mut cosine) = (Vec::new(), Vec::new());
         for v in 0..c.height {
             for u in 0..c.width {
                 let at = v * c.width + u;
                 let seen = self.thing[at] != Thing::Nothing;
-                depth.push(if seen {
-                    1.0 / self.inverse_depth[at]
+                let (z, facing) = if seen {
+                    (1.0 / self.inverse_depth[at], self.cosine[at])
                 } else {
-                    c.above_table
-                });
-                cosine.push(if seen {
-                    self.cosine[at]
-                } else {
-                    1.0 / self.ray(u, v).norm()
-                });
+                    on_table(table, &self.ray(u, v))
+                };
+                depth.push(z);
+                cosine.push(facing);
             }
         }
         match &c.model {
@@ -248,6 +251,16 @@ impl DepthCamera {
             (v as f64 + 0.5 - 0.5 * c.height as f64) / c.focal,
             1.0,
         )
+    }
+}
+
+/// Depth at which a ray of depth 1 meets the table, and the cosine there; a ray that passes above it sees nothing.
+fn on_table(table: &Plane, ray: &Vector3<f64>) -> (f64, f64) {
+    let down = -table.normal.dot(ray);
+    if down > 0.0 {
+        (table.offset / down, down / ray.norm())
+    } else {
+        (0.0, 0.0)
     }
 }
 

@@ -57,6 +57,7 @@ mod segment;
 mod shapes;
 mod sight;
 mod surface_nets;
+mod sway;
 mod texture;
 mod truth;
 mod world;
@@ -71,5 +72,6 @@ pub use options::{
 };
 pub use realsense::StereoOptions;
 pub use scene::{SCENES, Scene, about};
+pub use sway::Sway;
 pub use truth::Truth;
 pub use world::SimCell;

@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 
 use super::realsense::StereoOptions;
+use super::sway::Sway;
 use super::{Scene, SimError};
 
 /// What the object is made of.
@@ -43,7 +44,7 @@ impl Material {
     }
 }
 
-/// A pinhole depth camera looking straight down on the middle of the table.
+/// A pinhole depth camera looking straight down on the middle of the table, or swinging about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CameraOptions {
     /// Pixels across.
@@ -60,6 +61,8 @@ pub struct CameraOptions {
     pub noise: f64,
     /// One ray for every `pixel_stride` pixels in each direction, where the object is not looked for in images.
     pub pixel_stride: usize,
+    /// How it swings; `None`: it stands still.
+    pub sway: Option<Sway>,
     /// What is wrong with its images, and how the object is found in them.
     pub model: CameraModel,
     /// Whether it also has colour images, in which features are found: so many pixels of them for one of the depth image, in each direction.
@@ -101,6 +104,7 @@ impl Default for CameraOptions {
             rate: 10.0,
             noise: 0.0,
             pixel_stride: 1,
+            sway: None,
             model: CameraModel::Ideal,
             features: None,
         }
@@ -121,6 +125,16 @@ impl CameraOptions {
         within("camera pixel_stride", stride, 1.0, 64.0, "1 to 64")?;
         if let Some(scale) = self.features {
             within("camera features", scale as f64, 1.0, 4.0, "1 to 4 pixels")?;
+        }
+        if let Some(sway) = &self.sway {
+            within("camera sway angle", sway.angle, 0.0, 0.8, "0 to 0.8 rad")?;
+            within(
+                "camera sway period",
+                sway.period,
+                1.0,
+                1e6,
+                "1 s to 1000000 s",
+            )?;
         }
         match &self.model {
             CameraModel::Ideal => Ok(()),

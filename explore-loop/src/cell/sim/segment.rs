@@ -33,7 +33,9 @@ const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 pub(super) struct Segmenter {
     camera: Intrinsics,
     options: ObjectOptions,
+    /// A point of the object, in the frame of the camera at rest.
     seed: Option<Point3<f64>>,
+    camera_from_rest: Isometry3<f64>,
 }
 
 impl Segmenter {
@@ -52,6 +54,7 @@ impl Segmenter {
                 .with_voxel(VOXEL)
                 .with_parts(GAP, 4),
             seed,
+            camera_from_rest: Isometry3::identity(),
         })
     }
 
@@ -66,7 +69,8 @@ impl Segmenter {
         colour: impl Fn(usize) -> [u8; 3],
     ) -> Result<Seen, dvrk_io::Error> {
         let scan = Scan::from_image(image, &self.camera)?;
-        let near_seed = self.seed.map(|seed| self.options.with_seed_point(seed));
+        let seed = self.seed.map(|seed| self.camera_from_rest * seed);
+        let near_seed = seed.map(|seed| self.options.with_seed_point(seed));
         let anywhere = Some(self.options);
         // What is not where it was, or was never asked for, is the largest body in view.
         for options in [near_seed, anywhere].into_iter().flatten() {
@@ -86,9 +90,19 @@ impl Segmenter {
         Ok(Seen::default())
     }
 
+    /// Of a camera that moves: where its frame at rest is now, and the table there.
+    pub fn look_from(&mut self, camera_from_rest: &Isometry3<f64>, table: &Plane) {
+        let table = table.carried(camera_from_rest);
+        self.options = self.options.with_table(table.normal, table.offset);
+        // The seed is kept in the frame at rest.
+        self.camera_from_rest = *camera_from_rest;
+    }
+
     /// Looks for the object where it was seen last.
     pub fn follow(&mut self, seen: &Seen) {
-        self.seed = middle(&seen.points).or(self.seed);
+        let middle = middle(&seen.points);
+        let at_rest = middle.map(|p| self.camera_from_rest.inverse() * p);
+        self.seed = at_rest.or(self.seed);
     }
 }
 

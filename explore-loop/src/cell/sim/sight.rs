@@ -85,6 +85,11 @@ pub(super) struct Sight {
     remote_centres: Vec<Isometry3<f64>>,
     /// Finds the object in images, where it has to be looked for.
     segmenter: Option<Segmenter>,
+    table: Plane,
+    /// Where the camera is now, in the frame that it has at rest; `None`: it stands still.
+    camera_from_rest: Option<Isometry3<f64>>,
+    /// Surface of the object as it was drawn last, in the frame of the camera.
+    drawn: Vec<Point3<f64>>,
 }
 
 impl Sight {
@@ -111,6 +116,9 @@ impl Sight {
             beside,
             remote_centres: Vec::new(),
             segmenter: segmenter.transpose()?,
+            table: *table,
+            camera_from_rest: None,
+            drawn: Vec::new(),
         })
     }
 
@@ -122,6 +130,31 @@ impl Sight {
         }
     }
 
+    /// Puts the camera in a pose, in the frame that it has at rest.
+    pub fn look_from(&mut self, rest_from_camera: &Isometry3<f64>) {
+        let camera_from_rest = rest_from_camera.inverse();
+        self.camera_from_rest = Some(camera_from_rest);
+        if let Some(segmenter) = &mut self.segmenter {
+            segmenter.look_from(&camera_from_rest, &self.table);
+        }
+    }
+
+    /// A point in the frame of the camera.
+    fn own_frame(&self, point: &Point3<f64>) -> Point3<f64> {
+        self.camera_from_rest
+            .map_or(*point, |camera| camera * point)
+    }
+
+    fn all_own(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        points.iter().map(|p| self.own_frame(p)).collect()
+    }
+
+    /// The table in the frame of the camera.
+    fn own_table(&self) -> Plane {
+        self.camera_from_rest
+            .map_or(self.table, |camera| self.table.carried(&camera))
+    }
+
     /// The links of an arm, from its fingers on.
     fn links(&self, arm: usize, camera_from_tip: &Isometry3<f64>) -> Links {
         match self.remote_centres.get(arm) {
@@ -130,7 +163,7 @@ impl Sight {
         }
     }
 
-    /// The points of the object in a view, with the noise of frame `frame`.
+    /// The points of the object in a view, with the noise of frame `frame`, in the frame of the camera.
     pub fn see(&mut self, view: &View, frame: u64) -> Result<Seen, CellError> {
         self.draw(view);
         let arms = view.arms.iter().zip(&view.openings).enumerate();
@@ -139,16 +172,21 @@ impl Sight {
                 let pose = &arm.camera_from_tip;
                 capsules(pose, *opening, &self.links(k, pose))
             })
+            .map(|tool| Capsule {
+                start: self.own_frame(&tool.start),
+                end: self.own_frame(&tool.end),
+                ..tool
+            })
             .collect();
-        let mut seen = self.points(view, &tools, frame)?;
-        let features = self.features(view, &seen, &tools, frame);
+        let mut seen = self.points(&tools, frame)?;
+        let features = self.features(&seen, &tools, frame);
         seen.features = features.map_err(|error| CellError::Failed(error.to_string()))?;
         Ok(seen)
     }
 
     /// The points of the object.
-    fn points(&mut self, view: &View, tools: &[Capsule], frame: u64) -> Result<Seen, CellError> {
-        let colour = |pixel| self.colour(&self.camera, view, pixel);
+    fn points(&mut self, tools: &[Capsule], frame: u64) -> Result<Seen, CellError> {
+        let colour = |pixel| self.colour(&self.camera, pixel);
         let Some(segmenter) = &self.segmenter else {
             return Ok(Seen {
                 points: self.camera.points(self.seed, frame),
@@ -156,7 +194,7 @@ impl Sight {
                 ..Seen::default()
             });
         };
-        let image = self.camera.image(self.seed, frame);
+        let image = self.camera.image(&self.own_table(), self.seed, frame);
         let seen = image.and_then(|image| segmenter.points(&image, tools, colour));
         let seen = seen.map_err(|error| CellError::Failed(error.to_string()))?;
         if let Some(segmenter) = &mut self.segmenter {
@@ -168,14 +206,13 @@ impl Sight {
     /// The depth image of a view, with the noise of frame `frame`: table and arms included.
     pub fn image(&mut self, view: &View, frame: u64) -> Result<DepthImage, CellError> {
         self.draw(view);
-        let image = self.camera.image(self.seed, frame);
+        let image = self.camera.image(&self.own_table(), self.seed, frame);
         image.map_err(|error| CellError::Failed(error.to_string()))
     }
 
     /// Features of the colour image on the object, if there is one.
     fn features(
         &self,
-        view: &View,
         seen: &Seen,
         tools: &[Capsule],
         frame: u64,
@@ -183,7 +220,7 @@ impl Sight {
         let Some(colours) = &self.colours else {
             return Ok(None);
         };
-        let image = self.camera.image(self.seed, frame)?;
+        let image = self.camera.image(&self.own_table(), self.seed, frame)?;
         let scan = Scan::from_image(&image, colours.intrinsics())?;
         let known: Vec<bool>;
         let of_object = if self.segmenter.is_some() && !seen.points.is_empty() {
@@ -193,7 +230,7 @@ impl Sight {
             known = (0..scan.points().len()).map(shows).collect();
             &known
         };
-        let colour = |pixel| self.colour(&colours.camera, view, pixel);
+        let colour = |pixel| self.colour(&colours.camera, pixel);
         let own = [self.seed, frame];
         let features = colours.features(&scan, of_object, tools, colour, own)?;
         Ok(Some(features))
@@ -209,13 +246,17 @@ impl Sight {
                 let pose = &arm.camera_from_tip;
                 gripper(pose, *opening, &self.links(k, pose))
             })
+            .map(|(vertices, triangles)| (self.all_own(&vertices), triangles))
             .collect();
+        self.drawn = self.all_own(&view.surface);
+        let beside = self.beside.as_ref();
+        let beside = beside.map(|beside| (self.all_own(&beside.vertices), &beside.triangles));
         let colours = self.colours.as_mut().map(|c| &mut c.camera);
         for camera in std::iter::once(&mut self.camera).chain(colours) {
             camera.clear();
-            camera.draw(&view.surface, &self.triangles, Thing::Object);
-            if let Some(beside) = &self.beside {
-                camera.draw(&beside.vertices, &beside.triangles, Thing::Beside);
+            camera.draw(&self.drawn, &self.triangles, Thing::Object);
+            if let Some((vertices, triangles)) = &beside {
+                camera.draw(vertices, triangles, Thing::Beside);
             }
             for (vertices, triangles) in &arms {
                 camera.draw(vertices, triangles, Thing::Arm);
@@ -224,11 +265,11 @@ impl Sight {
     }
 
     /// The colour of a pixel of the image that was drawn.
-    fn colour(&self, camera: &DepthCamera, view: &View, pixel: usize) -> [u8; 3] {
+    fn colour(&self, camera: &DepthCamera, pixel: usize) -> [u8; 3] {
         if camera.thing(pixel) != Thing::Object {
             return GREY;
         }
-        let hit = camera.hit(pixel, &view.surface, &self.triangles);
+        let hit = camera.hit(pixel, &self.drawn, &self.triangles);
         hit.map_or(GREY, |(corners, weights)| {
             let sum = corners.iter().zip(weights);
             let at = sum.fold(Vector3::zeros(), |p, (v, w)| p + self.own[*v].coords * w);

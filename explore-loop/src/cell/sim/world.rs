@@ -325,13 +325,25 @@ impl Cell for SimCell {
         let now = self.frame as f64 / self.info.camera_rate;
         let view = self.ticked.take().unwrap_or_else(|| self.view(now));
         self.truth.record(&view.surface);
+        let camera = self.options.camera.sway.map(|sway| {
+            let height = self.options.camera.above_table;
+            sway.pose(view.stamp, height)
+        });
+        if let Some(rest_from_camera) = &camera {
+            self.sight.look_from(rest_from_camera);
+        }
         let seen = self.sight.see(&view, self.frame)?;
-        Ok(Observation {
+        let measured = Observation {
             stamp: view.stamp,
+            camera,
             points: seen.points,
             colours: Some(seen.colours),
             features: seen.features,
             arms: view.arms,
+        };
+        Ok(match &camera {
+            Some(rest_from_camera) => measured.carried(rest_from_camera),
+            None => measured,
         })
     }
 

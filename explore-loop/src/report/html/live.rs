@@ -208,6 +208,7 @@ mod tests {
         }
         let observation = Observation {
             stamp: 0.1 * f64::from(frame),
+            camera: None,
             points: model.rest.clone(),
             colours: None,
             features: None,
