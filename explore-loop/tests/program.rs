@@ -3,6 +3,7 @@
 
 use explore_loop::measure::{MeshReport, Sampling, Surface, TrueSurface, compare};
 use explore_loop::mesh::{Format, parse};
+use explore_loop::nalgebra::Point3;
 use rand::{Rng, SeedableRng};
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -556,6 +557,82 @@ fn the_session_replays() {
     let mesh = parse(&replay.files["canonical.ply"], Format::Ply).unwrap();
     assert_eq!(mesh.colours().len(), mesh.points().len());
     assert!(mesh.colours().iter().all(|[red, _, blue]| red > blue));
+}
+
+/// Pixel tracks that are the truth, of every 20th material point: in the frames from `jump` on they lie 12 pixels aside.
+fn true_tracks(session: &Path, jump: usize) -> String {
+    let frames = dvrk_io::session::SessionReader::open(session)
+        .unwrap()
+        .frames;
+    let truth = dvrk_io::session::read_truth(session).unwrap();
+    let mut table = "frame,track,column,row\n".to_owned();
+    for (number, (frame, truth)) in frames.iter().zip(&truth).enumerate() {
+        let seen = |p: &Point3<f64>| frame.points.iter().any(|q| (p - q).norm() < 1.5e-3);
+        let aside = if number < jump { 0.0 } else { 12.0 };
+        for (track, p) in truth
+            .points
+            .iter()
+            .enumerate()
+            .step_by(20)
+            .filter(|(_, p)| seen(p))
+        {
+            let [u, v] = [p.x, p.y].map(|x| 320.0 * x / p.z);
+            writeln!(
+                table,
+                "{number},{track},{},{}",
+                u + 159.5 + aside,
+                v + 119.5
+            )
+            .unwrap();
+        }
+    }
+    table
+}
+
+/// A replay is compared with the pixel tracks of a tracker: with true ones the model agrees, and tracks that go astray show.
+#[test]
+fn pixel_tracks_are_compared_with_the_model() {
+    let run = &twice()[0];
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let session = path("session.mcap");
+    std::fs::write(&session, &run.files["session.mcap"]).unwrap();
+    let compared = |jump: usize| {
+        std::fs::write(path("tracks.csv"), true_tracks(&session, jump)).unwrap();
+        let file = path("tracks.csv");
+        let camera = ["--intrinsics", "320,320,159.5,119.5", "--until", "12"];
+        let replay = ["replay", text(&session), "--tracks", text(&file)];
+        let tracks = ran(&[&replay[..], &camera[..]].concat()).metrics()["tracks"].clone();
+        let number = |key: &str| tracks[key].as_f64().unwrap();
+        let error = tracks["error_m"]["mean"].as_f64().unwrap();
+        assert!(
+            number("tied") > 0.5 * number("tracks") && number("tied") > 20.0,
+            "{tracks}"
+        );
+        assert!(number("slide_m") <= error, "{tracks}");
+        (error, number("compared"))
+    };
+    let (error, places) = compared(usize::MAX);
+    // Smooth surface slides along itself by a few millimetres: what the run itself says of it.
+    assert!(
+        error < 0.004 && places > 2000.0,
+        "{error} m at {places} places"
+    );
+    // Twelve pixels are 20 mm at the distance of the object.
+    let (astray, _) = compared(60);
+    assert!(astray > error + 0.004, "{error} m and {astray} m");
+    let refused = |content: &str, why: &str| {
+        std::fs::write(path("bad.csv"), content).unwrap();
+        let file = path("bad.csv");
+        let arguments = ["--tracks", text(&file), "--intrinsics", "320,320,160,120"];
+        refuses(
+            &[&["replay", text(&session)][..], &arguments[..]].concat(),
+            1,
+            &["bad.csv", why],
+        );
+    };
+    refused("frame,track,column,row\n0,1.5,2,3\n", "line 2");
+    refused("0,1,2\n", "4 columns");
 }
 
 /// A study takes over what is finished, and says the same then.

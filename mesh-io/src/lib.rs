@@ -33,6 +33,7 @@ pub use format::Format;
 pub use load::{Load, Vertices, parse, read};
 pub use mesh::{Mesh, Property};
 pub use normals::{estimate_normals, opposing_share};
+pub use npy::Array;
 pub use place::{Units, Up};
 pub use table::{Table, read_table};
 pub use write::{Encoding, Options, Precision};

@@ -1,6 +1,7 @@
 //! NPY, an array of NumPy in a file: a header that is a dictionary of Python, then the numbers.
 //!
-//! Arrays of `n × 3` are points, of `n × 6` points with normals; numbers of any type and either byte order, row by row or column by column.
+//! Arrays of `n × 3` are points, of `n × 6` points with normals; numbers of any type and either byte order, row by row or column by column. Arrays of
+//! any shape are read as such ([`Array`]).
 //!
 //! Own code: `npyz` 0.9 brings thirty other crates for the sixty lines that are wanted here.
 
@@ -15,54 +16,86 @@ use crate::{Error, Format, Mesh, Place};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// Reads a file.
+/// An array of numbers of any shape.
+#[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
+pub struct Array {
+    /// How many there are along each axis.
+    pub shape: Vec<usize>,
+    /// The numbers, the last axis fastest; NaN where the file has it.
+    pub values: Vec<f64>,
+}
+
+impl Array {
+    /// Reads an array from the bytes of a file of NumPy (`.npy`): numbers of any type and either byte order, in the order of C or of Fortran.
+    ///
+    /// # Errors
+    /// [`Error::Syntax`] with the byte: no such file, something else than numbers, or fewer of them than are promised.
+    pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
+        let header = Header::read(bytes)?;
+        let count = header.count(bytes)?;
+        let body = &bytes[header.bytes..];
+        let size = header.scalar.size();
+        let number = |index: usize| {
+            let number = body.get(size * index..);
+            number
+                .and_then(|b| header.scalar.read(b, header.order))
+                .unwrap_or(f64::NAN)
+        };
+        let place = |index| {
+            if header.by_column {
+                transposed(&header.shape, index)
+            } else {
+                index
+            }
+        };
+        Ok(Self {
+            values: (0..count).map(|index| number(place(index))).collect(),
+            shape: header.shape,
+        })
+    }
+}
+
+/// Where a number of the order of C stands in that of Fortran.
+fn transposed(shape: &[usize], mut index: usize) -> usize {
+    let (mut place, mut stride) = (0, shape.iter().product::<usize>());
+    for length in shape.iter().rev() {
+        stride /= (*length).max(1);
+        place += index % (*length).max(1) * stride;
+        index /= (*length).max(1);
+    }
+    place
+}
+
+/// Reads points.
 pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     let header = Header::read(bytes)?;
-    let Header {
-        rows,
-        columns,
-        scalar,
-        ..
-    } = header;
-    let body = &bytes[header.bytes..];
-    let size = scalar.size();
-    match rows.checked_mul(columns * size) {
-        Some(needed) if needed <= body.len() => {}
-        _ => {
-            return Err(syntax(
-                header.bytes,
-                format!(
-                    "{rows} rows of {columns} numbers are promised, {} bytes follow",
-                    body.len()
-                ),
-            ));
-        }
-    }
-    let index = |row: usize, column: usize| {
-        if header.by_column {
-            column * rows + row
-        } else {
-            row * columns + column
-        }
+    let &[rows, columns @ (3 | 6)] = &header.shape[..] else {
+        return Err(syntax(
+            header.start,
+            format!(
+                "an array of the shape {:?}: (n, 3) or (n, 6) is wanted",
+                header.shape
+            ),
+        ));
     };
-    let value = |row: usize, column: usize| {
-        let at = size * index(row, column);
-        body.get(at..)
-            .and_then(|b| scalar.read(b, header.order))
-            .unwrap_or(f64::NAN)
-    };
+    header.count(bytes)?;
+    let array = Array::parse(bytes)?;
     let mut raw = Raw::default();
-    for row in 0..rows {
-        let three = |from: usize| [0, 1, 2].map(|k| value(row, from + k));
-        let point = Point3::from(three(0));
-        finite(
-            &point,
-            row,
-            Place::Byte(header.bytes + size * index(row, 0)),
-        )?;
+    for (row, numbers) in array.values.chunks_exact(columns).enumerate() {
+        let point = Point3::new(numbers[0], numbers[1], numbers[2]);
+        let index = row * columns;
+        let index = if header.by_column {
+            transposed(&[rows, columns], index)
+        } else {
+            index
+        };
+        let place = Place::Byte(header.bytes + header.scalar.size() * index);
+        finite(&point, row, place)?;
         raw.points.push(point);
         if columns == 6 {
-            raw.normals.push(Vector3::from(three(3)));
+            raw.normals
+                .push(Vector3::new(numbers[3], numbers[4], numbers[5]));
         }
     }
     Ok(raw)
@@ -80,12 +113,38 @@ struct Header {
     scalar: Scalar,
     order: Order,
     by_column: bool,
-    rows: usize,
-    columns: usize,
+    shape: Vec<usize>,
+    /// Where its text begins, and where the numbers do.
+    start: usize,
     bytes: usize,
 }
 
 impl Header {
+    /// How many numbers there are, all of them in the file.
+    fn count(&self, bytes: &[u8]) -> Result<usize, Error> {
+        let follow = bytes.len() - self.bytes;
+        let count = self
+            .shape
+            .iter()
+            .try_fold(1_usize, |product, n| product.checked_mul(*n));
+        let needed = count.and_then(|count| count.checked_mul(self.scalar.size()));
+        match (count, needed) {
+            (Some(count), Some(needed)) if needed <= follow => Ok(count),
+            _ => Err(syntax(
+                self.bytes,
+                match self.shape[..] {
+                    [rows, columns] => format!(
+                        "{rows} rows of {columns} numbers are promised, {follow} bytes follow"
+                    ),
+                    _ => format!(
+                        "an array of the shape {:?} is promised, {follow} bytes follow",
+                        self.shape
+                    ),
+                },
+            )),
+        }
+    }
+
     fn read(bytes: &[u8]) -> Result<Self, Error> {
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             return Err(syntax(
@@ -130,19 +189,12 @@ impl Header {
         let shape = entry("shape").and_then(|s| s.strip_prefix('(')?.split(')').next());
         let shape: Option<Vec<usize>> =
             shape.map(|s| s.split(',').filter_map(|n| n.trim().parse().ok()).collect());
-        let Some(&[rows, columns @ (3 | 6)]) = shape.as_deref() else {
-            let shape = shape.unwrap_or_default();
-            return Err(syntax(
-                start,
-                format!("an array of the shape {shape:?}: (n, 3) or (n, 6) is wanted"),
-            ));
-        };
         Ok(Self {
             scalar,
             order,
             by_column: entry("fortran_order").is_some_and(|f| f.starts_with("True")),
-            rows,
-            columns,
+            shape: shape.unwrap_or_default(),
+            start,
             bytes: end,
         })
     }

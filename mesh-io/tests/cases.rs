@@ -5,7 +5,8 @@ use std::fmt::Write as _;
 
 use mesh_io::nalgebra::{Point3, Vector3};
 use mesh_io::{
-    Encoding, Format, Load, Mesh, Options, Units, Up, Vertices, opposing_share, parse, read_table,
+    Array, Encoding, Format, Load, Mesh, Options, Units, Up, Vertices, opposing_share, parse,
+    read_table,
 };
 
 /// A cube of side 1 as quadrilaterals, counter-clockwise from outside.
@@ -677,6 +678,23 @@ fn npy_of_any_type_and_order() {
         Format::Npy,
         "an array of <U8: numbers are wanted",
     );
+    // Arrays of any shape, in either order.
+    let values: Vec<u8> = (0..24_u8).collect();
+    let plain = Array::parse(&array("|u1", "False", "(2, 3, 4)", &values)).unwrap();
+    assert_eq!(plain.shape, [2, 3, 4]);
+    assert_eq!(plain.values, (0..24).map(f64::from).collect::<Vec<_>>());
+    let fortran = Array::parse(&array("|u1", "True", "(2, 3, 4)", &values)).unwrap();
+    let places = (0..24).map(|k| (k / 12 + 2 * (k / 4 % 3) + 6 * (k % 4)).into());
+    assert_eq!(fortran.values, places.collect::<Vec<f64>>());
+    let short = Array::parse(&array("<f8", "False", "(2, 3, 4)", &values)).unwrap_err();
+    assert!(
+        short
+            .to_string()
+            .contains("shape [2, 3, 4] is promised, 24 bytes follow"),
+        "{short}"
+    );
+    let huge = array("<f8", "False", "(4294967296, 4294967296, 3)", &values);
+    assert!(Array::parse(&huge).is_err());
     refused(b"hello", Format::Npy, "not an array of NumPy");
 }
 

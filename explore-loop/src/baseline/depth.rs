@@ -26,13 +26,13 @@ const MOST: f64 = 16e6;
 
 /// Where a ray meets the surface.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Hit {
+pub(crate) struct Hit {
     pub point: Point3<f64>,
     pub normal: UnitVector3<f64>,
 }
 
 /// The surface that one frame saw.
-pub(super) struct DepthMap {
+pub(crate) struct DepthMap {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     triangles: Vec<[u32; 3]>,

@@ -32,7 +32,7 @@
 //! The defaults suit objects that are turned over: stiff enough for the field not to fold. A bend that such a field is too stiff for is followed late:
 //! `tests/baseline.rs` has the figures for the defaults and for a softer field.
 
-mod depth;
+pub(crate) mod depth;
 mod equations;
 mod options;
 mod solve;

@@ -38,6 +38,7 @@
 //! | `support` | which of its area did nobody see? |
 //! | `mesh_report` | is it closed, manifold, one piece? |
 //! | `tracking` | do the vertices follow the material? |
+//! | `tracks` | do they follow a tracker of pixels? |
 //! | `truth` | the true surface |
 //! | `from_points` | a closed surface through the points of a truth that was recorded without triangles |
 //! | `gaps` | triangles for what is left open |
@@ -52,6 +53,7 @@ mod summary;
 mod support;
 mod surface;
 mod tracking;
+mod tracks;
 mod truth;
 
 pub use doubled::{DoubledOptions, doubled};
@@ -62,6 +64,7 @@ pub use summary::{MeshMeasures, TruthMeasures};
 pub use support::unsupported;
 pub use surface::{Crossing, Sample, Surface};
 pub use tracking::{Measurer, MeasurerState, TrackingMeasures};
+pub use tracks::{Pinhole, PixelTracks, TrackComparison, TrackErrors};
 pub use truth::TrueSurface;
 
 /// Why a mesh cannot be measured.
@@ -71,6 +74,12 @@ pub enum MeasureError {
     /// There is no triangle with an area.
     #[error("a surface cannot be measured: it has no triangle with an area")]
     NoArea,
+    /// Pixel tracks that cannot be used.
+    #[error("pixel tracks: {reason}")]
+    BadTracks {
+        /// Why not.
+        reason: String,
+    },
     /// What was gathered belongs to another object.
     #[error("what was measured before was measured of another object")]
     OtherObject,

@@ -2,7 +2,8 @@
 
 use crate::canonical::closed_surface::Unseen;
 use crate::measure::{
-    FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackingMeasures, TruthMeasures,
+    FScore, MeshMeasures, MeshReport, ShapeMeasures, Spread, TrackErrors, TrackingMeasures,
+    TruthMeasures,
 };
 use crate::reconstruct::Constraints;
 use serde::{Deserialize, Serialize};
@@ -173,6 +174,9 @@ pub struct Metrics {
     pub prediction_error_held_m: Option<f64>,
     /// Mean tangential distance of seen vertices to their material points over all frames, metres.
     pub slide_m: Option<f64>,
+    /// How far the model and a tracker of pixels differ, if tracks were given.
+    #[serde(default)]
+    pub tracks: Option<TrackErrors>,
     /// Stiffness of the elastic prior over the weight it carries; null while nobody estimates it.
     pub stiffness_over_weight: Option<f64>,
     /// Cut as non-manifold.

@@ -255,7 +255,7 @@ struct RunArgs {
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
-    /// Topic of the cloud, the features, the table, the truth or an arm: points, features, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
+    /// Topic of the cloud, the features, the pose of a moving camera, the table, the truth or an arm: points, features, camera, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
     #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
     topics: Vec<(dvrk_io::session::Role, String)>,
     /// Spacing of the model, mm
@@ -267,6 +267,12 @@ struct ReplayArgs {
     /// What builds the model
     #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
     reconstruction: Reconstruction,
+    /// Pixel tracks of any tracker, to compare the model with: a NumPy array (frames, tracks, 2 or 3: column, row, seen) or a table frame,track,column,row
+    #[arg(long, value_name = "FILE", requires = "intrinsics")]
+    tracks: Option<PathBuf>,
+    /// The camera of those pixels: focal lengths and centre, pixels
+    #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, allow_hyphen_values = true, requires = "tracks")]
+    intrinsics: Option<[f64; 4]>,
     /// Also write a picture of the model every N frames
     #[arg(long, value_name = "N")]
     pictures: Option<u32>,

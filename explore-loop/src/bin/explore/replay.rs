@@ -1,6 +1,6 @@
 //! `explore replay`: the canonical model from a recording.
 
-use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, table};
+use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, mm, table};
 use crate::without::{Part, names, refuse};
 use crate::{Failure, Features, ReplayArgs};
 use dvrk_io::session::{SessionReader, Skipped, TopicCount};
@@ -8,7 +8,9 @@ use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
-use explore_loop::measure::{Measurer, MeshReport, TrueSurface};
+use explore_loop::measure::{
+    Measurer, MeshReport, PixelTracks, TrackComparison, TrackErrors, TrueSurface,
+};
 use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
@@ -49,6 +51,8 @@ struct Replay<'a> {
     cell: ReplayCell,
     /// Only if it was recorded.
     truth: Option<Truth>,
+    /// Only if tracks were given.
+    tracks: Option<TrackComparison>,
     reconstructor: Box<dyn Reconstruct>,
     log: Log,
     started: Instant,
@@ -76,6 +80,7 @@ impl<'a> Replay<'a> {
             args,
             out,
             truth,
+            tracks: tracks(args)?,
             reconstructor: reconstructor(args)?,
             log: Log::new(args, &cell),
             cell,
@@ -130,6 +135,9 @@ impl<'a> Replay<'a> {
             None => Vec::new(),
         };
         let model = self.reconstructor.model();
+        if let Some(tracks) = &mut self.tracks {
+            tracks.frame(report.frame as usize, observation, &report.measured, model)?;
+        }
         self.log.add(observation, &report, model, &errors);
         if let Some(every) = self.args.pictures
             && every > 0
@@ -232,12 +240,24 @@ impl<'a> Replay<'a> {
             registration_ms: Timing::of(&log.registration),
             frame_ms: Timing::of(&log.frames),
             vertices: self.model().len(),
+            tracks: self.tracks.as_ref().and_then(TrackComparison::errors),
             stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
             robot_time_s: log.last_stamp - log.first_stamp.unwrap_or(log.last_stamp),
             wall_s: self.started.elapsed().as_secs_f64(),
             ..Metrics::default()
         }
     }
+}
+
+/// The tracks that the model is to be compared with, if any.
+fn tracks(args: &ReplayArgs) -> Result<Option<TrackComparison>, Failure> {
+    let (Some(path), Some(camera)) = (&args.tracks, args.intrinsics) else {
+        return Ok(None);
+    };
+    let bytes = std::fs::read(path).map_err(|error| of_file(path, error))?;
+    let tracks = PixelTracks::parse(&bytes).map_err(|error| of_file(path, error))?;
+    let comparison = TrackComparison::new(tracks, camera, args.spacing * 1e-3);
+    Ok(Some(comparison.map_err(|error| of_file(path, error))?))
 }
 
 /// Nothing seen yet, with the options of the command line.
@@ -262,12 +282,30 @@ fn rows(topology: &Topology, metrics: &Metrics) -> Vec<(&'static str, String)> {
         ("Betti numbers", format!("{:?}", metrics.betti)),
     ];
     rows.extend(measure_rows(metrics));
+    rows.extend(
+        metrics
+            .tracks
+            .map(|tracks| ("pixel tracks", against(&tracks))),
+    );
     let time = &metrics.frame_ms;
     let time = format!("{:.1} ms median, {:.1} ms p95", time.median, time.p95);
     rows.push(("frame time", time));
     rows.push(("wall time", format!("{:.1} s", metrics.wall_s)));
     rows.extend(topology.obstacle().map(|o| ("not closed", o.to_string())));
     rows
+}
+
+/// How far model and tracker differ.
+fn against(tracks: &TrackErrors) -> String {
+    let error = tracks.error_m;
+    format!(
+        "{} mean, {} p95 apart, {} along the surface ({} of {} tracks)",
+        mm(error.mean),
+        mm(error.p95),
+        mm(tracks.slide_m),
+        tracks.tied,
+        tracks.tracks
+    )
 }
 
 /// Why there are no frames, and what may be meant instead.
