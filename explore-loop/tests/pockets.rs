@@ -10,7 +10,7 @@ use explore_loop::cell::Cell;
 use explore_loop::explore::ExploreOptions;
 use explore_loop::plan::{CoveragePlanner, PlanInput, Planner};
 use grip_planner::{Plan, Role};
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 use proptest::prelude::*;
 
 /// Half axes of the body, metres, and the distance of neighbours.
@@ -120,7 +120,7 @@ impl Body {
             topology: &self.topology,
             visible: &self.visible,
             hidden: &[],
-            camera: Point3::origin(),
+            camera: Isometry3::identity(),
             cell: cell.info(),
             limits: ExploreOptions::new(GAP, 0.03).limits,
             attempt: 0,

@@ -7,7 +7,7 @@ use crate::canonical::topology::{self, Topology};
 use crate::cell::Observation;
 use crate::plan::{NoPlan, PlanInput};
 use grip_planner::Plan;
-use nalgebra::Point3;
+use nalgebra::Isometry3;
 
 impl Explorer<'_> {
     pub(super) fn decide(&mut self) -> Result<State, Halt> {
@@ -82,7 +82,7 @@ impl Explorer<'_> {
             topology,
             visible: &visible,
             hidden: &hidden,
-            camera: self.eye(),
+            camera: self.camera(),
             cell: self.cell.info(),
             limits: self.options.limits,
             attempt: self.manipulations + self.misses,
@@ -97,9 +97,9 @@ impl Explorer<'_> {
     }
 
     /// Where the camera was in the last frame.
-    pub(super) fn eye(&self) -> Point3<f64> {
+    pub(super) fn camera(&self) -> Isometry3<f64> {
         let latest = self.latest.as_ref();
-        latest.map_or_else(Point3::origin, Observation::eye)
+        latest.map_or_else(Isometry3::identity, Observation::fixed_from_camera)
     }
 
     /// The end, with the topology of what is known.

@@ -403,7 +403,7 @@ impl Explorer<'_> {
 
     fn with_scene<T>(&self, work: impl FnOnce(&grip_planner::Scene<'_>) -> T) -> T {
         let arms = plan::arms(self.cell.info());
-        work(&plan::scene(self.cell.info(), &arms, self.eye()))
+        work(&plan::scene(self.cell.info(), &arms, &self.camera()))
     }
 }
 

@@ -36,7 +36,7 @@ impl Default for CoveragePlanner {
 impl Planner for CoveragePlanner {
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<Plan, NoPlan>, Error> {
         let arms = arms(input.cell);
-        let (model, scene) = (model(input), scene(input.cell, &arms, input.camera));
+        let (model, scene) = (model(input), scene(input.cell, &arms, &input.camera));
         let options = paced(&self.options, input);
         let mut refused = Vec::new();
         for hole in hole::seen_inside(input).iter().take(self.holes) {

@@ -4,7 +4,7 @@
 //! hole  ⇔  β₁ persists,  most of the loop is seen,  and beside the loop the surface lies outside of it
 //! ```
 //!
-//! *Outside* is judged in the image, on the rays `(x/z, y/z)`: round the outer rim of what was seen, the surface lies inside of the loop. What of a pocket's floor is seen
+//! *Outside* is judged in the image, on the rays `(x/z, y/z)` in the frame of the camera: round the outer rim of what was seen, the surface lies inside of the loop. What of a pocket's floor is seen
 //! through its mouth is not beside the loop, since the surface between is not seen.
 
 use super::PlanInput;
@@ -59,8 +59,9 @@ fn hole(input: &PlanInput<'_>, vertices: &[u32]) -> Option<Hole> {
         return None;
     }
     let on_rim: BTreeSet<u32> = rim.iter().copied().collect();
+    let camera_from_fixed = input.camera.inverse();
     let ray = |v: u32| {
-        let p = &input.points[v as usize];
+        let p = camera_from_fixed * input.points[v as usize];
         (p.z > 0.0).then(|| [p.x / p.z, p.y / p.z])
     };
     let polygon: Option<Vec<[f64; 2]>> = rim.iter().map(|&v| ray(v)).collect();

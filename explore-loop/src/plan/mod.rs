@@ -23,7 +23,7 @@ use grip_planner::{
     Arm, GripSet, Model, Plan, PlanOptions, ReachOptions, Reason, Refusal, RefusedSet, Scene,
     Workspace,
 };
-use nalgebra::{Point3, UnitVector3, Vector3};
+use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 use std::sync::Arc;
 
 mod coverage;
@@ -50,8 +50,8 @@ pub struct PlanInput<'a> {
     pub visible: &'a [bool],
     /// Vector areas of the pieces of surface that were never seen, as they face now, m².
     pub hidden: &'a [Vector3<f64>],
-    /// Where the camera is.
-    pub camera: Point3<f64>,
+    /// Pose of the camera: the identity where it stands still.
+    pub camera: Isometry3<f64>,
     /// The arms and the table.
     pub cell: &'a CellInfo,
     /// How fast the arms may go.
@@ -182,7 +182,7 @@ fn workspace(arm: &ArmInfo) -> Workspace {
 }
 
 /// Table, arms and camera as the planner sees them.
-pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: Point3<f64>) -> Scene<'a> {
+pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: &Isometry3<f64>) -> Scene<'a> {
     let table = grip_planner::Plane {
         normal: cell.table.normal,
         offset: cell.table.offset,
@@ -196,7 +196,7 @@ pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: Point3<f64>) -
     Scene {
         table,
         arms,
-        camera,
+        camera: camera.translation.vector.into(),
         jaw_radius,
         shaft_length: 0.05,
         jaw_separation: 4.0 * jaw_radius,

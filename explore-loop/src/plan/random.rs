@@ -100,7 +100,7 @@ impl Planner for RandomPlanner {
 
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<Plan, NoPlan>, Error> {
         let arms = arms(input.cell);
-        let (model, scene) = (model(input), scene(input.cell, &arms, input.camera));
+        let (model, scene) = (model(input), scene(input.cell, &arms, &input.camera));
         let options = paced(&self.options, input);
         let found = self.candidates(&model, &scene)?;
         if found.len() < 2 {
