@@ -13,7 +13,7 @@ mod world;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dvrk_io::cdr::PoseStamped;
+use dvrk_io::cdr::{Bool, PoseStamped};
 use dvrk_io::transport::{Qos, Writer};
 use explore_loop::cell::dvrk::DvrkCell;
 use explore_loop::cell::{Cell, CellError, Observation};
@@ -142,6 +142,99 @@ fn a_jaw_holds_what_keeps_it_open() {
     assert!(!frames(&mut cell, 2).arms[0].holding);
     cell.open_jaw(0).unwrap();
     assert!(!cell.observe().unwrap().arms[0].holding);
+}
+
+/// What may happen to the second arm, and for how long the first may go on then, seconds: an arm is silent once nothing has come for 0.2 s.
+enum Trouble {
+    Fault,
+    NoInstrument,
+    Hand,
+    Teleoperation,
+    OtherWriter,
+    Silence,
+    AskedToStop,
+}
+
+impl Trouble {
+    const ALL: [(Self, f64, &'static str); 7] = [
+        (Self::Fault, 0.1, "encoder"),
+        (Self::NoInstrument, 0.1, "not homed"),
+        (Self::Hand, 0.1, "by hand"),
+        (Self::Teleoperation, 0.1, "teleoperation"),
+        (Self::OtherWriter, 0.1, "/PSM2/servo_cp"),
+        (Self::Silence, 0.3, "silent"),
+        (Self::AskedToStop, 0.1, "stopped"),
+    ];
+
+    /// Makes it happen; what has to be kept for it to last.
+    fn begin(&self, world: &World, flag: &AtomicBool) -> Option<Box<dyn std::any::Any>> {
+        let node = world.bus.node();
+        match self {
+            Self::Fault => world.fail(1, "encoder"),
+            Self::NoInstrument => world.take_instrument_out(1),
+            Self::Hand => world.clutch(1, true),
+            Self::Teleoperation => {
+                let mut console =
+                    Writer::new(&node, "/console/teleop/enabled", Qos::EVENT).unwrap();
+                console.publish(&Bool { data: true }).unwrap();
+                return Some(Box::new(console));
+            }
+            Self::OtherWriter => {
+                let rival = Writer::<PoseStamped>::new(&node, "/PSM2/servo_cp", Qos::COMMAND);
+                return Some(Box::new(rival.unwrap()));
+            }
+            Self::Silence => world.silence_arm(1, true),
+            Self::AskedToStop => flag.store(true, Ordering::Relaxed),
+        }
+        None
+    }
+}
+
+/// The loop computes all the while, for longer than any frame takes: nobody calls the cell.
+#[test]
+fn trouble_of_one_arm_moving_or_at_rest_stops_all_at_once() {
+    for (trouble, time, why) in Trouble::ALL {
+        for both_move in [true, false] {
+            let (world, flag) = (World::new(), Arc::new(AtomicBool::new(false)));
+            let mut cell = world.cell().stop_flag(Arc::clone(&flag));
+            if both_move {
+                under_way(&mut cell);
+            } else {
+                let goal = lower(&cell, 0, FAR);
+                cell.move_arm(0, goal, SPEED).unwrap();
+                assert!(frames(&mut cell, 5).arms[0].moving);
+            }
+            let (before, jaws) = (world.tips(), world.jaws());
+            world.compute_for(0.05);
+            assert!(world.tips()[0] != before[0], "{why}");
+            let _lasts = trouble.begin(&world, &flag);
+            world.compute_for(time);
+            let (then, stood) = (world.tips(), world.now());
+            world.compute_for(1.0);
+            assert!(world.now() - stood > 0.99);
+            assert_eq!(world.tips(), then, "{why}, both move: {both_move}");
+            assert_eq!(world.jaws(), jaws);
+            let refused = [
+                cell.move_arm(0, lower(&cell, 0, 0.0), SPEED),
+                cell.close_jaw(1),
+            ];
+            let reasons = refused.map(|refused| refused.map_err(|error| error.to_string()));
+            if matches!(trouble, Trouble::Silence) {
+                // It may speak again; the other can be commanded meanwhile.
+                assert_eq!(reasons[0], Ok(()));
+                assert!(
+                    reasons[1].as_ref().unwrap_err().contains(why),
+                    "{reasons:?}"
+                );
+                continue;
+            }
+            for reason in reasons {
+                assert!(reason.as_ref().unwrap_err().contains(why), "{reason:?}");
+            }
+            world.compute_for(0.5);
+            assert_eq!((world.tips(), world.jaws()), (then, jaws));
+        }
+    }
 }
 
 #[test]

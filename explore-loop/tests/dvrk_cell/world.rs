@@ -27,6 +27,7 @@ struct Plant {
     inner: KinematicArm,
     stuck: bool,
     thickness: f64,
+    bare: bool,
 }
 
 impl ServedArm for Plant {
@@ -42,6 +43,10 @@ impl ServedArm for Plant {
 
     fn jaw(&self) -> f64 {
         self.inner.jaw()
+    }
+
+    fn tool(&self) -> Option<String> {
+        self.inner.tool().filter(|_| !self.bare)
     }
 }
 
@@ -163,6 +168,7 @@ impl World {
                 inner: KinematicArm::default(),
                 stuck: false,
                 thickness: f64::NEG_INFINITY,
+                bare: false,
             };
             Served {
                 server: ArmServer::new(&bus.node(), &entry.name, plant, options).unwrap(),
@@ -204,6 +210,12 @@ impl World {
     /// Seconds.
     pub fn now(&self) -> f64 {
         self.bus.now().as_secs_f64()
+    }
+
+    /// Lets time pass as a loop does that computes: the threads of the arms run, and nobody calls the cell.
+    pub fn compute_for(&self, seconds: f64) {
+        let until = self.bus.now() + Duration::from_secs_f64(seconds);
+        self.clock.wait(until);
     }
 
     pub fn preflight(&self) -> Preflight {
@@ -249,6 +261,10 @@ impl World {
     pub fn fail(&self, arm: usize, reason: &str) {
         let now = self.bus.now();
         self.arm(arm, |arm| arm.server.fail(now, reason));
+    }
+
+    pub fn take_instrument_out(&self, arm: usize) {
+        self.arm(arm, |arm| arm.server.arm().bare = true);
     }
 
     pub fn clutch(&self, arm: usize, pressed: bool) {

@@ -14,6 +14,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::cell::{Driven, DvrkCell};
 use super::entries::ArmEntry;
 use super::file::CellFile;
+use super::interlock::Interlock;
 use super::see::{Eye, links};
 use crate::cell::CellError;
 
@@ -116,6 +117,7 @@ impl Preflight {
         let (Some(camera), Some(table)) = (self.camera, self.eye.table()) else {
             return Err(CellError::Failed("no camera or no table".into()));
         };
+        let interlock = Interlock::default();
         let mut driven = Vec::new();
         for (index, (entry, mut arm)) in self.arms.into_iter().enumerate() {
             let ready = arm.enable(PATIENCE);
@@ -124,9 +126,12 @@ impl Preflight {
                 arm: index,
                 reason: error.to_string(),
             })?;
-            driven.push(Driven::new(entry, arm)?);
+            driven.push(Driven::new(entry, arm, interlock.look(index))?);
         }
-        DvrkCell::new(&self.file, driven, camera, self.eye, table, self.transport)
+        let transport = self.transport;
+        DvrkCell::new(
+            &self.file, driven, camera, self.eye, table, transport, interlock,
+        )
     }
 
     fn say(&mut self, what: impl Into<String>, found: Result<String, String>) -> bool {
