@@ -326,6 +326,10 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
     file.network = Some(NetworkEntry {
         domain: network.domain(),
         loopback: *network.interfaces() == Interfaces::Loopback,
+        interfaces: match network.interfaces() {
+            Interfaces::Only(addresses) => addresses.clone(),
+            _ => Vec::new(),
+        },
     });
     file.table = Some(TableEntry {
         normal: Direction(table.normal),

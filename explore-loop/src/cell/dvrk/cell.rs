@@ -17,7 +17,7 @@ use super::file::CellFile;
 use super::history::History;
 use super::interlock::{Interlock, goes_on_after};
 use super::preflight::{home, workspace};
-use super::see::{Eye, links};
+use crate::cell::see::{Eye, Seen, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
 /// A camera that is silent for this long gives frames without points, one a period, and after so much longer the cell has failed.
@@ -273,10 +273,10 @@ impl DvrkCell {
                 "the camera has been silent for {silent:.0} s"
             )));
         }
-        Ok(self.observation(now, super::see::Seen::default()))
+        Ok(self.observation(now, Seen::default()))
     }
 
-    fn observation(&self, stamp: Duration, seen: super::see::Seen) -> Observation {
+    fn observation(&self, stamp: Duration, seen: Seen) -> Observation {
         Observation {
             stamp: stamp.saturating_sub(self.start).as_secs_f64(),
             points: seen.points,

@@ -27,7 +27,6 @@ mod file;
 mod history;
 mod interlock;
 mod preflight;
-mod see;
 mod values;
 
 pub use cell::DvrkCell;

@@ -15,8 +15,8 @@ use super::cell::{Driven, DvrkCell};
 use super::entries::ArmEntry;
 use super::file::CellFile;
 use super::interlock::Interlock;
-use super::see::{Eye, links};
 use crate::cell::CellError;
+use crate::cell::see::{Eye, links};
 
 /// States that were published before we came arrive with the next heartbeat of DDS, up to 3 s later.
 const PATIENCE: Duration = Duration::from_secs(8);
@@ -83,7 +83,11 @@ impl Preflight {
             file: file.clone(),
             arms: Vec::new(),
             camera: None,
-            eye: Eye::new(file, seed),
+            eye: Eye::new(
+                file.table.map(|table| table.plane()),
+                file.camera.arm_clearance.get(),
+                seed,
+            ),
             transport: node(),
         };
         for entry in &file.arm {

@@ -5,8 +5,7 @@ use dvrk_io::depth::{Capsule, ObjectOptions, Scan, find_object};
 use dvrk_io::kinematics::Kinematics;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::file::CellFile;
-use crate::cell::Plane;
+use super::Plane;
 
 /// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
 const VOXEL: f64 = 0.0022;
@@ -33,12 +32,12 @@ pub(super) struct Seen {
 }
 
 impl Eye {
-    pub fn new(file: &CellFile, seed: Option<Point3<f64>>) -> Self {
+    /// `arm_clearance`: what is this near to an arm is taken for the arm, metres; `seed`: a point on or next to the object.
+    pub fn new(table: Option<Plane>, arm_clearance: f64, seed: Option<Point3<f64>>) -> Self {
         let options = ObjectOptions::default()
-            .with_clearances(TABLE_CLEARANCE, file.camera.arm_clearance.get())
+            .with_clearances(TABLE_CLEARANCE, arm_clearance)
             .with_voxel(VOXEL)
             .with_parts(GAP, 4);
-        let table = file.table.map(|table| table.plane());
         Self {
             options,
             table,
