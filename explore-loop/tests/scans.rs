@@ -15,7 +15,10 @@ use dvrk_io::cdr::{
 };
 use dvrk_io::depth::{Capsule, Intrinsics};
 use dvrk_io::kinematics::{Kinematics, RcmFromTip};
+use dvrk_io::session::{Role, SessionReader};
+use explore_loop::cell::Cell;
 use explore_loop::cell::dvrk::CellFile;
+use explore_loop::cell::replay::ReplayCell;
 use explore_loop::nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
@@ -141,7 +144,10 @@ fn cloud(stamp: u64, depths: &[f64], organised: bool) -> Vec<u8> {
         let point = if organised { point } else { point * 1e3 };
         if organised || *depth > 0.0 {
             data.extend(point.iter().flat_map(|x| (*x as f32).to_le_bytes()));
-            data.extend([10, 20, 30, 0]);
+            // Patches of six pixels, each of its own grey.
+            let [u, v] = [pixel % SIZE[0] / 6, pixel / SIZE[0] / 6];
+            let grey = (u * 53 + v * 97 + u * v * 31) as u8;
+            data.extend([grey, grey, grey, 0]);
             count += 1;
         }
     }
@@ -301,6 +307,34 @@ fn shows_the_ball(answer: &Answer, words: &[&str]) {
     }
     for word in words {
         assert!(said.contains(word), "{word} is not in {said}");
+    }
+}
+
+/// A cloud with rows and colours is a colour image too.
+#[test]
+fn features_are_found_where_a_cloud_is_a_colour_image() {
+    let depths = depths();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    for organised in [true, false] {
+        let topics = [clouds(&depths, organised), arms()].concat_topics();
+        std::fs::write(&path, file(&topics)).unwrap();
+        let reader = SessionReader::default().with_topic(Role::Points, CLOUD);
+        let scans = reader.scans(&path).unwrap();
+        let mut replay = ReplayCell::of_scans(scans, cell().scan_options().unwrap()).unwrap();
+        assert_eq!(replay.remaining() as u64, FRAMES);
+        let seen = replay.observe().unwrap();
+        assert_eq!(seen.colours.as_ref().map(Vec::len), Some(seen.points.len()));
+        // By the jaw's set-point the first arm holds something; of the second jaw nothing was recorded.
+        assert!(seen.arms[0].holding && !seen.arms[1].holding);
+        let Some(features) = seen.features.filter(|_| organised) else {
+            assert!(!organised);
+            continue;
+        };
+        assert!(features.len() > 20, "{}", features.len());
+        for feature in features {
+            assert!(((feature.point - BALL).norm() - RADIUS).abs() < 1e-3);
+        }
     }
 }
 

@@ -221,8 +221,11 @@ impl Cell for ReplayCell {
             state.moving = pose.is_some_and(|p| p != state.camera_from_tip);
             state.camera_from_tip = pose.unwrap_or(state.camera_from_tip);
             state.jaw = sample.and_then(|s| s.jaw).unwrap_or(state.jaw);
-            // A pose without a jaw angle is an arm that the recorder published while it held.
-            let closed = sample.and_then(|s| s.jaw).is_none_or(|jaw| jaw < CLOSED);
+            // A pose without a jaw angle is an arm that the recorder of a simulation published while it held; joint values tell of no jaw.
+            let closed = match sample.and_then(|s| s.jaw) {
+                Some(jaw) => jaw < CLOSED,
+                None => !matches!(self.frames, Source::Scans(_)),
+            };
             let kept_open = sample.and_then(|s| Some(s.jaw? - s.jaw_setpoint?));
             let holds = kept_open.map_or(closed, |gap| gap > HOLDS_ABOVE);
             state.holding = pose.is_some() && holds;

@@ -198,7 +198,7 @@ impl ObjectFrames {
             stamp: scan.stamp,
             points: seen.points,
             colours: seen.colours,
-            features: None,
+            features: seen.features,
             arms,
         };
         (frame, why)

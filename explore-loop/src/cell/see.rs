@@ -1,7 +1,8 @@
 //! The object in a frame of the camera, without table and arms.
 
 use dvrk_io::Error;
-use dvrk_io::depth::{Capsule, ObjectOptions, Scan, find_object};
+use dvrk_io::depth::{Capsule, Object, ObjectOptions, Scan, find_object};
+use dvrk_io::features::{Feature, FeatureOptions, GreyImage, Surface, detect, lift};
 use dvrk_io::kinematics::Kinematics;
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -29,6 +30,8 @@ pub(super) struct Eye {
 pub(super) struct Seen {
     pub points: Vec<Point3<f64>>,
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Of the colour image, where the scan is one: a cloud with rows and colours.
+    pub features: Option<Vec<Feature>>,
 }
 
 impl Eye {
@@ -67,6 +70,7 @@ impl Eye {
                     });
                     self.seed = middle(&object.points).or(self.seed);
                     return Ok(Seen {
+                        features: features(scan, &object, arms),
                         points: object.points,
                         colours: object.colours,
                     });
@@ -77,6 +81,21 @@ impl Eye {
         }
         Ok(Seen::default())
     }
+}
+
+/// Corners of the colour image on the object.
+fn features(scan: &Scan, object: &Object, arms: &[Capsule]) -> Option<Vec<Feature>> {
+    let (columns, colours) = (scan.columns()?, scan.colours()?);
+    let rows = colours.len().checked_div(columns)?;
+    let image = GreyImage::from_rgb(columns, rows, colours).ok()?;
+    let of_object: Vec<bool> = object.point_of.iter().map(Option::is_some).collect();
+    let surface = Surface {
+        scan,
+        object: Some(&of_object),
+        arms,
+    };
+    let options = FeatureOptions::default();
+    lift(&detect(&image, &options), &image, &surface, &options).ok()
 }
 
 /// The point next to the mean of all.

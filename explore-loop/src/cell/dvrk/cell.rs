@@ -281,7 +281,7 @@ impl DvrkCell {
             stamp: stamp.saturating_sub(self.start).as_secs_f64(),
             points: seen.points,
             colours: seen.colours,
-            features: None,
+            features: seen.features,
             arms: self.arms.iter().map(|arm| arm.state(stamp)).collect(),
         }
     }
