@@ -88,7 +88,7 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
         assert!(check.found.is_ok(), "{check}");
     }
     assert!(!world.is_powered(0) && !world.is_powered(1));
-    let mut cell = preflight.start().unwrap();
+    let mut cell = world.start(preflight);
     assert!(world.is_powered(0) && world.is_powered(1));
     // A dVRK homes without its wrist going anywhere: the way home is ours.
     cell.home().unwrap();
@@ -377,6 +377,7 @@ fn whoever_asks_to_stop_is_heard_by_every_call() {
     for answer in answers {
         assert!(matches!(answer, Err(CellError::Failed(_))), "{answer:?}");
     }
+    world.compute_for(0.1);
     let then = world.tips();
     world.bus.advance(std::time::Duration::from_secs(1));
     assert_eq!(world.tips(), then);

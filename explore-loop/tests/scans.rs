@@ -22,7 +22,9 @@ use explore_loop::cell::replay::ReplayCell;
 use explore_loop::nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
-const SIZE: [usize; 2] = [240, 180];
+const SIZE: [usize; 2] = [480, 360];
+/// Focal length, pixels.
+const FOCAL: f64 = 600.0;
 const FRAMES: u64 = 4;
 const STEP: u64 = 100_000_000;
 /// Middle and radius of the ball, and depth of the table, metres, camera frame.
@@ -36,7 +38,7 @@ const CLOUD: &str = "/camera/camera/depth/color/points";
 fn camera() -> Intrinsics {
     let [width, height] = SIZE;
     let centre = SIZE.map(|n| 0.5 * n as f64 - 0.5);
-    Intrinsics::new(width, height, [300.0; 2], centre).unwrap()
+    Intrinsics::new(width, height, [FOCAL; 2], centre).unwrap()
 }
 
 /// Depth at which a ray (of unit depth) meets a ball.
@@ -126,7 +128,7 @@ fn info(stamp: u64) -> Vec<u8> {
         header: header(stamp),
         height,
         width,
-        k: [300.0, 0.0, cx, 0.0, 300.0, cy, 0.0, 0.0, 1.0],
+        k: [FOCAL, 0.0, cx, 0.0, FOCAL, cy, 0.0, 0.0, 1.0],
         ..CameraInfo::default()
     };
     cdr::encode(&info, Endian::Little).unwrap()
@@ -144,9 +146,9 @@ fn cloud(stamp: u64, depths: &[f64], organised: bool) -> Vec<u8> {
         let point = if organised { point } else { point * 1e3 };
         if organised || *depth > 0.0 {
             data.extend(point.iter().flat_map(|x| (*x as f32).to_le_bytes()));
-            // Patches of six pixels, each of its own grey.
-            let [u, v] = [pixel % SIZE[0] / 6, pixel / SIZE[0] / 6];
-            let grey = (u * 53 + v * 97 + u * v * 31) as u8;
+            // Dark dots of three pixels, seven apart.
+            let [u, v] = [pixel % SIZE[0] % 7, pixel / SIZE[0] % 7];
+            let grey = if u < 3 && v < 3 { 20 } else { 200 };
             data.extend([grey, grey, grey, 0]);
             count += 1;
         }
@@ -301,10 +303,14 @@ fn shows_the_ball(answer: &Answer, words: &[&str]) {
     );
     assert_eq!(metrics["betti"], serde_json::json!([1, 0, 0]), "{metrics}");
     assert!(answer.vertices.len() > 100, "{}", answer.vertices.len());
+    // The lower half is not seen, its rim at a shallow angle: both are guessed. The arm is 60 mm away, most of the table more.
     for vertex in &answer.vertices {
-        let off = (vertex - BALL).norm() - RADIUS;
-        assert!(off.abs() < 3e-3, "{vertex}: {off}");
+        let off = ((vertex - BALL).norm() - RADIUS).abs();
+        let tolerance = if vertex.z < 0.49 { 1.5e-3 } else { 0.01 };
+        assert!(off < tolerance, "{vertex}: {off}");
     }
+    let seen = answer.vertices.iter().filter(|vertex| vertex.z < 0.49);
+    assert!(seen.count() > 100);
     for word in words {
         assert!(said.contains(word), "{word} is not in {said}");
     }
@@ -331,7 +337,7 @@ fn features_are_found_where_a_cloud_is_a_colour_image() {
             assert!(!organised);
             continue;
         };
-        assert!(features.len() > 20, "{}", features.len());
+        assert!(features.len() > 10, "{}", features.len());
         for feature in features {
             assert!(((feature.point - BALL).norm() - RADIUS).abs() < 1e-3);
         }

@@ -128,16 +128,19 @@ impl ObjectFrames {
         Ok(frames)
     }
 
+    /// Looks at scans until one was seen and the table is known.
     fn find_table(&mut self) -> Result<(), CellError> {
-        let mut why = "there are no scans".to_owned();
-        while self.eye.table().is_none() {
+        let mut why = None;
+        while self.first.is_none() || self.eye.table().is_none() {
             let Some(scan) = self.scans.next() else {
-                return Err(CellError::Failed(format!("no table was found: {why}")));
+                let unread = || "no scan of the recording can be read".to_owned();
+                let found = |why| format!("no table was found: {why}");
+                return Err(CellError::Failed(why.map_or_else(unread, found)));
             };
             let scan = scan.map_err(|error| CellError::Failed(error.to_string()))?;
             let (frame, error) = self.frame(&scan);
             self.first = Some(frame);
-            why = error.map_or(why, |error| error.to_string());
+            why = error.map(|error| error.to_string()).or(why);
         }
         self.table = self.eye.table().unwrap_or(self.table);
         Ok(())

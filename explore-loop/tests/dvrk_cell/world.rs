@@ -63,6 +63,12 @@ const PATIENCE: Duration = Duration::from_millis(5);
 const STEP: Duration = Duration::from_millis(1);
 
 impl Clock {
+    /// How many threads have ever waited.
+    fn waiting(&self) -> usize {
+        let threads = self.until.0.lock();
+        threads.unwrap_or_else(PoisonError::into_inner).len()
+    }
+
     fn wait(&self, until: Duration) {
         let (threads, passed) = &*self.until;
         let mut threads = threads.lock().unwrap_or_else(PoisonError::into_inner);
@@ -230,7 +236,17 @@ impl World {
 
     /// Powered and homed.
     pub fn cell(&self) -> DvrkCell {
-        self.preflight().start().unwrap()
+        self.start(self.preflight())
+    }
+
+    /// The same. A thread that drives an arm holds the time up only once it has begun to wait: until all have, none passes for the test.
+    pub fn start(&self, preflight: Preflight) -> DvrkCell {
+        let cell = preflight.start().unwrap();
+        while self.clock.waiting() < 1 + self.file.arm.len() {
+            std::thread::sleep(PATIENCE);
+        }
+        self.compute_for(0.1);
+        cell
     }
 
     fn arm<T>(&self, arm: usize, act: impl FnOnce(&mut Served) -> T) -> T {
