@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use dvrk_io::cdr::{Bool, PoseStamped};
 use dvrk_io::transport::{Qos, Writer};
-use explore_loop::cell::dvrk::DvrkCell;
+use explore_loop::cell::dvrk::{CellFile, DvrkCell};
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::nalgebra::{Isometry3, Translation3};
 use world::{BALL, RADIUS, World};
@@ -121,6 +121,75 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
     cell.home().unwrap();
     let seen = cell.observe().unwrap();
     assert!(way(&cell, &seen, 0) < 1e-3);
+}
+
+const CALIBRATION: &str = r#"format = "dvrk-io calibration"
+version = 1
+arm = "PSM1"
+method = "touches"
+[units]
+length = "m"
+angle = "rad"
+[camera_from_rcm]
+target = "camera_depth_optical_frame"
+source = "PSM1_base"
+translation = [0.1543, 0.0, 0.3361]
+quaternion_xyzw = [0.6645, -0.6645, 0.2418, -0.2418]
+[residuals]
+samples = 12
+outliers = [5]
+rms = 4e-4
+max = 7e-4
+rms_angle = 0
+max_angle = 0
+"#;
+
+#[test]
+fn calibration_and_limits_are_looked_at() {
+    // What is said of an arm, for a file and a calibration that lies beside it.
+    let said = |what: &str, calibration: &str, home: Option<f64>| {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("PSM1.toml"), calibration).unwrap();
+        let line = "camera_from_base = { translation = [0.1543";
+        let text = include_str!("../doc/CELL.toml").replacen(
+            line,
+            "calibration = \"PSM1.toml\" # { translation = [0.1543",
+            1,
+        );
+        let path = folder.path().join("CELL.toml");
+        std::fs::write(&path, text).unwrap();
+        let read = CellFile::load(&path).unwrap();
+        let world = World::with(|file| {
+            file.arm.clone_from(&read.arm);
+            file.arm[0].home[1] = home.unwrap_or(file.arm[0].home[1]);
+        });
+        let preflight = world.preflight();
+        let check = preflight.checks().iter().find(|check| check.what == what);
+        check.unwrap().found.clone()
+    };
+    let good = said("PSM1, calibration", CALIBRATION, None).unwrap();
+    assert_eq!(
+        good,
+        "12 samples, 1 of them left out, off by 0.4 mm rms and 0.7 mm at most"
+    );
+    let none = said("PSM2, calibration", CALIBRATION, None).unwrap();
+    assert!(none.contains("no residuals"), "{none}");
+    let poor = CALIBRATION.replace("4e-4", "6e-3").replace("7e-4", "9e-3");
+    let poor = said("PSM1, calibration", &poor, None).unwrap_err();
+    assert!(
+        poor.contains("6.0 mm rms") && poor.contains("anew"),
+        "{poor}"
+    );
+    let other = CALIBRATION.replace("depth_optical", "color_optical");
+    let other = said("PSM1, calibration", &other, None).unwrap_err();
+    assert!(other.contains("camera_color_optical_frame"), "{other}");
+    let limits = said("PSM1, limits", CALIBRATION, None).unwrap();
+    assert!(
+        limits.contains("50 mm/s") && limits.contains("1.0 m/s²"),
+        "{limits}"
+    );
+    let beyond = said("PSM1, limits", CALIBRATION, Some(1.4)).unwrap_err();
+    assert!(beyond.contains("beyond the limits of pitch"), "{beyond}");
 }
 
 #[test]

@@ -164,7 +164,18 @@ fn image(camera: &Intrinsics) -> DepthImage {
 
 impl World {
     pub fn new() -> Self {
-        let (bus, file) = (Bus::new(), file());
+        Self::of(file())
+    }
+
+    /// With what a file says that differs from the example.
+    pub fn with(change: impl FnOnce(&mut CellFile)) -> Self {
+        let mut file = file();
+        change(&mut file);
+        Self::of(file)
+    }
+
+    fn of(file: CellFile) -> Self {
+        let bus = Bus::new();
         let serve = |entry: &explore_loop::cell::dvrk::ArmEntry| {
             let options = ServeOptions::default()
                 .with_kinematics(entry.kinematics().unwrap())

@@ -280,6 +280,10 @@ impl Scanned {
     }
 
     #[cfg(not(feature = "dvrk"))]
+    #[allow(
+        clippy::unnecessary_wraps,
+        reason = "a file of a cell can be wrong, where there is one"
+    )]
     fn of_cell(_: &ReplayArgs) -> Result<Option<Self>, Failure> {
         Ok(None)
     }

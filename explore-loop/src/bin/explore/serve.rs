@@ -314,6 +314,7 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
             kind: Kind::Si,
             home: stand.waiting,
             calibration: None,
+            calibrated: None,
             camera_from_base: Some(PoseEntry(stand.camera_from_rcm)),
             tool: None,
             jaw: JawEntry {

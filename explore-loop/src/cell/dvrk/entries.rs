@@ -114,6 +114,9 @@ pub struct ArmEntry {
     /// Where its remote centre is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_from_base: Option<PoseEntry>,
+    /// That calibration, once the file was read.
+    #[serde(skip)]
+    pub calibrated: Option<Calibration>,
     /// Lengths of its instrument; nothing: large needle driver.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolEntry>,
@@ -238,6 +241,7 @@ impl ArmEntry {
                     return Err(format!("{} is of {}", path.display(), found.arm));
                 }
                 self.camera_from_base = Some(PoseEntry(found.camera_from_rcm));
+                self.calibrated = Some(found);
                 Ok(())
             }
             _ => Err(format!(

@@ -22,6 +22,7 @@
 //! has come from it for 0.2 s.
 
 mod cell;
+mod checks;
 mod entries;
 mod file;
 mod history;
