@@ -133,6 +133,11 @@ pub enum Error {
         /// What it must be.
         expected: &'static str,
     },
+    /// The table is where it was in scans of a camera that stands still only.
+    #[error(
+        "the camera moves: its recording is read as clouds of the object, not as scans of all it saw"
+    )]
+    ScansOfMovingCamera,
     /// A camera that moves was not measured around the time of a cloud.
     #[error("no pose of the camera within {tolerance} s of the cloud at {stamp:.3} s")]
     NoCameraPose {

@@ -1,17 +1,30 @@
-//! 10⁵ damaged inputs a decoder: nothing panics, and nothing takes more memory or time than its input is worth.
+//! 10⁵ hostile inputs a decoder: nothing panics, and nothing takes more memory or time than its input is worth. A million each:
+//! `DVRK_IO_FUZZ=1000000 cargo test --release -p dvrk-io --test fuzz -- --nocapture`.
 //!
-//! Inputs are whole files and messages with bytes overwritten, cut out, doubled or inserted, by a seeded generator:
-//! the number of a failing input is printed and makes it again. `$DVRK_IO_FUZZ` sets another number of inputs.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+//! Seven of eight inputs are whole files and messages with bytes overwritten, cut out, doubled or inserted, one is random bytes, half of these behind
+//! the first bytes of a whole one; all by a seeded generator: the number of a failing input is printed and makes it again.
+#![allow(
+    missing_docs,
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "tests"
+)]
 
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use dvrk_io::calibration::Calibration;
 use dvrk_io::cdr::{
-    self, Bool, CameraInfo, Empty, Endian, Float64, Image, JointState, Joy, OperatingState, Plane,
-    PointCloud2, PoseStamped, StringStamped, Text, TwistStamped, WrenchStamped,
+    self, Bool, CameraInfo, Empty, Endian, Float64, Image, JointState, Joy, Message,
+    OperatingState, Plane, PointCloud2, PoseStamped, StringStamped, Text, TwistStamped,
+    WrenchStamped,
 };
 use dvrk_io::depth::{ObjectOptions, Scan, find_object};
+use dvrk_io::features::{Descriptor, Feature};
 use dvrk_io::session::{
     Compression, SessionReader, SessionWriter, WriterOptions, read_truth_from_bytes,
 };
+use dvrk_io::transport::Network;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// `SplitMix64`.
@@ -63,13 +76,39 @@ fn damaged(bytes: &[u8], seed: u64) -> Vec<u8> {
     bytes
 }
 
-fn every(bytes: &[u8], mut check: impl FnMut(&[u8])) {
-    let count = std::env::var("DVRK_IO_FUZZ").map_or(100_000, |text| text.parse().unwrap());
+/// Random bytes, up to 512, behind none or some of the first of `bytes`.
+fn random(bytes: &[u8], seed: u64) -> Vec<u8> {
+    let mut random = Random(!seed);
+    let kept = match random.below(2) {
+        0 => 0,
+        _ => random.below(bytes.len().min(64)),
+    };
+    let length = random.below(512);
+    let noise = (0..length).map(|_| random.next() as u8);
+    bytes[..kept].iter().copied().chain(noise).collect()
+}
+
+fn count() -> u64 {
+    std::env::var("DVRK_IO_FUZZ").map_or(100_000, |text| text.parse().unwrap())
+}
+
+/// Hands hostile inputs made of `bytes` to `check`, which says whether one was taken for a whole one, and prints how many were.
+fn every(name: &str, bytes: &[u8], mut check: impl FnMut(&[u8]) -> bool) {
+    let (count, start) = (count(), Instant::now());
+    let mut taken = 0;
     for seed in 0..count {
-        let input = damaged(bytes, seed);
+        let input = match seed % 8 {
+            7 => random(bytes, seed),
+            _ => damaged(bytes, seed),
+        };
         let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| check(&input)));
-        assert!(outcome.is_ok(), "input {seed} panics");
+        assert!(outcome.is_ok(), "{name}: input {seed} panics");
+        taken += u64::from(outcome.unwrap_or_default());
     }
+    let seconds = start.elapsed().as_secs_f64();
+    println!("{name}: {count} inputs, {taken} taken for whole ones, no panic, {seconds:.1} s");
+    // Else only the first bytes of what is decoded would have been looked at.
+    assert!(count < 1000 || taken > 0, "{name}");
 }
 
 /// A small session: what costs time are not the bytes but what is tried with them.
@@ -93,22 +132,19 @@ fn session(compression: Compression) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
+fn read(input: &[u8]) -> bool {
+    let _ = read_truth_from_bytes(input);
+    let Ok(session) = SessionReader::default().read_bytes(input) else {
+        return false;
+    };
+    let finite = |point: &Point3<f64>| point.coords.norm().is_finite();
+    assert!(session.frames.iter().all(|f| f.points.iter().all(finite)));
+    true
+}
+
 fn fuzz_session(compression: Compression) {
-    let mut read = 0;
-    every(&session(compression), |input| {
-        let Ok(session) = SessionReader::default().read_bytes(input) else {
-            return;
-        };
-        read += 1;
-        assert!(session.frames.iter().all(|frame| {
-            frame
-                .points
-                .iter()
-                .all(|point| point.coords.norm().is_finite())
-        }));
-        let _ = read_truth_from_bytes(input);
-    });
-    assert!(read > 0);
+    let name = format!("session, chunks {compression:?}");
+    every(&name, &session(compression), read);
 }
 
 /// Checksums hide most of the walk from damage; here there are none.
@@ -142,18 +178,17 @@ fn sessions_in_zstd() {
 #[test]
 fn sessions_without_checksums() {
     for compression in Compression::ALL {
-        every(&without_checksums(session(compression)), |input| {
-            let _ = SessionReader::default().read_bytes(input);
-        });
+        let name = format!("session, chunks {compression:?} without checksums");
+        every(&name, &without_checksums(session(compression)), read);
     }
 }
 
 fn fuzz_message<M: cdr::Message>(message: &M, check: impl Fn(M)) {
     for endian in [Endian::Little, Endian::Big] {
-        every(&cdr::encode(message, endian).unwrap(), |input| {
-            if let Ok(message) = cdr::decode(input) {
-                check(message);
-            }
+        let name = format!("{}, {endian:?}", M::TYPE);
+        every(&name, &cdr::encode(message, endian).unwrap(), |input| {
+            let decoded = cdr::decode(input);
+            decoded.map(&check).is_ok()
         });
     }
 }
@@ -166,14 +201,30 @@ fn clouds() {
         Point3::new(-1.0, 0.5, 4.0),
     ];
     let mut cloud = PointCloud2::from_points(cdr::Header::default(), &points).unwrap();
-    fuzz_message(&cloud, |cloud: PointCloud2| drop(cloud.points()));
+    let read = |cloud: PointCloud2| {
+        let _ = (cloud.points(), cloud.colours(), cloud.features());
+    };
+    fuzz_message(&cloud, read);
     (
         cloud.height,
         cloud.width,
         cloud.row_step,
         cloud.is_bigendian,
     ) = (3, 1, 12, true);
-    fuzz_message(&cloud, |cloud: PointCloud2| drop(cloud.points()));
+    fuzz_message(&cloud, read);
+    let colours = [[1, 2, 3]; 3];
+    let header = cdr::Header::default();
+    let coloured = PointCloud2::from_coloured_points(header.clone(), &points, &colours);
+    fuzz_message(&coloured.unwrap(), read);
+    let feature = |point: &Point3<f64>| Feature {
+        point: *point,
+        descriptor: Descriptor([7; 8]),
+    };
+    let features: Vec<_> = points.iter().map(feature).collect();
+    fuzz_message(
+        &PointCloud2::from_features(header, &features).unwrap(),
+        read,
+    );
 }
 
 #[test]
@@ -319,8 +370,7 @@ fn an_arm_among_damaged_messages() {
     let commands = Topic::new::<StringStamped>("/PSM1/state_command", Qos::COMMAND);
     senders.push((node.advertise(&commands).unwrap(), &command));
     let goal = arm.rcm_from_tip().unwrap().value;
-    let count = std::env::var("DVRK_IO_FUZZ").map_or(100_000, |text| text.parse().unwrap());
-    for seed in 0..count / 20 {
+    for seed in 0..count() / 20 {
         let mut random = Random(seed);
         let pick = random.below(senders.len());
         let (sender, message) = &mut senders[pick];
@@ -387,25 +437,181 @@ fn objects() {
     assert!(find_object(&scan, &[], &options).is_ok());
     let mut cloud = PointCloud2::from_points(cdr::Header::default(), scan.points()).unwrap();
     (cloud.height, cloud.width, cloud.row_step) = (10, 12, 144);
-    every(&cdr::encode(&cloud, Endian::Little).unwrap(), |input| {
-        let Ok(cloud) = cdr::decode::<PointCloud2>(input) else {
-            return;
+    every(
+        "objects in clouds",
+        &cdr::encode(&cloud, Endian::Little).unwrap(),
+        |input| {
+            let Ok(cloud) = cdr::decode::<PointCloud2>(input) else {
+                return false;
+            };
+            if let Ok(scan) = Scan::from_cloud(&cloud, None)
+                && let Ok(object) = find_object(&scan, &[], &options)
+            {
+                assert!(
+                    object
+                        .points
+                        .iter()
+                        .all(|point| point.coords.norm().is_finite())
+                );
+                assert!(
+                    object
+                        .normals
+                        .iter()
+                        .all(|normal| normal.norm().is_finite())
+                );
+                return true;
+            }
+            false
+        },
+    );
+}
+
+/// Images and clouds of all that was seen, with joint values, as a driver records them.
+#[test]
+fn recorded_scans() {
+    every("recorded scans", &recorded(), |input| {
+        let Ok(scans) = SessionReader::default().scans_of_bytes(input) else {
+            return false;
         };
-        if let Ok(scan) = Scan::from_cloud(&cloud, None)
-            && let Ok(object) = find_object(&scan, &[], &options)
-        {
-            assert!(
-                object
-                    .points
-                    .iter()
-                    .all(|point| point.coords.norm().is_finite())
-            );
-            assert!(
-                object
-                    .normals
-                    .iter()
-                    .all(|normal| normal.norm().is_finite())
-            );
+        let mut count = 0;
+        for scan in scans.map_while(Result::ok) {
+            let mut joints = scan.arms.iter().filter_map(|arm| arm.joints);
+            assert!(joints.all(|joints| joints.iter().all(|value| value.is_finite())));
+            count += 1;
         }
+        count > 0
+    });
+}
+
+/// Without compression: what is in chunks is decompressed by the same code for all readers.
+fn recorded() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let options = mcap::WriteOptions::new().compression(None);
+    let mut writer = options.create(std::io::Cursor::new(&mut bytes)).unwrap();
+    let (image, info) = camera();
+    let joints = JointState {
+        position: vec![0.1; 6],
+        ..JointState::default()
+    };
+    let little = Endian::Little;
+    let topics = [
+        (
+            "/camera/camera/depth/image_rect_raw",
+            Image::TYPE,
+            cdr::encode(&image, little),
+        ),
+        (
+            "/camera/camera/depth/camera_info",
+            CameraInfo::TYPE,
+            cdr::encode(&info, little),
+        ),
+        (
+            "/PSM1/measured_js",
+            JointState::TYPE,
+            cdr::encode(&joints, little),
+        ),
+        (
+            "/PSM1/jaw/setpoint_js",
+            JointState::TYPE,
+            cdr::encode(&joints, little),
+        ),
+    ];
+    for (topic, kind, data) in topics {
+        let schema = writer.add_schema(kind, "ros2msg", b"x").unwrap();
+        let channel = writer.add_channel(schema, topic, "cdr", &BTreeMap::new());
+        let header = mcap::records::MessageHeader {
+            channel_id: channel.unwrap(),
+            sequence: 0,
+            log_time: 0,
+            publish_time: 0,
+        };
+        writer
+            .write_to_known_channel(&header, &data.unwrap())
+            .unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    bytes
+}
+
+const CALIBRATION: &str = r#"format = "dvrk-io calibration"
+version = 1
+arm = "PSM1"
+method = "sightings"
+[units]
+length = "m"
+angle = "rad"
+[camera_from_rcm]
+target = "camera"
+source = "PSM1_base"
+translation = [0.1, 0, 0.4]
+quaternion_xyzw = [0.0, 0.7071, 0.0, 0.7071]
+[wrist_from_marker]
+target = "wrist"
+source = "marker"
+translation = [0.0, 0.01, 0.0]
+quaternion_xyzw = [0.0, 0.0, 0.0, 1.0]
+[residuals]
+samples = 12
+outliers = [5]
+rms = 4e-4
+max = 7e-4
+rms_angle = 0.01
+max_angle = 0.02
+"#;
+
+#[test]
+fn calibrations() {
+    assert!(Calibration::from_toml(CALIBRATION.as_bytes()).is_ok());
+    every("calibration", CALIBRATION.as_bytes(), |input| {
+        let Ok(read) = Calibration::from_toml(input) else {
+            return false;
+        };
+        let matrix = read.camera_from_rcm.to_homogeneous();
+        assert!(matrix.iter().all(|value| value.is_finite()));
+        true
+    });
+}
+
+const METADATA: &str = "rosbag2_bagfile_information:
+  version: 9
+  storage_identifier: mcap
+  duration:
+    nanoseconds: 200000000
+  relative_file_paths:
+    - bag_0.mcap
+    - \"bag_1.mcap\"
+  compression_format: \"\"
+  compression_mode: \"\"
+";
+
+/// Its files are not there: what it names is all that counts.
+#[test]
+fn metadata_of_rosbag2() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("metadata.yaml");
+    every("metadata.yaml", METADATA.as_bytes(), |input| {
+        std::fs::write(&path, input).unwrap();
+        let error = SessionReader::default().frames(folder.path()).unwrap_err();
+        // It got as far as to look for a file that is named.
+        matches!(error, dvrk_io::Error::Io { path: looked, .. } if looked != path)
+    });
+}
+
+#[test]
+fn variables_of_the_network() {
+    let names = [
+        "ROS_DOMAIN_ID",
+        "ROS_LOCALHOST_ONLY",
+        "ROS_AUTOMATIC_DISCOVERY_RANGE",
+    ];
+    every("network", b"17\n1\nLOCALHOST", |input| {
+        let text = String::from_utf8_lossy(input);
+        let values: Vec<_> = text.split('\n').collect();
+        let value = |name| {
+            let index = names.iter().position(|other| *other == name)?;
+            values.get(index).map(ToString::to_string)
+        };
+        Network::from_vars(value).is_ok()
     });
 }

@@ -420,6 +420,8 @@ fn a_camera_that_moves_has_its_pose_in_every_frame() {
         "{skipped:?}"
     );
     assert!(skipped[0].contains("0.500 s"), "{skipped:?}");
+    let scans = SessionReader::default().scans(&path);
+    assert!(matches!(scans, Err(Error::ScansOfMovingCamera)));
     // Poses of arms that were written before the camera was said to move are in another frame.
     let mut writer = SessionWriter::create(&path).unwrap();
     writer.pose(0.0, "PSM1", &pose(1)).unwrap();

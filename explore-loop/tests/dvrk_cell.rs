@@ -13,9 +13,9 @@ mod world;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use dvrk_io::cdr::PoseStamped;
+use dvrk_io::cdr::{Bool, PoseStamped};
 use dvrk_io::transport::{Qos, Writer};
-use explore_loop::cell::dvrk::DvrkCell;
+use explore_loop::cell::dvrk::{CellFile, DvrkCell};
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::nalgebra::{Isometry3, Translation3};
 use world::{BALL, RADIUS, World};
@@ -88,7 +88,7 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
         assert!(check.found.is_ok(), "{check}");
     }
     assert!(!world.is_powered(0) && !world.is_powered(1));
-    let mut cell = preflight.start().unwrap();
+    let mut cell = world.start(preflight);
     assert!(world.is_powered(0) && world.is_powered(1));
     // A dVRK homes without its wrist going anywhere: the way home is ours.
     cell.home().unwrap();
@@ -123,6 +123,75 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
     assert!(way(&cell, &seen, 0) < 1e-3);
 }
 
+const CALIBRATION: &str = r#"format = "dvrk-io calibration"
+version = 1
+arm = "PSM1"
+method = "touches"
+[units]
+length = "m"
+angle = "rad"
+[camera_from_rcm]
+target = "camera_depth_optical_frame"
+source = "PSM1_base"
+translation = [0.1543, 0.0, 0.3361]
+quaternion_xyzw = [0.6645, -0.6645, 0.2418, -0.2418]
+[residuals]
+samples = 12
+outliers = [5]
+rms = 4e-4
+max = 7e-4
+rms_angle = 0
+max_angle = 0
+"#;
+
+#[test]
+fn calibration_and_limits_are_looked_at() {
+    // What is said of an arm, for a file and a calibration that lies beside it.
+    let said = |what: &str, calibration: &str, home: Option<f64>| {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("PSM1.toml"), calibration).unwrap();
+        let line = "camera_from_base = { translation = [0.1543";
+        let text = include_str!("../doc/CELL.toml").replacen(
+            line,
+            "calibration = \"PSM1.toml\" # { translation = [0.1543",
+            1,
+        );
+        let path = folder.path().join("CELL.toml");
+        std::fs::write(&path, text).unwrap();
+        let read = CellFile::load(&path).unwrap();
+        let world = World::with(|file| {
+            file.arm.clone_from(&read.arm);
+            file.arm[0].home[1] = home.unwrap_or(file.arm[0].home[1]);
+        });
+        let preflight = world.preflight();
+        let check = preflight.checks().iter().find(|check| check.what == what);
+        check.unwrap().found.clone()
+    };
+    let good = said("PSM1, calibration", CALIBRATION, None).unwrap();
+    assert_eq!(
+        good,
+        "12 samples, 1 of them left out, off by 0.4 mm rms and 0.7 mm at most"
+    );
+    let none = said("PSM2, calibration", CALIBRATION, None).unwrap();
+    assert!(none.contains("no residuals"), "{none}");
+    let poor = CALIBRATION.replace("4e-4", "6e-3").replace("7e-4", "9e-3");
+    let poor = said("PSM1, calibration", &poor, None).unwrap_err();
+    assert!(
+        poor.contains("6.0 mm rms") && poor.contains("anew"),
+        "{poor}"
+    );
+    let other = CALIBRATION.replace("depth_optical", "color_optical");
+    let other = said("PSM1, calibration", &other, None).unwrap_err();
+    assert!(other.contains("camera_color_optical_frame"), "{other}");
+    let limits = said("PSM1, limits", CALIBRATION, None).unwrap();
+    assert!(
+        limits.contains("50 mm/s") && limits.contains("1.0 m/s²"),
+        "{limits}"
+    );
+    let beyond = said("PSM1, limits", CALIBRATION, Some(1.4)).unwrap_err();
+    assert!(beyond.contains("beyond the limits of pitch"), "{beyond}");
+}
+
 #[test]
 fn a_jaw_holds_what_keeps_it_open() {
     let world = World::new();
@@ -142,6 +211,99 @@ fn a_jaw_holds_what_keeps_it_open() {
     assert!(!frames(&mut cell, 2).arms[0].holding);
     cell.open_jaw(0).unwrap();
     assert!(!cell.observe().unwrap().arms[0].holding);
+}
+
+/// What may happen to the second arm, and for how long the first may go on then, seconds: an arm is silent once nothing has come for 0.2 s.
+enum Trouble {
+    Fault,
+    NoInstrument,
+    Hand,
+    Teleoperation,
+    OtherWriter,
+    Silence,
+    AskedToStop,
+}
+
+impl Trouble {
+    const ALL: [(Self, f64, &'static str); 7] = [
+        (Self::Fault, 0.1, "encoder"),
+        (Self::NoInstrument, 0.1, "not homed"),
+        (Self::Hand, 0.1, "by hand"),
+        (Self::Teleoperation, 0.1, "teleoperation"),
+        (Self::OtherWriter, 0.1, "/PSM2/servo_cp"),
+        (Self::Silence, 0.3, "silent"),
+        (Self::AskedToStop, 0.1, "stopped"),
+    ];
+
+    /// Makes it happen; what has to be kept for it to last.
+    fn begin(&self, world: &World, flag: &AtomicBool) -> Option<Box<dyn std::any::Any>> {
+        let node = world.bus.node();
+        match self {
+            Self::Fault => world.fail(1, "encoder"),
+            Self::NoInstrument => world.take_instrument_out(1),
+            Self::Hand => world.clutch(1, true),
+            Self::Teleoperation => {
+                let mut console =
+                    Writer::new(&node, "/console/teleop/enabled", Qos::EVENT).unwrap();
+                console.publish(&Bool { data: true }).unwrap();
+                return Some(Box::new(console));
+            }
+            Self::OtherWriter => {
+                let rival = Writer::<PoseStamped>::new(&node, "/PSM2/servo_cp", Qos::COMMAND);
+                return Some(Box::new(rival.unwrap()));
+            }
+            Self::Silence => world.silence_arm(1, true),
+            Self::AskedToStop => flag.store(true, Ordering::Relaxed),
+        }
+        None
+    }
+}
+
+/// The loop computes all the while, for longer than any frame takes: nobody calls the cell.
+#[test]
+fn trouble_of_one_arm_moving_or_at_rest_stops_all_at_once() {
+    for (trouble, time, why) in Trouble::ALL {
+        for both_move in [true, false] {
+            let (world, flag) = (World::new(), Arc::new(AtomicBool::new(false)));
+            let mut cell = world.cell().stop_flag(Arc::clone(&flag));
+            if both_move {
+                under_way(&mut cell);
+            } else {
+                let goal = lower(&cell, 0, FAR);
+                cell.move_arm(0, goal, SPEED).unwrap();
+                assert!(frames(&mut cell, 5).arms[0].moving);
+            }
+            let (before, jaws) = (world.tips(), world.jaws());
+            world.compute_for(0.05);
+            assert!(world.tips()[0] != before[0], "{why}");
+            let _lasts = trouble.begin(&world, &flag);
+            world.compute_for(time);
+            let (then, stood) = (world.tips(), world.now());
+            world.compute_for(1.0);
+            assert!(world.now() - stood > 0.99);
+            assert_eq!(world.tips(), then, "{why}, both move: {both_move}");
+            assert_eq!(world.jaws(), jaws);
+            let refused = [
+                cell.move_arm(0, lower(&cell, 0, 0.0), SPEED),
+                cell.close_jaw(1),
+            ];
+            let reasons = refused.map(|refused| refused.map_err(|error| error.to_string()));
+            if matches!(trouble, Trouble::Silence) {
+                // It may speak again; the other can be commanded meanwhile.
+                assert_eq!(reasons[0], Ok(()));
+                assert!(
+                    reasons[1].as_ref().unwrap_err().contains(why),
+                    "{reasons:?}"
+                );
+                continue;
+            }
+            for reason in reasons {
+                assert!(reason.as_ref().unwrap_err().contains(why), "{reason:?}");
+            }
+            world.compute_for(0.5);
+            assert_eq!((world.tips(), world.jaws()), (then, jaws));
+        }
+    }
 }
 
 #[test]
@@ -284,6 +446,7 @@ fn whoever_asks_to_stop_is_heard_by_every_call() {
     for answer in answers {
         assert!(matches!(answer, Err(CellError::Failed(_))), "{answer:?}");
     }
+    world.compute_for(0.1);
     let then = world.tips();
     world.bus.advance(std::time::Duration::from_secs(1));
     assert_eq!(world.tips(), then);

@@ -6,19 +6,17 @@
     missing_docs,
     clippy::unwrap_used,
     clippy::print_stdout,
-    reason = "tests"
+    clippy::float_cmp,
+    reason = "tests; a jaw that holds stays at the same bits"
 )]
 
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use dvrk_io::Psm;
-use dvrk_io::arm::{Arm, ArmOptions, OtherWriters};
-use dvrk_io::kinematics::Kinematics;
-use dvrk_io::transport::Participant;
+use dvrk_io::cdr::JointState;
+use dvrk_io::transport::{Participant, Qos, Reader, Transport};
 use explore_loop::cell::dvrk::CellFile;
 use serde_json::Value;
 
@@ -151,6 +149,9 @@ fn a_served_cell_is_found_well_and_commanded_by_nobody() {
     let mut wrong = file.clone();
     wrong.arm[0].name = "PSM9".into();
     wrong.camera.frame = "elsewhere".into();
+    // By the address of an interface instead.
+    let network = wrong.network.as_mut().unwrap();
+    (network.loopback, network.interfaces) = (false, vec![[127, 0, 0, 1].into()]);
     let path = served.folder.path().join("wrong.toml");
     std::fs::write(&path, wrong.to_toml().unwrap()).unwrap();
     let output = explore()
@@ -205,34 +206,7 @@ fn a_script_with_rclpy_practises_on_the_served_cell() {
 }
 
 #[test]
-fn a_file_that_is_wrong_is_named_with_its_line() {
-    let right = include_str!("../doc/CELL.toml");
-    let path = Path::new("cells/mine.toml");
-    CellFile::parse(right, path).unwrap();
-    let cases = [
-        ("rate = 10.0", "rate = -1.0", "positive"),
-        ("kind = \"si\"", "kind = \"mk3\"", "unknown variant"),
-        ("name = \"PSM2\"", "name = \"PSM1\"", "a second arm PSM1"),
-        ("speed = 0.05", "sped = 0.05", "unknown field"),
-        (
-            "normal = [0.0, 0.0, -1.0]",
-            "normal = [0.0, 0.0, 0.0]",
-            "no direction",
-        ),
-        ("version = 1", "version = 2", "version 1"),
-        ("open = 1.0", "open = -1.0", "cannot close"),
-    ];
-    for (from, to, why) in cases {
-        assert!(right.contains(from), "{from}");
-        let wrong = right.replacen(from, to, 1);
-        let error = CellFile::parse(&wrong, path).unwrap_err().to_string();
-        assert!(error.contains(why), "{error}");
-        let line: usize = error.split(':').nth(1).unwrap().parse().unwrap();
-        let lines: Vec<&str> = wrong.lines().collect();
-        // The line itself, or that of the arm that it is of.
-        let named = lines[line - 1];
-        assert!(named.contains(to) || named == "[[arm]]", "{error}: {named}");
-    }
+fn a_file_that_is_not_there_is_named() {
     let output = explore()
         .args(["robot", "/nowhere/CELL.toml"])
         .output()
@@ -241,23 +215,60 @@ fn a_file_that_is_wrong_is_named_with_its_line() {
     assert!(text(&output).contains("/nowhere/CELL.toml"));
 }
 
-/// Reads the jaw of an arm that somebody else commands.
-fn jaws(test: u32, served: &Served) -> Vec<f64> {
-    let network = CellFile::load(&served.cell()).unwrap().network().unwrap();
-    assert_eq!(network.domain().to_string(), domain(test));
-    let transport = Participant::join(&network).unwrap();
-    let options = || {
-        ArmOptions::default()
-            .with_kinematics(Kinematics::new(Psm::Si))
-            .with_other_writers(OtherWriters::Allow)
-    };
-    let jaw = |name: &str| {
-        let patience = Duration::from_secs(10);
-        let node = Arc::new(transport.clone());
-        let arm = Arm::connect(node, name, options(), patience).unwrap();
-        arm.jaw().unwrap().value.angle
-    };
-    ["PSM1", "PSM2", "PSM3"].map(jaw).to_vec()
+/// Reads the jaws of arms that somebody else commands: by listening only, as a client that could command them too would stop them.
+struct Jaws(Vec<(Reader<JointState>, Option<f64>)>, Participant);
+
+impl Jaws {
+    fn of(test: u32, served: &Served) -> Self {
+        let network = CellFile::load(&served.cell()).unwrap().network().unwrap();
+        assert_eq!(network.domain().to_string(), domain(test));
+        let transport = Participant::join(&network).unwrap();
+        let reader = |arm: &str| {
+            let topic = format!("/{arm}/jaw/measured_js");
+            Reader::new(&transport, topic, Qos::NEWEST).unwrap()
+        };
+        let readers = ["PSM1", "PSM2", "PSM3"].map(|arm| (reader(arm), None));
+        Self(readers.into(), transport)
+    }
+
+    /// The next angle of each, radians.
+    fn angles(&mut self) -> Vec<f64> {
+        let end = self.1.now() + Duration::from_secs(20);
+        self.0.iter_mut().for_each(|(_, angle)| *angle = None);
+        while self.0.iter().any(|(_, angle)| angle.is_none()) {
+            assert!(self.1.now() < end, "a jaw is silent");
+            for (reader, angle) in &mut self.0 {
+                while let Some(message) = reader.take().unwrap() {
+                    *angle = message.position.first().copied();
+                }
+            }
+            self.1.wait(self.1.now() + Duration::from_millis(20));
+        }
+        self.0.iter().filter_map(|(_, angle)| *angle).collect()
+    }
+}
+
+/// An exploration under way, a jaw that holds something, and its angle. Where a machine has so much else to do that the arms cannot follow, the
+/// exploration ends before that, as it says why, and is begun again.
+fn until_a_jaw_holds(served: &Served, jaws: &mut Jaws, out: &Path) -> (Child, (usize, f64)) {
+    for _ in 0..3 {
+        let mut robot = explore()
+            .arg("robot")
+            .arg(served.slow_cell())
+            .arg("--out")
+            .arg(out)
+            .spawn()
+            .unwrap();
+        while robot.try_wait().unwrap().is_none() {
+            // Neither open nor closed, and at rest: before they are powered, arms say an angle of 0.
+            let [then, now] = [jaws.angles(), jaws.angles()];
+            let rests = |jaw: &usize| (0.1..0.5).contains(&now[*jaw]) && then[*jaw] == now[*jaw];
+            if let Some(jaw) = (0..now.len()).find(rests) {
+                return (robot, (jaw, now[jaw]));
+            }
+        }
+    }
+    panic!("it ended three times before a jaw held anything");
 }
 
 /// Three minutes and more: `cargo test --release -p explore-loop --test robot -- --ignored --nocapture`.
@@ -266,24 +277,11 @@ fn jaws(test: u32, served: &Served) -> Vec<f64> {
 fn ctrl_c_opens_nothing_and_drops_nothing() {
     let served = Served::start(2, &["--seed", "1", "--tetrahedra", "800"]);
     let out = served.folder.path().join("out");
-    let mut robot = explore()
-        .arg("robot")
-        .arg(served.slow_cell())
-        .arg("--out")
-        .arg(&out)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    // The plan is told before the arms reach for it: the jaws are closed some time after.
-    let mut lines = BufReader::new(robot.stderr.take().unwrap()).lines();
-    assert!(lines.any(|line| line.unwrap().contains("turn over")));
-    let end = Instant::now() + Duration::from_secs(240);
-    while !jaws(2, &served).iter().any(|angle| *angle < 0.5) {
-        assert!(Instant::now() < end, "no jaw closes");
-    }
+    let mut jaws = Jaws::of(2, &served);
+    let (mut robot, held) = until_a_jaw_holds(&served, &mut jaws, &out);
     signal(&robot);
     let code = robot.wait().unwrap().code();
-    let after = jaws(2, &served);
+    let after = jaws.angles();
     println!("jaws after Ctrl-C: {after:?}");
     // Who comes next is told, and moves nothing.
     let next = explore()
@@ -298,7 +296,7 @@ fn ctrl_c_opens_nothing_and_drops_nothing() {
         text(&next)
     );
     assert_eq!(code, Some(1));
-    assert!(after.iter().any(|angle| *angle < 0.5), "{after:?}");
+    assert_eq!(after[held.0], held.1, "{after:?}");
     let metrics = std::fs::read(out.join("metrics.json")).unwrap();
     let metrics: Value = serde_json::from_slice(&metrics).unwrap();
     assert_eq!(

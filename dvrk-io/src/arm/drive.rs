@@ -5,7 +5,6 @@ use std::time::Duration;
 use super::driver::Arm;
 use super::line::Line;
 use super::motion::{JawMotion, LastSent, LineMotion, Motion, MoveMotion, NextLine, in_flight};
-use super::options::OtherWriters;
 use super::profile::{Profile, ProfileLimits};
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
@@ -227,32 +226,9 @@ impl Arm {
     /// # Errors
     /// Why the arm does not take a motion now.
     fn ready(&mut self) -> Result<(), Error> {
-        let now = self.transport.now();
-        let status = self.status();
-        let reason = if status.mode != Mode::Enabled || !status.homed {
-            Some(Stop::NotReady {
-                status,
-                said: self.last_error.clone(),
-            })
-        } else if self.is_clutched() {
-            Some(Stop::Clutched)
-        } else if self.is_teleoperated() {
-            Some(Stop::Teleoperation)
-        } else if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
-            Some(Stop::Stale { topic, age })
-        } else {
-            self.other_writer()
-        };
+        self.look_for_rivals(self.transport.now());
+        let reason = self.unready();
         reason.map_or(Ok(()), |reason| Err(self.stopped(reason)))
-    }
-
-    /// Somebody else who can command this arm, unless that is allowed.
-    pub(crate) fn other_writer(&self) -> Option<Stop> {
-        if self.options.other_writers == OtherWriters::Allow {
-            return None;
-        }
-        let topic = self.other_writers().into_iter().next()?;
-        Some(Stop::OtherWriter { topic })
     }
 
     /// The line under way, or a stay where the set-point is.

@@ -45,6 +45,8 @@ pub struct Arm {
     /// The last set-points, unless the motion was stopped: what the arm reports lags behind them.
     pub(crate) sent: LastSent,
     pub(crate) writers_checked: Duration,
+    /// The topic on which somebody else can command the arm, when that was looked for last.
+    pub(crate) rival: Option<String>,
     events: std::collections::VecDeque<Event>,
 }
 
@@ -101,6 +103,7 @@ impl Arm {
             last_sent: Duration::ZERO,
             sent: LastSent::default(),
             writers_checked: Duration::ZERO,
+            rival: None,
             events: std::collections::VecDeque::new(),
             transport,
         };

@@ -95,6 +95,6 @@ pub use profile::{Profile, ProfileLimits};
 pub use readings::JawState;
 pub use state::{ArmStatus, ControlPoint, Dialect, Event, EventKind, Mode};
 pub use stop::Stop;
-pub(crate) use stream::unheard;
 pub use stream::{Absence, Sample, Velocity};
+pub(crate) use stream::{Measurement, unheard};
 pub use thread::ArmThread;

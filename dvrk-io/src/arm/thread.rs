@@ -40,6 +40,18 @@ impl ArmThread {
     /// # Errors
     /// [`Error::Network`]: the system has no thread left.
     pub fn spawn(arm: Arm) -> Result<Self, Error> {
+        Self::spawn_watched(arm, |_| ())
+    }
+
+    /// The same, with a look at the arm after each tick: for what must not wait until its owner has computed, such as to hold it when another
+    /// arm is in trouble ([`Arm::last_stop`], [`Arm::unready`]). The look must be short.
+    ///
+    /// # Errors
+    /// See [`ArmThread::spawn`].
+    pub fn spawn_watched(
+        arm: Arm,
+        mut look: impl FnMut(&mut Arm) + Send + 'static,
+    ) -> Result<Self, Error> {
         let (transport, period) = (Arc::clone(&arm.transport), arm.options.period);
         let name = arm.name.clone();
         let arm = Arc::new(Mutex::new(arm));
@@ -49,7 +61,10 @@ impl ArmThread {
             let (arm, stop, transport) = its;
             while !stop.load(Ordering::Relaxed) {
                 let next = transport.now() + period;
-                lock(&arm).tick();
+                let mut arm = lock(&arm);
+                arm.tick();
+                look(&mut arm);
+                drop(arm);
                 while transport.now() < next {
                     transport.wait(next);
                 }

@@ -15,11 +15,12 @@ use super::driver::Arm;
 use super::line::apart;
 use super::monitor::WINDOW;
 use super::motion::{JawMotion, LineMotion, Motion, MoveMotion};
+use super::options::OtherWriters;
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
 
 /// Between two looks at who else writes: the list of all writers on the network is walked.
-const OTHER_WRITERS: Duration = Duration::from_millis(250);
+const OTHER_WRITERS: Duration = Duration::from_millis(50);
 /// How long a robot may take to begin a trajectory.
 const BEGIN: Duration = Duration::from_secs(1);
 /// How far the jaw's set-point may be from what was sent, radians.
@@ -32,6 +33,9 @@ impl Arm {
         let now = self.transport.now();
         self.last_tick = now;
         let error = self.take_in(now);
+        if now >= self.writers_checked + OTHER_WRITERS {
+            self.look_for_rivals(now);
+        }
         let Some(mut motion) = self.motion.take() else {
             return;
         };
@@ -97,35 +101,57 @@ impl Arm {
         error
     }
 
-    fn trouble(&mut self, now: Duration, motion: &Motion, error: Option<String>) -> Option<Stop> {
-        let status = self.status();
-        if status.mode != Mode::Enabled || !status.homed {
-            let said = self.last_error.clone();
-            return Some(Stop::NotReady { status, said });
-        }
+    /// Why the motion must not go on. Who takes the arm away says more than the errors that follow.
+    fn trouble(&self, now: Duration, motion: &Motion, error: Option<String>) -> Option<Stop> {
         let hand = match motion {
             Motion::Move(_) => self.feedback.said().clutch,
             Motion::Line { .. } => self.is_clutched(),
         };
-        if hand {
-            return Some(Stop::Clutched);
+        let taken = self.taken(hand);
+        let said = || error.map(Stop::Said);
+        taken
+            .or_else(said)
+            .or_else(|| self.unwatched(now))
+            .or_else(|| self.elsewhere())
+    }
+
+    /// Whether the state of the arm, a hand, or the console takes it away.
+    fn taken(&self, hand: bool) -> Option<Stop> {
+        let status = self.status();
+        if status.mode != Mode::Enabled || !status.homed {
+            let said = self.last_error.clone();
+            Some(Stop::NotReady { status, said })
+        } else if hand {
+            Some(Stop::Clutched)
+        } else {
+            self.is_teleoperated().then_some(Stop::Teleoperation)
         }
-        if self.is_teleoperated() {
-            return Some(Stop::Teleoperation);
-        }
-        if let Some(text) = error {
-            return Some(Stop::Said(text));
-        }
+    }
+
+    /// Whether what the arm does is not seen, or not for us to say.
+    fn unwatched(&self, now: Duration) -> Option<Stop> {
         if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             return Some(Stop::Stale { topic, age });
         }
-        if now >= self.writers_checked + OTHER_WRITERS {
-            self.writers_checked = now;
-            if let Some(stop) = self.other_writer() {
-                return Some(stop);
-            }
-        }
-        self.elsewhere()
+        let topic = self.rival.clone()?;
+        Some(Stop::OtherWriter { topic })
+    }
+
+    /// Why the arm would not take a motion, by what had come at the last tick: its state, a hand, teleoperation, a stale stream, somebody
+    /// else who can command it. An arm at rest is in no motion that such a reason could end: whoever leaves one at rest while others move asks
+    /// for it here.
+    pub fn unready(&self) -> Option<Stop> {
+        let taken = self.taken(self.is_clutched());
+        taken.or_else(|| self.unwatched(self.transport.now()))
+    }
+
+    /// Notes on which topic somebody else can command the arm, unless that is allowed.
+    pub(crate) fn look_for_rivals(&mut self, now: Duration) {
+        self.writers_checked = now;
+        self.rival = match self.options.other_writers {
+            OtherWriters::Allow => None,
+            OtherWriters::Refuse => self.other_writers().into_iter().next(),
+        };
     }
 
     /// Whether poses are where they should be.

@@ -9,6 +9,8 @@
 //! conventions of ROS for `32FC1` images and clouds, millimetres for `16UC1`; cameras that send millimetres as
 //! floats exist, and are told by their range.
 
+use std::fmt;
+
 use nalgebra::Point3;
 
 use super::{DepthImage, Intrinsics};
@@ -44,6 +46,25 @@ pub enum UnitSource {
     /// The median distance: of 20 and more it is millimetres. No camera sees nearer than 20 mm, and none that a cell has
     /// farther than 20 m.
     Range,
+}
+
+impl fmt::Display for LengthUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Metres => "metres",
+            Self::Millimetres => "millimetres",
+        })
+    }
+}
+
+impl fmt::Display for UnitSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Given => "as was said",
+            Self::Encoding => "by the encoding",
+            Self::Range => "by the range",
+        })
+    }
 }
 
 /// Median distances of at least this many units are millimetres.

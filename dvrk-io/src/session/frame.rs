@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 use super::skipped::Skipped;
+use crate::depth::Scan;
 use crate::features::Feature;
 
 /// One arm in one frame.
@@ -14,6 +15,10 @@ pub struct ArmSample {
     pub pose: Option<Isometry3<f64>>,
     /// Opening of its jaw in radians (0 = closed), if it was measured around the time of the frame.
     pub jaw: Option<f64>,
+    /// Where its jaw was sent, radians; of [scans](super::SessionReader::scans) only.
+    pub jaw_setpoint: Option<f64>,
+    /// Its joint values, in the order of [`Joint::ALL`](crate::kinematics::Joint::ALL); of [scans](super::SessionReader::scans) only.
+    pub joints: Option<[f64; 6]>,
 }
 
 /// What camera and arms said at one time.
@@ -31,6 +36,18 @@ pub struct Frame {
     /// Features of the colour image on the object, if they were recorded around the time of the frame.
     pub features: Option<Vec<Feature>>,
     /// Every arm of the session, in the order of [`Session::arm_names`].
+    pub arms: Vec<ArmSample>,
+}
+
+/// What the camera saw at one time, nothing taken away.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedScan {
+    /// Time of the cloud or image in seconds.
+    pub stamp: f64,
+    /// Everything that was seen, camera frame.
+    pub scan: Scan,
+    /// Every arm of the recording, in the order of [`Scans::arm_names`](super::Scans::arm_names). Poses are left out: a robot gives them in a
+    /// frame of its own, joint values tell the same.
     pub arms: Vec<ArmSample>,
 }
 

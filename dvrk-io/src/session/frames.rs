@@ -117,12 +117,6 @@ impl<'a> Frames<'a> {
         }
     }
 
-    /// Outer error: the file cannot be read. Inner: the cloud cannot be decoded.
-    fn cloud(&mut self, place: Place) -> Result<Result<Coloured, Error>, Error> {
-        self.read(place)?;
-        Ok(object_points(&self.buffer))
-    }
-
     /// The features that belong to a cloud; those that cannot be decoded are passed over.
     fn features(&mut self, stamp: u64) -> Result<Option<Vec<Feature>>, Error> {
         let Some(place) = self.closest(&self.index.features, stamp).copied() else {
@@ -160,16 +154,13 @@ impl<'a> Frames<'a> {
         features: Option<Vec<Feature>>,
     ) -> Result<Frame, Error> {
         let camera = self.camera(stamp)?;
-        let arms = self.index.arms.iter();
         Ok(Frame {
             stamp: seconds(stamp),
             camera,
             points: cloud.points,
             colours: cloud.colours,
             features,
-            arms: arms
-                .map(|(name, arm)| self.sample(name, arm, stamp))
-                .collect(),
+            arms: self.samples(stamp),
         })
     }
 
@@ -179,6 +170,46 @@ impl<'a> Frames<'a> {
             name: name.to_owned(),
             pose: pose.copied(),
             jaw: self.closest(&arm.jaws, stamp).copied(),
+            jaw_setpoint: self.closest(&arm.jaw_setpoints, stamp).copied(),
+            joints: self.closest(&arm.joints, stamp).copied(),
+        }
+    }
+
+    pub(super) fn samples(&self, stamp: u64) -> Vec<ArmSample> {
+        let arms = self.index.arms.iter();
+        arms.map(|(name, arm)| self.sample(name, arm, stamp))
+            .collect()
+    }
+
+    pub(super) fn index(&mut self) -> &mut Index {
+        &mut self.index
+    }
+
+    /// What the next cloud or image that can be decoded gives; those that cannot be are passed over and reported.
+    pub(super) fn next_with<T>(
+        &mut self,
+        decode: impl Fn(&mut Self, u64, &[u8]) -> Result<Result<T, Error>, Error>,
+    ) -> Option<Result<T, Error>> {
+        loop {
+            let &(stamp, place) = self.index.clouds.get(self.next)?;
+            self.next += 1;
+            let read = self.read(place).and_then(|()| {
+                let data = std::mem::take(&mut self.buffer);
+                let decoded = decode(self, stamp, &data);
+                self.buffer = data;
+                decoded
+            });
+            match read {
+                Ok(Ok(frame)) => return Some(Ok(frame)),
+                Ok(Err(error)) => {
+                    let topic = self.index.cloud_topic.clone();
+                    self.skip(place.record(), &topic, &error);
+                }
+                Err(error) => {
+                    self.next = self.index.clouds.len();
+                    return Some(Err(error));
+                }
+            }
         }
     }
 
@@ -208,25 +239,14 @@ impl Iterator for Frames<'_> {
     type Item = Result<Frame, Error>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        loop {
-            let &(stamp, place) = self.index.clouds.get(self.next)?;
-            self.next += 1;
-            let read = self.cloud(place).and_then(|cloud| {
-                let features = self.features(stamp)?;
-                Ok(cloud.and_then(|cloud| self.frame(stamp, cloud, features)))
-            });
-            match read {
-                Ok(Ok(frame)) => return Some(Ok(frame)),
-                Ok(Err(error)) => {
-                    let topic = self.index.cloud_topic.clone();
-                    self.skip(place.record(), &topic, &error);
-                }
-                Err(error) => {
-                    self.next = self.index.clouds.len();
-                    return Some(Err(error));
-                }
-            }
-        }
+        self.next_with(|frames, stamp, data| {
+            let cloud = match object_points(data) {
+                Ok(cloud) => cloud,
+                Err(error) => return Ok(Err(error)),
+            };
+            let features = frames.features(stamp)?;
+            Ok(frames.frame(stamp, cloud, features))
+        })
     }
 }
 

@@ -14,7 +14,8 @@ use super::source::Source;
 use super::topic::{Role, Topics};
 use super::walk::walk;
 use crate::Error;
-use crate::cdr::{self, Decoder, Header, JointState, Plane, PoseStamped};
+use crate::arm::Measurement;
+use crate::cdr::{self, CameraInfo, Decoder, Header, JointState, Plane, PoseStamped};
 
 /// Values of one topic, ordered by stamp (nanoseconds).
 pub(super) type Track<T> = Vec<(u64, T)>;
@@ -24,6 +25,30 @@ pub(super) type Track<T> = Vec<(u64, T)>;
 pub(super) struct Arm {
     pub(super) poses: Track<Isometry3<f64>>,
     pub(super) jaws: Track<f64>,
+    pub(super) jaw_setpoints: Track<f64>,
+    pub(super) joints: Track<[f64; 6]>,
+}
+
+/// What is wanted of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Content {
+    /// The object, found already.
+    Objects,
+    /// What the camera sent.
+    Scans,
+}
+
+impl Content {
+    fn wants(self, role: &Role) -> bool {
+        match role {
+            Role::Truth => false,
+            Role::Points | Role::Camera | Role::Table | Role::Jaw(_) => true,
+            Role::Features | Role::Pose(_) => self == Self::Objects,
+            Role::Depth | Role::CameraInfo | Role::Joints(_) | Role::JawSetpoint(_) => {
+                self == Self::Scans
+            }
+        }
+    }
 }
 
 /// A session but for its points.
@@ -35,6 +60,10 @@ pub(super) struct Index {
     pub(super) features: Track<Place>,
     /// Where the camera was, if it moves.
     pub(super) cameras: Track<Isometry3<f64>>,
+    /// The same of the depth images.
+    pub(super) images: Track<Place>,
+    /// Lenses, each from where on it differs from the one before.
+    pub(super) lenses: Track<CameraInfo>,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
     pub(super) arms: BTreeMap<String, Arm>,
     pub(super) camera_frame: String,
@@ -54,21 +83,28 @@ pub(super) struct Index {
 impl Index {
     /// # Errors
     /// See [`walk`]; also poses in another frame than the clouds.
-    pub(super) fn of(source: &Source<'_>, topics: &Topics) -> Result<Self, Error> {
+    pub(super) fn of(
+        source: &Source<'_>,
+        topics: &Topics,
+        content: Content,
+    ) -> Result<Self, Error> {
         let mut index = Self::default();
-        let wanted = |role: &Role| *role != Role::Truth;
+        let wanted = |role: &Role| content.wants(role);
         let take = |role: &Role, channel: &Channel, log_time, place, data: &[u8]| {
             index.take(role, channel, log_time, place, data)
         };
         let (counts, complete, skipped) = walk(source, topics, wanted, take)?;
         // An arm that was recorded without saying anything is an arm.
         for count in &counts {
-            if let Some(Role::Pose(arm) | Role::Jaw(arm)) = topics.role(&count.topic) {
+            let role = topics.role(&count.topic).filter(wanted);
+            if let Some(Role::Pose(arm) | Role::Jaw(arm) | Role::Joints(arm)) = role {
                 index.arm(&arm);
             }
         }
-        index.clouds.sort_by_key(|(stamp, _)| *stamp);
-        index.features.sort_by_key(|(stamp, _)| *stamp);
+        for track in [&mut index.clouds, &mut index.features, &mut index.images] {
+            track.sort_by_key(|(stamp, _)| *stamp);
+        }
+        index.lenses.sort_by_key(|(stamp, _)| *stamp);
         index.cameras.sort_by_key(|(stamp, _)| *stamp);
         index.planes.sort_by_key(|(time, _)| *time);
         index.table = index.planes.first().map(|(_, plane)| *plane);
@@ -76,6 +112,8 @@ impl Index {
             // Stable: messages with one stamp stay in the order of the file.
             arm.poses.sort_by_key(|(stamp, _)| *stamp);
             arm.jaws.sort_by_key(|(stamp, _)| *stamp);
+            arm.jaw_setpoints.sort_by_key(|(stamp, _)| *stamp);
+            arm.joints.sort_by_key(|(stamp, _)| *stamp);
         }
         (index.topics, index.complete, index.skipped) = (counts, complete, skipped);
         index.check_frames()?;
@@ -93,15 +131,19 @@ impl Index {
         match role {
             Role::Truth => {}
             Role::Points => {
-                let header = Header::read(&mut Decoder::new(data)?)?;
-                if self.cloud_topic.is_empty() {
-                    self.cloud_topic.clone_from(&channel.topic);
+                let stamp = self.seen(channel, data)?;
+                self.clouds.push((stamp, place));
+            }
+            Role::Depth => {
+                let stamp = self.seen(channel, data)?;
+                self.images.push((stamp, place));
+            }
+            Role::CameraInfo => {
+                let mut info: CameraInfo = cdr::decode(data)?;
+                let stamp = std::mem::take(&mut info.header).stamp.nanoseconds();
+                if self.lenses.last().is_none_or(|(_, last)| *last != info) {
+                    self.lenses.push((stamp, info));
                 }
-                if self.camera_frame.is_empty() {
-                    self.camera_frame.clone_from(&header.frame_id);
-                }
-                self.clouds.push((header.stamp.nanoseconds(), place));
-                self.in_frame(channel, header.frame_id, true);
             }
             Role::Features => {
                 let header = Header::read(&mut Decoder::new(data)?)?;
@@ -131,18 +173,34 @@ impl Index {
                 }
             }
             Role::Jaw(arm) => {
-                let jaw: JointState = cdr::decode(data)?;
-                // A jaw state without a position says nothing and is left out.
-                let angle = jaw
-                    .position
-                    .first()
-                    .copied()
-                    .filter(|angle| angle.is_finite());
-                let sample = valid_stamp(&jaw.header, log_time).zip(angle);
+                let sample = jaw_angle(data, log_time)?;
                 self.arm(arm).jaws.extend(sample);
+            }
+            Role::JawSetpoint(arm) => {
+                let sample = jaw_angle(data, log_time)?;
+                self.arm(arm).jaw_setpoints.extend(sample);
+            }
+            Role::Joints(arm) => {
+                let joints: JointState = cdr::decode(data)?;
+                let values = joints.value()?.position.try_into().ok();
+                let sample = valid_stamp(&joints.header, log_time).zip(values);
+                self.arm(arm).joints.extend(sample);
             }
         }
         Ok(())
+    }
+
+    /// Notes topic and frame of a cloud or an image; its stamp.
+    fn seen(&mut self, channel: &Channel, data: &[u8]) -> Result<u64, Error> {
+        let header = Header::read(&mut Decoder::new(data)?)?;
+        if self.cloud_topic.is_empty() {
+            self.cloud_topic.clone_from(&channel.topic);
+        }
+        if self.camera_frame.is_empty() {
+            self.camera_frame.clone_from(&header.frame_id);
+        }
+        self.in_frame(channel, header.frame_id, true);
+        Ok(header.stamp.nanoseconds())
     }
 
     fn arm(&mut self, name: &str) -> &mut Arm {
@@ -179,6 +237,14 @@ impl Index {
             None => Ok(()),
         }
     }
+}
+
+/// A jaw state without a position says nothing and is left out.
+fn jaw_angle(data: &[u8], log_time: u64) -> Result<Option<(u64, f64)>, Error> {
+    let jaw: JointState = cdr::decode(data)?;
+    let angle = jaw.position.first().copied();
+    let angle = angle.filter(|angle| angle.is_finite());
+    Ok(valid_stamp(&jaw.header, log_time).zip(angle))
 }
 
 /// A dVRK stamps with zero what it could not measure. A simulation that starts at zero logs at zero too.

@@ -15,6 +15,15 @@
 //! ([`SessionReader::tolerance`]). An arm without pose in a frame was not measured then; simulations
 //! publish poses only while the arm holds.
 //!
+//! What a camera sent as it is, a cloud or a depth image of everything in view, is read by [`SessionReader::scans`]:
+//!
+//! | topic | type | what |
+//! |---|---|---|
+//! | `/camera/camera/depth/image_rect_raw` | sensor_msgs/Image | depth, 16UC1 or 32FC1 |
+//! | `/camera/camera/depth/camera_info` | sensor_msgs/CameraInfo | lens of these images |
+//! | `/PSM1/measured_js` … | sensor_msgs/JointState | joint values of an arm |
+//! | `/PSM1/jaw/measured_js`, `/PSM1/jaw/setpoint_js` … | sensor_msgs/JointState | its jaw, and where that was sent |
+//!
 //! **Truth is not part of a session.** It is read by [`read_truth`], a call of its own, so that whatever is
 //! given frames cannot look at it.
 
@@ -27,6 +36,7 @@ mod frames;
 mod index;
 mod reader;
 mod scan;
+mod scans;
 mod schema;
 mod skipped;
 mod source;
@@ -35,9 +45,10 @@ mod walk;
 mod writer;
 
 pub use compression::Compression;
-pub use frame::{ArmSample, Frame, Session, TopicCount, Truth, TruthFrame};
+pub use frame::{ArmSample, Frame, RecordedScan, Session, TopicCount, Truth, TruthFrame};
 pub use frames::Frames;
 pub use reader::{SessionReader, read_truth, read_truth_from_bytes};
+pub use scans::Scans;
 pub use skipped::{Skip, Skipped};
 pub use topic::Role;
 pub(crate) use topic::check_arm_name;

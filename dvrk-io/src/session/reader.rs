@@ -6,7 +6,8 @@ use nalgebra::Point3;
 
 use super::frame::{Session, Truth, TruthFrame};
 use super::frames::{Frames, seconds};
-use super::index::Index;
+use super::index::{Content, Index};
+use super::scans::Scans;
 use super::source::Source;
 use super::topic::{Role, Topics};
 use super::walk::walk;
@@ -84,7 +85,30 @@ impl SessionReader {
     /// # Complexity
     /// O(bytes of the file).
     pub fn frames(&self, path: impl AsRef<Path>) -> Result<Frames<'static>, Error> {
-        self.frames_of(Source::of_path(path.as_ref())?)
+        let source = Source::of_path(path.as_ref())?;
+        self.frames_of(source, Content::Objects)
+    }
+
+    /// Opens a recording of what a camera sent, nothing taken away: its depth images, or its clouds where there are no images. Scans are
+    /// read one by one, each with joint values and jaws of the arms next to it in time; [`find_object`](crate::depth::find_object) takes
+    /// them from there.
+    ///
+    /// # Errors
+    /// See [`SessionReader::frames`]; [`Error::NoSuchTopic`] for images without a lens; [`Error::ScansOfMovingCamera`].
+    ///
+    /// # Complexity
+    /// O(bytes of the file).
+    pub fn scans(&self, path: impl AsRef<Path>) -> Result<Scans<'static>, Error> {
+        let source = Source::of_path(path.as_ref())?;
+        Scans::new(self.frames_of(source, Content::Scans)?)
+    }
+
+    /// Opens a recording of what a camera sent, from the bytes of its file.
+    ///
+    /// # Errors
+    /// See [`SessionReader::scans`].
+    pub fn scans_of_bytes<'a>(&self, file: &'a [u8]) -> Result<Scans<'a>, Error> {
+        Scans::new(self.frames_of(Source::Bytes(file), Content::Scans)?)
     }
 
     /// Reads a whole session into memory.
@@ -100,7 +124,7 @@ impl SessionReader {
     /// # Errors
     /// See [`SessionReader::frames`].
     pub fn read_bytes(&self, file: &[u8]) -> Result<Session, Error> {
-        collect(self.frames_of(Source::Bytes(file))?)
+        collect(self.frames_of(Source::Bytes(file), Content::Objects)?)
     }
 
     /// Reads the ground truth: for measures, never for algorithms. Empty where there is none. Points that are
@@ -113,7 +137,7 @@ impl SessionReader {
         self.truth_of(&Source::of_path(path.as_ref())?)
     }
 
-    fn frames_of<'a>(&self, source: Source<'a>) -> Result<Frames<'a>, Error> {
+    fn frames_of<'a>(&self, source: Source<'a>, content: Content) -> Result<Frames<'a>, Error> {
         if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
             let (what, value) = ("tolerance", self.tolerance);
             return Err(Error::OutOfRange {
@@ -122,7 +146,7 @@ impl SessionReader {
                 expected: "must be finite and not negative",
             });
         }
-        let index = Index::of(&source, &self.topics)?;
+        let index = Index::of(&source, &self.topics, content)?;
         Ok(Frames::new(source, self.tolerance, index))
     }
 

@@ -4,7 +4,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::Error;
-use crate::cdr::{JointState, Message, Plane, PointCloud2, PoseStamped};
+use crate::cdr::{CameraInfo, Image, JointState, Message, Plane, PointCloud2, PoseStamped};
 
 const POINTS: &str = "/cell/points";
 const FEATURES: &str = "/cell/features";
@@ -13,10 +13,16 @@ const TABLE: &str = "/cell/table";
 const TRUTH: &str = "/truth/points";
 const POSE: &str = "/measured_cp";
 const JAW: &str = "/jaw/measured_js";
+const JAW_SETPOINT: &str = "/jaw/setpoint_js";
+const JOINTS: &str = "/measured_js";
+/// As a RealSense names them.
+const DEPTH: &str = "/camera/camera/depth/image_rect_raw";
+const CAMERA_INFO: &str = "/camera/camera/depth/camera_info";
 
 /// What a topic means to a session.
 ///
-/// Written and parsed as its usual topic without the slash in front, or as `points`, `features`, `camera`, `table`, `truth`:
+/// Written and parsed as its usual topic without the slash in front, or as `points`, `depth`, `camera_info`, `features`, `camera`,
+/// `table`, `truth`:
 ///
 /// ```
 /// use dvrk_io::session::Role;
@@ -28,8 +34,12 @@ const JAW: &str = "/jaw/measured_js";
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Role {
-    /// Segmented cloud of the object.
+    /// Cloud of the object; in a recording of [scans](super::SessionReader::scans), of everything that the camera saw.
     Points,
+    /// Depth image, of everything that the camera saw.
+    Depth,
+    /// Lens of the depth images.
+    CameraInfo,
     /// Features of the colour image on the object: x, y, z and a descriptor.
     Features,
     /// Pose of a camera that moves, in the frame of arms and table.
@@ -42,6 +52,10 @@ pub enum Role {
     Pose(String),
     /// Jaw angle of the arm of this name.
     Jaw(String),
+    /// Where the jaw of the arm of this name was sent.
+    JawSetpoint(String),
+    /// Joint values of the arm of this name.
+    Joints(String),
 }
 
 impl Role {
@@ -60,9 +74,13 @@ impl Role {
             CAMERA => Some(Self::Camera),
             TABLE => Some(Self::Table),
             TRUTH => Some(Self::Truth),
+            DEPTH => Some(Self::Depth),
+            CAMERA_INFO => Some(Self::CameraInfo),
             _ => arm(JAW)
                 .map(Self::Jaw)
-                .or_else(|| arm(POSE).map(Self::Pose)),
+                .or_else(|| arm(JAW_SETPOINT).map(Self::JawSetpoint))
+                .or_else(|| arm(POSE).map(Self::Pose))
+                .or_else(|| arm(JOINTS).map(Self::Joints)),
         }
     }
 
@@ -76,6 +94,10 @@ impl Role {
             Self::Truth => TRUTH.to_owned(),
             Self::Pose(arm) => format!("/{arm}{POSE}"),
             Self::Jaw(arm) => format!("/{arm}{JAW}"),
+            Self::JawSetpoint(arm) => format!("/{arm}{JAW_SETPOINT}"),
+            Self::Joints(arm) => format!("/{arm}{JOINTS}"),
+            Self::Depth => DEPTH.to_owned(),
+            Self::CameraInfo => CAMERA_INFO.to_owned(),
         }
     }
 
@@ -85,7 +107,9 @@ impl Role {
             Self::Points | Self::Features | Self::Truth => PointCloud2::TYPE,
             Self::Table => Plane::TYPE,
             Self::Pose(_) | Self::Camera => PoseStamped::TYPE,
-            Self::Jaw(_) => JointState::TYPE,
+            Self::Jaw(_) | Self::JawSetpoint(_) | Self::Joints(_) => JointState::TYPE,
+            Self::Depth => Image::TYPE,
+            Self::CameraInfo => CameraInfo::TYPE,
         }
     }
 }
@@ -98,7 +122,11 @@ impl fmt::Display for Role {
             Self::Camera => formatter.write_str("camera"),
             Self::Table => formatter.write_str("table"),
             Self::Truth => formatter.write_str("truth"),
-            Self::Pose(_) | Self::Jaw(_) => formatter.write_str(&self.topic()[1..]),
+            Self::Depth => formatter.write_str("depth"),
+            Self::CameraInfo => formatter.write_str("camera_info"),
+            Self::Pose(_) | Self::Jaw(_) | Self::JawSetpoint(_) | Self::Joints(_) => {
+                formatter.write_str(&self.topic()[1..])
+            }
         }
     }
 }
@@ -113,6 +141,8 @@ impl FromStr for Role {
             "camera" => Ok(Self::Camera),
             "table" => Ok(Self::Table),
             "truth" => Ok(Self::Truth),
+            "depth" => Ok(Self::Depth),
+            "camera_info" => Ok(Self::CameraInfo),
             _ => Self::of_topic(&format!("/{text}")).ok_or_else(|| Error::BadRole {
                 text: text.to_owned(),
             }),

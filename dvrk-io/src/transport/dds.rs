@@ -17,6 +17,7 @@ use std::task::{Wake, Waker};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use rustdds::bytes::Bytes;
+use rustdds::discovery::DiscoveredWriterData;
 use rustdds::no_key::{
     DataWriter, Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter,
     SerializerAdapter, SimpleDataReader,
@@ -41,6 +42,8 @@ const SOCKET_BUFFER: usize = 16 << 20;
 /// fifth of it, but never more often than once a millisecond, and without a deadline every 10 ms: 0.2 MB/s. Readers ask for
 /// none, so they take it, and no writer of RustDDS counts the deadlines that it missed.
 const REPAIR_DEADLINE: rustdds::Duration = rustdds::Duration::from_millis(5);
+/// For how long a list of all writers serves: it is copied as a whole, and who looks for others that command an arm asks for ten topics at once.
+const WRITERS_SERVE: Duration = Duration::from_millis(10);
 /// Bytes of the encapsulation header.
 const HEADER: usize = 4;
 
@@ -63,6 +66,22 @@ struct Shared {
     subscriber: rustdds::Subscriber,
     arrivals: Arc<Arrivals>,
     start: (Instant, Duration),
+    writers: Mutex<Option<(Instant, Arc<[DiscoveredWriterData]>)>>,
+}
+
+impl Shared {
+    /// Every writer on the network.
+    fn writers(&self) -> Arc<[DiscoveredWriterData]> {
+        let mut kept = self.writers.lock().unwrap_or_else(PoisonError::into_inner);
+        match kept.as_ref() {
+            Some((time, writers)) if time.elapsed() < WRITERS_SERVE => Arc::clone(writers),
+            _ => {
+                let writers: Arc<[_]> = self.participant.discovered_writers().into();
+                *kept = Some((Instant::now(), Arc::clone(&writers)));
+                writers
+            }
+        }
+    }
 }
 
 /// Counts how often messages came in, and wakes whoever waits.
@@ -124,6 +143,7 @@ impl Participant {
                 subscriber,
                 arrivals: Arc::default(),
                 start,
+                writers: Mutex::default(),
             }),
             seen: AtomicU64::new(0),
         })
@@ -221,7 +241,7 @@ impl Transport for Participant {
 
     fn writers(&self, name: &str) -> Vec<Peer> {
         let name = dds_name(name);
-        let writers = self.shared.participant.discovered_writers();
+        let writers = self.shared.writers();
         let data = writers.iter().map(|writer| &writer.publication_topic_data);
         data.filter(|data| data.topic_name == name)
             .map(|data| {

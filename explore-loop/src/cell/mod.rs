@@ -40,6 +40,8 @@ use nalgebra::{Isometry3, Point3, UnitVector3};
 pub mod dvrk;
 pub mod faults;
 pub mod replay;
+mod scans;
+mod see;
 #[cfg(feature = "sim")]
 pub mod sim;
 

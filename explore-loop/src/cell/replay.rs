@@ -1,12 +1,17 @@
 //! A recorded session as a cell: it can be watched, not moved.
 
+use super::scans::ObjectFrames;
+pub use super::scans::{RecordedArm, ScanOptions};
 use super::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
-use dvrk_io::session::{Frame, Frames, Session, Skipped};
+use dvrk_io::depth::{LengthUnit, UnitSource};
+use dvrk_io::session::{Frame, Frames, Scans, Session, Skipped};
 use mesh_io::three_digits;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 /// Jaw angles below this hold what is between the fingers, rad.
 const CLOSED: f64 = 0.05;
+/// Where it is known where a jaw was sent: one that stays this much more open holds something, rad.
+const HOLDS_ABOVE: f64 = 0.08;
 /// Distance of the table where none was recorded, m.
 const FAR_BELOW: f64 = 1e3;
 /// What a depth camera sees lies at these distances, m.
@@ -32,6 +37,7 @@ impl std::fmt::Debug for ReplayCell {
 enum Source {
     Memory(std::vec::IntoIter<Frame>),
     File(Box<Frames<'static>>),
+    Scans(Box<ObjectFrames>),
 }
 
 impl ReplayCell {
@@ -54,6 +60,19 @@ impl ReplayCell {
         Ok(Self::of(info, Source::File(Box::new(frames))))
     }
 
+    /// A cell over everything that a camera saw: table and arms are taken away, and the object is found, when a scan is observed. Arms that the
+    /// options do not name are not known of.
+    ///
+    /// # Errors
+    /// A recording without scans, or without a table among what is seen; an arm without joint values.
+    pub fn of_scans(scans: Scans<'static>, options: ScanOptions) -> Result<Self, CellError> {
+        let stamps: Vec<f64> = scans.stamps().collect();
+        let frames = ObjectFrames::new(scans, options)?;
+        let table = Some((frames.table().normal, frames.table().offset));
+        let info = info(&frames.names(), table, stamps.into_iter())?;
+        Ok(Self::of(info, Source::Scans(Box::new(frames))))
+    }
+
     fn of(info: CellInfo, frames: Source) -> Self {
         let last = info.arms.iter().map(|_| idle()).collect();
         Self {
@@ -72,6 +91,7 @@ impl ReplayCell {
                 arms.any(|arm| arm.pose.is_some())
             }
             Source::File(frames) => frames.has_poses(),
+            Source::Scans(frames) => !frames.names().is_empty(),
         }
     }
 
@@ -85,6 +105,7 @@ impl ReplayCell {
         match &self.frames {
             Source::Memory(frames) => frames.len(),
             Source::File(frames) => frames.stamps().len(),
+            Source::Scans(frames) => frames.remaining(),
         }
     }
 
@@ -93,18 +114,30 @@ impl ReplayCell {
         match &self.frames {
             Source::Memory(_) => None,
             Source::File(frames) => Some(frames.skipped()),
+            Source::Scans(frames) => Some(frames.skipped()),
+        }
+    }
+
+    /// The unit of the last scan, and how it was told; nothing where the object was recorded.
+    pub fn unit(&self) -> Option<(LengthUnit, UnitSource)> {
+        match &self.frames {
+            Source::Memory(_) | Source::File(_) => None,
+            Source::Scans(frames) => frames.unit(),
         }
     }
 
     fn next(&mut self) -> Result<Frame, CellError> {
         match &mut self.frames {
             Source::Memory(frames) => frames.next().ok_or(CellError::Ended),
-            Source::File(frames) => {
-                let frame = frames.next().ok_or(CellError::Ended)?;
-                frame.map_err(|error| CellError::Failed(error.to_string()))
-            }
+            Source::File(frames) => read(frames.next()),
+            Source::Scans(frames) => read(frames.next()),
         }
     }
+}
+
+fn read(frame: Option<Result<Frame, dvrk_io::Error>>) -> Result<Frame, CellError> {
+    let frame = frame.ok_or(CellError::Ended)?;
+    frame.map_err(|error| CellError::Failed(error.to_string()))
 }
 
 fn info(
@@ -188,9 +221,14 @@ impl Cell for ReplayCell {
             state.moving = pose.is_some_and(|p| p != state.camera_from_tip);
             state.camera_from_tip = pose.unwrap_or(state.camera_from_tip);
             state.jaw = sample.and_then(|s| s.jaw).unwrap_or(state.jaw);
-            // A pose without a jaw angle is an arm that the recorder published while it held.
-            let closed = sample.and_then(|s| s.jaw).is_none_or(|jaw| jaw < CLOSED);
-            state.holding = pose.is_some() && closed;
+            // A pose without a jaw angle is an arm that the recorder of a simulation published while it held; joint values tell of no jaw.
+            let closed = match sample.and_then(|s| s.jaw) {
+                Some(jaw) => jaw < CLOSED,
+                None => !matches!(self.frames, Source::Scans(_)),
+            };
+            let kept_open = sample.and_then(|s| Some(s.jaw? - s.jaw_setpoint?));
+            let holds = kept_open.map_or(closed, |gap| gap > HOLDS_ABOVE);
+            state.holding = pose.is_some() && holds;
         }
         let measured = Observation {
             stamp: frame.stamp,

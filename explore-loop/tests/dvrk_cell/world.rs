@@ -27,6 +27,7 @@ struct Plant {
     inner: KinematicArm,
     stuck: bool,
     thickness: f64,
+    bare: bool,
 }
 
 impl ServedArm for Plant {
@@ -43,6 +44,10 @@ impl ServedArm for Plant {
     fn jaw(&self) -> f64 {
         self.inner.jaw()
     }
+
+    fn tool(&self) -> Option<String> {
+        self.inner.tool().filter(|_| !self.bare)
+    }
 }
 
 /// Lets the time of a bus pass when every thread waits for it: no thread misses a tick because the machine has other things to do.
@@ -58,6 +63,12 @@ const PATIENCE: Duration = Duration::from_millis(5);
 const STEP: Duration = Duration::from_millis(1);
 
 impl Clock {
+    /// How many threads have ever waited.
+    fn waiting(&self) -> usize {
+        let threads = self.until.0.lock();
+        threads.unwrap_or_else(PoisonError::into_inner).len()
+    }
+
     fn wait(&self, until: Duration) {
         let (threads, passed) = &*self.until;
         let mut threads = threads.lock().unwrap_or_else(PoisonError::into_inner);
@@ -153,7 +164,18 @@ fn image(camera: &Intrinsics) -> DepthImage {
 
 impl World {
     pub fn new() -> Self {
-        let (bus, file) = (Bus::new(), file());
+        Self::of(file())
+    }
+
+    /// With what a file says that differs from the example.
+    pub fn with(change: impl FnOnce(&mut CellFile)) -> Self {
+        let mut file = file();
+        change(&mut file);
+        Self::of(file)
+    }
+
+    fn of(file: CellFile) -> Self {
+        let bus = Bus::new();
         let serve = |entry: &explore_loop::cell::dvrk::ArmEntry| {
             let options = ServeOptions::default()
                 .with_kinematics(entry.kinematics().unwrap())
@@ -163,6 +185,7 @@ impl World {
                 inner: KinematicArm::default(),
                 stuck: false,
                 thickness: f64::NEG_INFINITY,
+                bare: false,
             };
             Served {
                 server: ArmServer::new(&bus.node(), &entry.name, plant, options).unwrap(),
@@ -206,6 +229,12 @@ impl World {
         self.bus.now().as_secs_f64()
     }
 
+    /// Lets time pass as a loop does that computes: the threads of the arms run, and nobody calls the cell.
+    pub fn compute_for(&self, seconds: f64) {
+        let until = self.bus.now() + Duration::from_secs_f64(seconds);
+        self.clock.wait(until);
+    }
+
     pub fn preflight(&self) -> Preflight {
         let node = || -> Arc<dyn Transport> {
             Arc::new(Node {
@@ -218,7 +247,17 @@ impl World {
 
     /// Powered and homed.
     pub fn cell(&self) -> DvrkCell {
-        self.preflight().start().unwrap()
+        self.start(self.preflight())
+    }
+
+    /// The same. A thread that drives an arm holds the time up only once it has begun to wait: until all have, none passes for the test.
+    pub fn start(&self, preflight: Preflight) -> DvrkCell {
+        let cell = preflight.start().unwrap();
+        while self.clock.waiting() < 1 + self.file.arm.len() {
+            std::thread::sleep(PATIENCE);
+        }
+        self.compute_for(0.1);
+        cell
     }
 
     fn arm<T>(&self, arm: usize, act: impl FnOnce(&mut Served) -> T) -> T {
@@ -249,6 +288,10 @@ impl World {
     pub fn fail(&self, arm: usize, reason: &str) {
         let now = self.bus.now();
         self.arm(arm, |arm| arm.server.fail(now, reason));
+    }
+
+    pub fn take_instrument_out(&self, arm: usize) {
+        self.arm(arm, |arm| arm.server.arm().bare = true);
     }
 
     pub fn clutch(&self, arm: usize, pressed: bool) {

@@ -255,9 +255,20 @@ struct RunArgs {
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
-    /// Topic of the cloud, the features, the pose of a moving camera, the table, the truth or an arm: points, features, camera, table, truth, PSM1/measured_cp or PSM1/jaw/measured_js
+    /// Topic of the cloud, the depth image, its lens, the features, the pose of a moving camera, the table, the truth or an arm: points, depth, camera_info,
+    /// features, camera, table, truth, PSM1/measured_cp, PSM1/jaw/measured_js, PSM1/jaw/setpoint_js or PSM1/measured_js
     #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
     topics: Vec<(dvrk_io::session::Role, String)>,
+    /// The clouds or depth images are of everything that the camera saw: find table and object in each
+    #[arg(long)]
+    find_object: bool,
+    /// The same, with the camera, the table and the arms of this cell (TOML, as of `explore robot`): the arms are taken away by their joint values
+    #[cfg(feature = "dvrk")]
+    #[arg(long, value_name = "FILE")]
+    cell: Option<PathBuf>,
+    /// A point on or next to the object in the first of them, camera frame, m; otherwise the largest body is the object
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    seed_point: Option<[f64; 3]>,
     /// Spacing of the model, mm
     #[arg(long, value_name = "MM", default_value_t = 5.0, value_parser = positive)]
     spacing: f64,

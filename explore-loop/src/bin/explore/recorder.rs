@@ -144,8 +144,13 @@ impl<'a> Recorder<'a> {
 
     /// Writes the checkpoint.
     fn save(&self, explorer: Option<&SavedState>) -> Result<(), Error> {
+        let run = match self.simulated {
+            Some(_) => Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
+            // The world of a robot cannot be brought back to where it was: no simulated run is to go on from there.
+            None => "a robot, which cannot go on where it was broken off".to_owned(),
+        };
         let saved = Saved {
-            run: Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
+            run,
             commands: self
                 .simulated
                 .as_ref()

@@ -314,6 +314,7 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
             kind: Kind::Si,
             home: stand.waiting,
             calibration: None,
+            calibrated: None,
             camera_from_base: Some(PoseEntry(stand.camera_from_rcm)),
             tool: None,
             jaw: JawEntry {
@@ -326,6 +327,10 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
     file.network = Some(NetworkEntry {
         domain: network.domain(),
         loopback: *network.interfaces() == Interfaces::Loopback,
+        interfaces: match network.interfaces() {
+            Interfaces::Only(addresses) => addresses.clone(),
+            _ => Vec::new(),
+        },
     });
     file.table = Some(TableEntry {
         normal: Direction(table.normal),

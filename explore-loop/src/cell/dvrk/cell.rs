@@ -1,7 +1,7 @@
 //! The cell itself, once its arms are powered and homed.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use dvrk_io::Error;
@@ -15,8 +15,9 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 use super::entries::ArmEntry;
 use super::file::CellFile;
 use super::history::History;
+use super::interlock::{Interlock, goes_on_after};
 use super::preflight::{home, workspace};
-use super::see::{Eye, links};
+use crate::cell::see::{Eye, Seen, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
 /// A camera that is silent for this long gives frames without points, one a period, and after so much longer the cell has failed.
@@ -46,33 +47,32 @@ pub(super) struct Driven {
     joints: Option<[f64; 6]>,
     /// Whether the jaw was closed on something.
     closed: bool,
-    /// Why it was stopped, where nothing but a new start makes that good.
-    fault: Option<String>,
 }
 
 impl Driven {
-    pub fn new(entry: ArmEntry, arm: Arm) -> Result<Self, CellError> {
+    /// `look` is taken at the arm after each tick.
+    pub fn new(
+        entry: ArmEntry,
+        arm: Arm,
+        look: impl FnMut(&mut Arm) + Send + 'static,
+    ) -> Result<Self, CellError> {
         let failed = |error: Error| CellError::Failed(error.to_string());
         Ok(Self {
             kinematics: entry.kinematics().map_err(failed)?,
             camera_from_rcm: CameraFromRcm(entry.camera_from_rcm()),
-            thread: ArmThread::spawn(arm).map_err(failed)?,
+            thread: ArmThread::spawn_watched(arm, look).map_err(failed)?,
             entry,
             history: History::default(),
             joints: None,
             closed: false,
-            fault: None,
         })
     }
 
-    /// Notes where the arm is, and why it was stopped.
+    /// Notes where the arm is.
     fn note(&mut self) {
         let arm = self.thread.lock();
         let (tip, joints) = (arm.rcm_from_tip(), arm.joints());
-        let fault = arm.last_stop().filter(|stop| is_fault(stop));
-        let fault = fault.map(ToString::to_string);
         drop(arm);
-        self.fault = self.fault.take().or(fault);
         if let Some(tip) = tip {
             let CameraFromTip(pose) = self.camera_from_rcm * tip.value;
             self.history.add(tip.stamp, pose);
@@ -119,11 +119,6 @@ impl Driven {
             .rcm_from_tip(&CameraFromTip(camera_from_tip));
         self.thread.lock().start_line(&goal, speed)
     }
-
-    fn jaw(&self, angle: f64) -> Result<(), Error> {
-        self.thread.lock().start_jaw(angle)?;
-        self.thread.wait(JAW)
-    }
 }
 
 /// A cell of dVRK arms and a depth camera: see [`dvrk`](super). Made by [`Preflight::start`](super::Preflight::start).
@@ -142,7 +137,7 @@ pub struct DvrkCell {
     last: Duration,
     /// Time between two that are.
     period: Duration,
-    asked_to_stop: Arc<AtomicBool>,
+    interlock: Interlock,
 }
 
 impl std::fmt::Debug for DvrkCell {
@@ -161,6 +156,7 @@ impl DvrkCell {
         eye: Eye,
         table: Plane,
         transport: Arc<dyn Transport>,
+        interlock: Interlock,
     ) -> Result<Self, CellError> {
         let speed = file.limits.speed.get();
         let period = file.camera.period().map_err(CellError::Failed)?;
@@ -182,7 +178,7 @@ impl DvrkCell {
             silent_since: None,
             last: Duration::ZERO,
             period,
-            asked_to_stop: Arc::default(),
+            interlock,
         })
     }
 
@@ -190,32 +186,26 @@ impl DvrkCell {
     /// they are, and every call is answered with [`CellError::Failed`].
     #[must_use]
     pub fn stop_flag(self, flag: Arc<AtomicBool>) -> Self {
-        Self {
-            asked_to_stop: flag,
-            ..self
-        }
+        self.interlock.listen(flag);
+        self
     }
 
     /// All hold but those that were stopped by a fault: they hold already, or are in the hands of somebody else.
-    fn hold(&mut self) {
-        // A held arm says nothing but that it was held.
-        self.arms.iter_mut().for_each(Driven::note);
-        let arms = self.arms.iter().filter(|arm| arm.fault.is_none());
-        arms.for_each(|arm| arm.thread.lock().hold());
-    }
-
-    /// Notes how the arms are; a fault of one stops all.
-    fn watch(&mut self) {
-        let faults = |arms: &[Driven]| arms.iter().filter(|arm| arm.fault.is_some()).count();
-        let before = faults(&self.arms);
-        self.arms.iter_mut().for_each(Driven::note);
-        if faults(&self.arms) > before {
-            self.hold();
+    fn hold(&self) {
+        for (index, arm) in self.arms.iter().enumerate() {
+            if self.interlock.fault_of(index).is_none() {
+                arm.thread.lock().hold();
+            }
         }
     }
 
-    fn goes_on(&mut self) -> Result<(), CellError> {
-        if self.asked_to_stop.load(Ordering::Relaxed) {
+    /// Notes where the arms are.
+    fn note(&mut self) {
+        self.arms.iter_mut().for_each(Driven::note);
+    }
+
+    fn goes_on(&self) -> Result<(), CellError> {
+        if self.interlock.is_asked_to_stop() {
             self.hold();
             return Err(CellError::Failed(
                 "stopped: the arms hold where they are, the jaws stay as they are".into(),
@@ -228,9 +218,9 @@ impl DvrkCell {
     /// An arm has a fault: none is commanded then.
     fn without_fault(&mut self) -> Result<(), CellError> {
         self.goes_on()?;
-        self.watch();
-        let mut faults = (0..).zip(&self.arms);
-        let fault = faults.find_map(|(arm, driven)| Some((arm, driven.fault.clone()?)));
+        self.note();
+        let mut arms = 0..self.arms.len();
+        let fault = arms.find_map(|arm| Some((arm, self.interlock.fault_of(arm)?)));
         fault.map_or(Ok(()), |(arm, reason)| {
             Err(CellError::ArmFault { arm, reason })
         })
@@ -256,7 +246,7 @@ impl DvrkCell {
         let least = self.last + self.period.mul_f64(NEARLY);
         loop {
             self.goes_on()?;
-            self.watch();
+            self.note();
             // What cannot be read is as good as nothing.
             if let Ok(Some(frame)) = self.camera.try_frame()
                 && frame.stamp >= least
@@ -283,16 +273,16 @@ impl DvrkCell {
                 "the camera has been silent for {silent:.0} s"
             )));
         }
-        Ok(self.observation(now, super::see::Seen::default()))
+        Ok(self.observation(now, Seen::default()))
     }
 
-    fn observation(&self, stamp: Duration, seen: super::see::Seen) -> Observation {
+    fn observation(&self, stamp: Duration, seen: Seen) -> Observation {
         Observation {
             stamp: stamp.saturating_sub(self.start).as_secs_f64(),
             camera: None,
             points: seen.points,
             colours: seen.colours,
-            features: None,
+            features: seen.features,
             arms: self.arms.iter().map(|arm| arm.state(stamp)).collect(),
         }
     }
@@ -304,6 +294,28 @@ impl DvrkCell {
             Err(Error::ArmStopped { reason, .. }) if goes_on_after(&reason) => Ok(()),
             Err(error) => Err(refusal(arm, error)),
         }
+    }
+
+    /// What has just been sent is not to go on where trouble had begun: the other arms were held before this one set off.
+    fn unless_trouble(&mut self) -> Result<(), CellError> {
+        let well = self.without_fault();
+        if well.is_err() {
+            self.hold();
+        }
+        well
+    }
+
+    /// Opens or closes a jaw to an angle and waits until it is there.
+    fn jaw(&mut self, arm: usize, angle: f64) -> Result<(), CellError> {
+        let sent = self.arms[arm].thread.lock().start_jaw(angle);
+        sent.map_err(|error| refusal(arm, error))?;
+        self.unless_trouble()?;
+        let ended = self.arms[arm].thread.wait(JAW);
+        // Who was held tells nothing of why.
+        ended.or_else(|error| {
+            self.without_fault()?;
+            Err(refusal(arm, error))
+        })
     }
 
     fn wait_for_arms(&mut self) -> Result<(), CellError> {
@@ -340,16 +352,6 @@ impl DvrkCell {
         }
         Ok(())
     }
-}
-
-/// Whether an arm that stopped for this may be commanded again without more ado.
-fn goes_on_after(reason: &Stop) -> bool {
-    matches!(reason, Stop::Arrived | Stop::Held | Stop::Blocked { .. })
-}
-
-/// Whether somebody has to look why an arm stopped. One that was silent may speak again.
-fn is_fault(reason: &Stop) -> bool {
-    !(goes_on_after(reason) || matches!(reason, Stop::Stale { .. } | Stop::Unreachable(_)))
 }
 
 /// What an error of an arm is to the loop.
@@ -394,7 +396,7 @@ impl Cell for DvrkCell {
                 "the camera speaks of the frame {found}, not {expected}"
             )));
         }
-        self.watch();
+        self.note();
         let links: Result<Vec<_>, Error> = self.arms.iter().map(Driven::links).collect();
         let seen = links.and_then(|links| self.eye.look(&frame.scan, &links.concat()));
         // A frame in which nothing can be found is one that shows nothing.
@@ -411,39 +413,35 @@ impl Cell for DvrkCell {
         self.ready(arm)?;
         match self.arms[arm].go(camera_from_tip, speed) {
             // The loop sees where the arm is, and gives up when it does not get on.
-            Err(Error::ArmStopped { reason, .. }) if matches!(*reason, Stop::Blocked { .. }) => {
-                Ok(())
-            }
-            other => other.map_err(|error| refusal(arm, error)),
+            Err(Error::ArmStopped { reason, .. }) if matches!(*reason, Stop::Blocked { .. }) => {}
+            other => other.map_err(|error| refusal(arm, error))?,
         }
+        self.unless_trouble()
     }
 
     fn close_jaw(&mut self, arm: usize) -> Result<(), CellError> {
         self.arm(arm)?;
         self.ready(arm)?;
-        let driven = &self.arms[arm];
-        let jaw = driven.entry.jaw;
-        let closed = driven.jaw(jaw.closed);
-        closed.map_err(|error| refusal(arm, error))?;
+        let jaw = self.arms[arm].entry.jaw;
+        self.jaw(arm, jaw.closed)?;
         let rest = self.transport.now() + JAW_RESTS;
         while self.transport.now() < rest {
             self.transport.wait(rest);
         }
-        let angle = driven.thread.lock().jaw();
+        let angle = self.arms[arm].thread.lock().jaw();
         if angle.is_some_and(|angle| angle.value.gap() > jaw.holds_above.get()) {
             self.arms[arm].closed = true;
             return Ok(());
         }
-        let opened = driven.jaw(jaw.open);
-        opened.map_err(|error| refusal(arm, error))?;
+        self.jaw(arm, jaw.open)?;
         Err(CellError::NothingGrasped { arm })
     }
 
     fn open_jaw(&mut self, arm: usize) -> Result<(), CellError> {
         let driven = self.arm(arm)?;
         driven.closed = false;
-        let opened = driven.jaw(driven.entry.jaw.open);
-        opened.map_err(|error| refusal(arm, error))
+        let open = driven.entry.jaw.open;
+        self.jaw(arm, open)
     }
 
     fn home(&mut self) -> Result<(), CellError> {

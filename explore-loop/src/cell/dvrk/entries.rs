@@ -1,5 +1,6 @@
 //! The parts of a file that describes a cell, and what the rest of the program makes of them: a network, topics, a plane, lengths and limits.
 
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -18,7 +19,7 @@ use crate::cell::Plane;
 const LEAST_RATE: f64 = 0.1;
 
 /// The network.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkEntry {
     /// The domain.
@@ -27,6 +28,9 @@ pub struct NetworkEntry {
     /// This machine only.
     #[serde(default)]
     pub loopback: bool,
+    /// Addresses of the interfaces of this machine that are used; empty: all.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub interfaces: Vec<IpAddr>,
 }
 
 /// The depth camera: either `cloud`, or `image` and `info`.
@@ -110,6 +114,9 @@ pub struct ArmEntry {
     /// Where its remote centre is.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_from_base: Option<PoseEntry>,
+    /// That calibration, once the file was read.
+    #[serde(skip)]
+    pub calibrated: Option<Calibration>,
     /// Lengths of its instrument; nothing: large needle driver.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolEntry>,
@@ -156,13 +163,22 @@ impl Default for JawEntry {
 }
 
 impl NetworkEntry {
-    pub(super) fn network(self) -> Result<Network, dvrk_io::Error> {
-        let network = Network::default().with_domain(self.domain)?;
-        Ok(if self.loopback {
-            network.with_interfaces(Interfaces::Loopback)
-        } else {
-            network
-        })
+    pub(super) fn check(&self) -> Result<(), String> {
+        if self.loopback && !self.interfaces.is_empty() {
+            return Err("either `loopback = true` or `interfaces`".into());
+        }
+        let network = self.network();
+        network.map(drop).map_err(|error| error.to_string())
+    }
+
+    pub(super) fn network(&self) -> Result<Network, dvrk_io::Error> {
+        let interfaces = match (self.loopback, self.interfaces.as_slice()) {
+            (true, _) => Interfaces::Loopback,
+            (false, []) => Interfaces::All,
+            (false, some) => Interfaces::Only(some.to_vec()),
+        };
+        let network = Network::default().with_interfaces(interfaces);
+        network.with_domain(self.domain)
     }
 }
 
@@ -225,6 +241,7 @@ impl ArmEntry {
                     return Err(format!("{} is of {}", path.display(), found.arm));
                 }
                 self.camera_from_base = Some(PoseEntry(found.camera_from_rcm));
+                self.calibrated = Some(found);
                 Ok(())
             }
             _ => Err(format!(

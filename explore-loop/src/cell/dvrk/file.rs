@@ -7,6 +7,7 @@
 //! [network]                         # left out: ROS_DOMAIN_ID and so on
 //! domain = 0
 //! loopback = false                  # this machine only
+//! # interfaces = ["192.168.1.5"]    # those of this machine with these addresses; left out: all
 //!
 //! [camera]
 //! frame = "camera_depth_optical_frame"
@@ -45,6 +46,7 @@ use serde::{Deserialize, Serialize};
 use super::entries::{ArmEntry, CameraEntry, LimitsEntry, NetworkEntry, TableEntry};
 use super::values::{Format, Version};
 use crate::cell::CellError;
+use crate::cell::replay::{RecordedArm, ScanOptions};
 
 /// A file that describes a cell.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -116,6 +118,10 @@ impl CellFile {
         };
         let camera = file.camera.topics().and(file.camera.period());
         camera.map_err(|reason| bad(line("[camera]", 0), reason))?;
+        if let Some(network) = &file.network {
+            let checked = network.check();
+            checked.map_err(|reason| bad(line("[network]", 0), reason))?;
+        }
         if let Some(table) = &file.table {
             let checked = table.check();
             checked.map_err(|reason| bad(line("[table]", 0), reason))?;
@@ -146,12 +152,31 @@ impl CellFile {
         toml::to_string(self).map_err(|error| CellError::Failed(error.to_string()))
     }
 
+    /// How the object is found in a recording of this cell.
+    ///
+    /// # Errors
+    /// [`dvrk_io::Error::OutOfRange`]: a length that no instrument has.
+    pub fn scan_options(&self) -> Result<ScanOptions, dvrk_io::Error> {
+        let recorded = |arm: &ArmEntry| -> Result<RecordedArm, dvrk_io::Error> {
+            Ok(RecordedArm {
+                name: arm.name.clone(),
+                kinematics: arm.kinematics()?,
+                camera_from_rcm: arm.camera_from_rcm(),
+                jaw_radius: arm.jaw.radius.get(),
+            })
+        };
+        let arms = self.arm.iter().map(recorded).collect::<Result<_, _>>()?;
+        Ok(ScanOptions::default()
+            .with_arms(arms, self.camera.arm_clearance.get())
+            .with_table(self.table.map(|table| table.plane())))
+    }
+
     /// The network.
     ///
     /// # Errors
     /// [`dvrk_io::Error::BadNetwork`]: a domain over 232, an environment variable that cannot be read.
     pub fn network(&self) -> Result<Network, dvrk_io::Error> {
-        self.network
-            .map_or_else(Network::from_env, NetworkEntry::network)
+        let entry = self.network.as_ref();
+        entry.map_or_else(Network::from_env, NetworkEntry::network)
     }
 }

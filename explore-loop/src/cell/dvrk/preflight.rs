@@ -5,33 +5,30 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use dvrk_io::Error;
-use dvrk_io::arm::{Arm, ArmOptions, Mode, ProfileLimits};
+use dvrk_io::arm::{Arm, ArmOptions, ProfileLimits};
 use dvrk_io::camera::{Camera, CameraOptions};
 use dvrk_io::kinematics::{PsmWorkspace, SafetyMargins};
 use dvrk_io::transport::Transport;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::cell::{Driven, DvrkCell};
+use super::checks;
 use super::entries::ArmEntry;
 use super::file::CellFile;
-use super::see::{Eye, links};
+use super::interlock::Interlock;
 use crate::cell::CellError;
+use crate::cell::see::{Eye, links};
 
 /// States that were published before we came arrive with the next heartbeat of DDS, up to 3 s later.
 const PATIENCE: Duration = Duration::from_secs(8);
 /// Time in which latched messages come, once the first has.
 const SETTLES: Duration = Duration::from_millis(300);
-/// A joint reading that is this old or this far in the future tells clocks that are not synchronised.
-const CLOCKS: f64 = 0.1;
 /// Fewest points that are an object.
 const FEWEST: usize = 20;
 /// Least height of a waiting tip above the table, metres.
 const HOME_HEIGHT: f64 = 0.03;
 /// Where arms must reach: this high above the middle of the object, metres.
 const ABOVE: f64 = 0.02;
-
-/// What is found of an arm without power.
-const NOT_YET: &str = "not told before the arm is powered";
 
 /// One thing that was looked at.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -82,7 +79,11 @@ impl Preflight {
             file: file.clone(),
             arms: Vec::new(),
             camera: None,
-            eye: Eye::new(file, seed),
+            eye: Eye::new(
+                file.table.map(|table| table.plane()),
+                file.camera.arm_clearance.get(),
+                seed,
+            ),
             transport: node(),
         };
         for entry in &file.arm {
@@ -116,6 +117,7 @@ impl Preflight {
         let (Some(camera), Some(table)) = (self.camera, self.eye.table()) else {
             return Err(CellError::Failed("no camera or no table".into()));
         };
+        let interlock = Interlock::default();
         let mut driven = Vec::new();
         for (index, (entry, mut arm)) in self.arms.into_iter().enumerate() {
             let ready = arm.enable(PATIENCE);
@@ -124,9 +126,12 @@ impl Preflight {
                 arm: index,
                 reason: error.to_string(),
             })?;
-            driven.push(Driven::new(entry, arm)?);
+            driven.push(Driven::new(entry, arm, interlock.look(index))?);
         }
-        DvrkCell::new(&self.file, driven, camera, self.eye, table, self.transport)
+        let transport = self.transport;
+        DvrkCell::new(
+            &self.file, driven, camera, self.eye, table, transport, interlock,
+        )
     }
 
     fn say(&mut self, what: impl Into<String>, found: Result<String, String>) -> bool {
@@ -138,6 +143,10 @@ impl Preflight {
 
     fn arm(&mut self, entry: &ArmEntry, transport: Arc<dyn Transport>) {
         let name = &entry.name;
+        let known = checks::calibration(&self.file, entry);
+        self.say(format!("{name}, calibration"), known);
+        let limits = checks::limits(&self.file, entry);
+        self.say(format!("{name}, limits"), limits);
         let clock = Arc::clone(&transport);
         let connected = options(&self.file, entry)
             .and_then(|options| Arm::connect(transport, name, options, PATIENCE));
@@ -155,11 +164,14 @@ impl Preflight {
             clock.wait(clock.now() + Duration::from_millis(5));
         }
         self.say(format!("{name}, streams"), Ok("all there".into()));
-        self.say(format!("{name}, state"), state(&arm));
-        self.say(format!("{name}, clock"), clocks(&arm, clock.now()));
-        self.say(format!("{name}, who else commands"), nobody_else(&arm));
-        self.say(format!("{name}, jaw"), empty(&arm, entry));
-        self.say(format!("{name}, frames"), frames(&mut arm));
+        self.say(format!("{name}, state"), checks::state(&arm));
+        self.say(format!("{name}, clock"), checks::clocks(&arm, clock.now()));
+        self.say(
+            format!("{name}, who else commands"),
+            checks::nobody_else(&arm),
+        );
+        self.say(format!("{name}, jaw"), checks::empty(&arm, entry));
+        self.say(format!("{name}, frames"), checks::frames(&mut arm));
         self.arms.push((entry.clone(), arm));
     }
 
@@ -282,71 +294,6 @@ impl Preflight {
             };
             self.say(format!("{}, reaches the object", entry.name), found);
         }
-    }
-}
-
-fn state(arm: &Arm) -> Result<String, String> {
-    let status = arm.status();
-    if status.mode == Mode::Fault {
-        return Err(format!(
-            "{status}: find out why, and clear the fault at the console"
-        ));
-    }
-    Ok(format!(
-        "{status}, {:?}, instrument {}",
-        arm.dialect(),
-        arm.tool().unwrap_or("not reported")
-    ))
-}
-
-fn clocks(arm: &Arm, now: Duration) -> Result<String, String> {
-    let Some(joints) = arm.joints() else {
-        return Ok(NOT_YET.into());
-    };
-    let age = now.as_secs_f64() - joints.stamp.as_secs_f64();
-    let text = format!("readings are {:.0} ms old", 1e3 * age);
-    if age.abs() <= CLOCKS {
-        Ok(text)
-    } else {
-        Err(format!("{text}: are the clocks synchronised?"))
-    }
-}
-
-fn empty(arm: &Arm, entry: &ArmEntry) -> Result<String, String> {
-    let Some(jaw) = arm.jaw() else {
-        return Ok(NOT_YET.into());
-    };
-    let (angle, gap) = (jaw.value.angle, jaw.value.gap());
-    if gap > entry.jaw.holds_above.get() {
-        return Err(format!(
-            "it holds something, {gap:.2} rad more open than it was sent to be: an exploration begins by opening the jaws"
-        ));
-    }
-    Ok(format!("{angle:.2} rad, holds nothing"))
-}
-
-fn frames(arm: &mut Arm) -> Result<String, String> {
-    if arm.status().mode != Mode::Enabled {
-        return Ok("not told before the arm is powered; checked then".into());
-    }
-    let found = arm.check().map_err(|error| error.to_string())?;
-    Ok(format!(
-        "pose and joints agree to {:.1} mm, control point: {:?}",
-        1e3 * found.distance,
-        found.control_point
-    ))
-}
-
-fn nobody_else(arm: &Arm) -> Result<String, String> {
-    let others = arm.other_writers();
-    if arm.is_teleoperated() {
-        Err("teleoperation is enabled at the console: switch it off".into())
-    } else if arm.is_clutched() {
-        Err("somebody guides the arm by hand".into())
-    } else if others.is_empty() {
-        Ok("nobody".into())
-    } else {
-        Err(format!("somebody publishes {}", others.join(", ")))
     }
 }
 

@@ -1,12 +1,12 @@
 //! The object in a frame of the camera, without table and arms.
 
 use dvrk_io::Error;
-use dvrk_io::depth::{Capsule, ObjectOptions, Scan, find_object};
+use dvrk_io::depth::{Capsule, Object, ObjectOptions, Scan, find_object};
+use dvrk_io::features::{Feature, FeatureOptions, GreyImage, Surface, detect, lift};
 use dvrk_io::kinematics::Kinematics;
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use super::file::CellFile;
-use crate::cell::Plane;
+use super::Plane;
 
 /// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
 const VOXEL: f64 = 0.0022;
@@ -30,15 +30,17 @@ pub(super) struct Eye {
 pub(super) struct Seen {
     pub points: Vec<Point3<f64>>,
     pub colours: Option<Vec<[u8; 3]>>,
+    /// Of the colour image, where the scan is one: a cloud with rows and colours.
+    pub features: Option<Vec<Feature>>,
 }
 
 impl Eye {
-    pub fn new(file: &CellFile, seed: Option<Point3<f64>>) -> Self {
+    /// `arm_clearance`: what is this near to an arm is taken for the arm, metres; `seed`: a point on or next to the object.
+    pub fn new(table: Option<Plane>, arm_clearance: f64, seed: Option<Point3<f64>>) -> Self {
         let options = ObjectOptions::default()
-            .with_clearances(TABLE_CLEARANCE, file.camera.arm_clearance.get())
+            .with_clearances(TABLE_CLEARANCE, arm_clearance)
             .with_voxel(VOXEL)
             .with_parts(GAP, 4);
-        let table = file.table.map(|table| table.plane());
         Self {
             options,
             table,
@@ -68,6 +70,7 @@ impl Eye {
                     });
                     self.seed = middle(&object.points).or(self.seed);
                     return Ok(Seen {
+                        features: features(scan, &object, arms),
                         points: object.points,
                         colours: object.colours,
                     });
@@ -78,6 +81,21 @@ impl Eye {
         }
         Ok(Seen::default())
     }
+}
+
+/// Corners of the colour image on the object.
+fn features(scan: &Scan, object: &Object, arms: &[Capsule]) -> Option<Vec<Feature>> {
+    let (columns, colours) = (scan.columns()?, scan.colours()?);
+    let rows = colours.len().checked_div(columns)?;
+    let image = GreyImage::from_rgb(columns, rows, colours).ok()?;
+    let of_object: Vec<bool> = object.point_of.iter().map(Option::is_some).collect();
+    let surface = Surface {
+        scan,
+        object: Some(&of_object),
+        arms,
+    };
+    let options = FeatureOptions::default();
+    lift(&detect(&image, &options), &image, &surface, &options).ok()
 }
 
 /// The point next to the mean of all.
