@@ -18,7 +18,7 @@ use dvrk_io::kinematics::{Kinematics, RcmFromTip};
 use dvrk_io::session::{Role, SessionReader};
 use explore_loop::cell::Cell;
 use explore_loop::cell::dvrk::CellFile;
-use explore_loop::cell::replay::ReplayCell;
+use explore_loop::cell::replay::{ReplayCell, ScanOptions};
 use explore_loop::nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
@@ -52,12 +52,16 @@ fn meets(ray: &Vector3<f64>, middle: &Point3<f64>, radius: f64) -> f64 {
     }
 }
 
-/// The first arm of the example, and joint values with which its tip is 60 mm above the ball.
-fn arm() -> (Kinematics, Isometry3<f64>, [f64; 6]) {
+/// How far the tip of the arm is above the ball, metres: apart from it, or within it as of an arm that holds it.
+const APART: f64 = 0.06;
+const WITHIN: f64 = -0.012;
+
+/// The first arm of the example, and joint values with which its tip is so far above the ball.
+fn arm(height: f64) -> (Kinematics, Isometry3<f64>, [f64; 6]) {
     let file = cell();
     let entry = &file.arm[0];
     let (kinematics, stands) = (entry.kinematics().unwrap(), entry.camera_from_rcm());
-    let above = BALL.coords - Vector3::z() * (RADIUS + 0.06);
+    let above = BALL.coords - Vector3::z() * (RADIUS + height);
     let reached = (0..16).find_map(|k| {
         let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(k) * 0.4);
         let tip = stands.inverse() * Isometry3::from_parts(above.into(), about);
@@ -71,9 +75,16 @@ fn cell() -> CellFile {
 }
 
 /// Depth of every pixel, metres; one in fifty was not measured and is 0.
-fn depths() -> Vec<f64> {
-    let (kinematics, stands, joints) = arm();
-    let links = kinematics.capsules(&stands, &joints, 0.0).unwrap();
+fn depths(height: f64) -> Vec<f64> {
+    let (kinematics, stands, joints) = arm(height);
+    let mut links = kinematics.capsules(&stands, &joints, 0.0).unwrap();
+    // The closed jaws.
+    let tip = stands * kinematics.rcm_from_tip(&joints).unwrap().0;
+    links.push(Capsule {
+        start: tip * Point3::new(0.0, 0.0, -0.0102),
+        end: tip * Point3::origin(),
+        radius: 0.003,
+    });
     let along = |link: &Capsule| {
         let (link, way) = (*link, link.end - link.start);
         (0..=100).map(move |k| (link.start + way * (f64::from(k) / 100.0), link.radius))
@@ -193,8 +204,8 @@ fn joints(stamp: u64, position: &[f64]) -> Vec<u8> {
 type Topic<'a> = (&'a str, &'static str, Box<dyn Fn(u64) -> Vec<u8> + 'a>);
 
 /// Both arms: the first above the ball, the second at home. Their poses are in frames of their own, as those of a robot are.
-fn arms<'a>() -> Vec<Topic<'a>> {
-    let near = arm().2;
+fn arms<'a>(height: f64) -> Vec<Topic<'a>> {
+    let near = arm(height).2;
     let home = cell().arm[1].home;
     let pose = |stamp| mcap::pose(stamp, "PSM1_base", |_| {});
     vec![
@@ -319,11 +330,11 @@ fn shows_the_ball(answer: &Answer, words: &[&str]) {
 /// A cloud with rows and colours is a colour image too.
 #[test]
 fn features_are_found_where_a_cloud_is_a_colour_image() {
-    let depths = depths();
+    let depths = depths(APART);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("bag.mcap");
     for organised in [true, false] {
-        let topics = [clouds(&depths, organised), arms()].concat_topics();
+        let topics = [clouds(&depths, organised), arms(APART)].concat_topics();
         std::fs::write(&path, file(&topics)).unwrap();
         let reader = SessionReader::default().with_topic(Role::Points, CLOUD);
         let scans = reader.scans(&path).unwrap();
@@ -348,8 +359,8 @@ const CELL: [&str; 2] = ["--cell", "CELL.toml"];
 
 #[test]
 fn the_object_is_found_in_images_and_clouds_of_every_kind() {
-    let depths = depths();
-    let with_arms = |camera: Vec<Topic<'_>>| file(&[camera, arms()].concat_topics());
+    let depths = depths(APART);
+    let with_arms = |camera: Vec<Topic<'_>>| file(&[camera, arms(APART)].concat_topics());
     let table = "the table 0.550 m before the camera";
     let millimetres = ["millimetres by the encoding", table];
     shows_the_ball(
@@ -379,7 +390,7 @@ fn the_object_is_found_in_images_and_clouds_of_every_kind() {
 
 #[test]
 fn what_is_missing_is_named_and_what_is_damaged_is_passed_over() {
-    let depths = depths();
+    let depths = depths(APART);
     let camera = || images(&depths, "16UC1");
     // Not what replay takes a recording for unless it is told.
     let answer = replay(&file(&camera()), &[]);
@@ -405,7 +416,7 @@ fn what_is_missing_is_named_and_what_is_damaged_is_passed_over() {
         answer.said
     );
     // One image is cut short.
-    let mut topics = [camera(), arms()].concat_topics();
+    let mut topics = [camera(), arms(APART)].concat_topics();
     topics[0].2 = Box::new(|stamp| {
         let mut bytes = image(stamp, "16UC1", &depths);
         if stamp == 2 * STEP {
@@ -422,6 +433,27 @@ fn what_is_missing_is_named_and_what_is_damaged_is_passed_over() {
         "{}",
         answer.said
     );
+}
+
+/// Both hang together in what is seen: only its joint values tell the arm from the ball.
+#[test]
+fn an_arm_that_holds_the_object_is_taken_away() {
+    let depths = depths(WITHIN);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("bag.mcap");
+    let topics = [images(&depths, "16UC1"), arms(WITHIN)].concat_topics();
+    std::fs::write(&path, file(&topics)).unwrap();
+    let farthest = |options: ScanOptions| {
+        let scans = SessionReader::default().scans(&path).unwrap();
+        let mut replay = ReplayCell::of_scans(scans, options).unwrap();
+        let seen = replay.observe().unwrap().points;
+        assert!(seen.len() > 500, "{}", seen.len());
+        let off = seen.iter().map(|point| (point - BALL).norm() - RADIUS);
+        off.fold(0.0, f64::max)
+    };
+    let known = farthest(cell().scan_options().unwrap());
+    let unknown = farthest(ScanOptions::default());
+    assert!(known < 2e-3 && unknown > 0.05, "{known} {unknown}");
 }
 
 trait Concat<'a> {
