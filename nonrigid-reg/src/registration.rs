@@ -42,7 +42,7 @@ pub enum Status {
     /// is a line, which rolls about itself. The displacements are one answer of many. Told by what the noise of the normals hides: relief of 1 mm
     /// on a plane is not enough to hold it against 0.5 mm of noise.
     Undetermined {
-        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution or of a line.
+        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution, 4 of a line, whose normals say next to nothing.
         free_motions: usize,
     },
     /// Too few source points found a match: the field is mostly prior.
