@@ -77,6 +77,18 @@ impl Complex {
     /// mutually joined; about 1 µs a simplex.
     ///
     /// Empty clouds, single points and duplicates are valid.
+    ///
+    /// ```
+    /// use cech_complex::nalgebra::{Point3, Vector3};
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// // Four corners of a square whose discs meet along the sides but not across.
+    /// let points = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(x, y)| Point3::new(x, y, 0.0));
+    /// let complex = Complex::build(&points, &[Vector3::z_axis(); 4], Cylinder::new(0.6, 0.2)?, &Options::default())?;
+    /// assert_eq!(complex.counts(), [4, 4, 0, 0]);
+    /// assert!((complex.edge_values()[0] - 0.5 / 0.6).abs() < 1e-12); // two discs of half a side touch
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn build(
         points: &[Point3<f64>],
         normals: &[UnitVector3<f64>],
@@ -208,6 +220,18 @@ impl Complex {
     ///
     /// # Complexity
     /// Sorting, plus nearly linear time and memory in the number of simplices.
+    ///
+    /// ```
+    /// use cech_complex::manifolds::Manifold;
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
+    /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
+    /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
+    /// let longest = complex.barcode().of_dimension(1).max_by(|a, b| a.persistence().total_cmp(&b.persistence()));
+    /// assert!(longest.unwrap().death.is_infinite()); // round the tube
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn barcode(&self) -> &Barcode {
         self.barcode
             .get_or_init(|| persistence::barcode(&self.skeleton, &self.present))

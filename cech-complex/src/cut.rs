@@ -14,11 +14,23 @@ use nalgebra::Vector3;
 use std::sync::OnceLock;
 
 /// `A1 = ‖u_a − u_b‖`, m: how far the ends of an edge have parted.
+///
+/// ```
+/// use cech_complex::nalgebra::Vector3;
+/// assert_eq!(cech_complex::displacement_difference(&Vector3::x(), &Vector3::zeros()), 1.0);
+/// ```
 pub fn displacement_difference(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> f64 {
     (u_a - u_b).norm()
 }
 
 /// `A2 = cos ∠(u_a, u_b)`, or `None` if one of them does not move.
+///
+/// ```
+/// use cech_complex::displacement_cosine;
+/// use cech_complex::nalgebra::Vector3;
+/// assert_eq!(displacement_cosine(&Vector3::x(), &(-Vector3::x())), Some(-1.0));
+/// assert_eq!(displacement_cosine(&Vector3::x(), &Vector3::zeros()), None);
+/// ```
 pub fn displacement_cosine(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> Option<f64> {
     let norms = u_a.norm() * u_b.norm();
     (norms > 0.0).then(|| (u_a.dot(u_b) / norms).clamp(-1.0, 1.0))
@@ -55,6 +67,19 @@ impl Complex {
     ///
     /// # Errors
     /// [`Error::LengthMismatch`].
+    ///
+    /// ```
+    /// use cech_complex::nalgebra::{Point3, Vector3};
+    /// use cech_complex::{Complex, Cylinder, DistortionLimits, Options};
+    ///
+    /// let points = [0.0, 0.1, 0.2, 0.3].map(|x| Point3::new(x, 0.0, 0.0));
+    /// let complex = Complex::build(&points, &[Vector3::z_axis(); 4], Cylinder::new(0.06, 0.1)?, &Options::default())?;
+    /// // The right half moves away.
+    /// let (stays, goes) = (Vector3::zeros(), Vector3::new(0.05, 0.0, 0.0));
+    /// let limits = DistortionLimits { max_difference: 0.02, min_cosine: 0.0, min_displacement: 0.01 };
+    /// assert_eq!(complex.distorted_edges(&[stays, stays, goes, goes], &limits)?, [[1, 2]]);
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn distorted_edges(
         &self,
         displacements: &[Vector3<f64>],

@@ -1,44 +1,4 @@
-//! The `(r, h)`-cylinder of an oriented point and its gauge.
-//!
-//! ```text
-//! C(s) = { y : |n·(y − p)| ≤ s·h/2,  ‖(I − n nᵀ)(y − p)‖ ≤ s·r }
-//! g(y) = max( |n·(y − p)| / (h/2), ‖(I − n nᵀ)(y − p)‖ / r )          the least s with y ∈ C(s)
-//! ```
-//!
-//! ## Lemma 1: which cylinder fits a surface
-//! `M`: closed surface of reach `τ`; samples on it, no point of it farther than `ε` from a sample; normals off by at most `α`. Write `H = h/2`,
-//! `U(s)` for the union of the cylinders at scale `s`, `M(δ)` for the points within `δ` of `M`, and
-//!
-//! ```text
-//! e    = ε²/(2τ) + ε·sin α                       height of M over the tangent plane of a sample, within ε
-//! θ    = 2·asin(ε/(2τ))                          turn of the normal within ε
-//! δ(s) = s·H + (s·r)²/(2τ) + 2·s·r·sin(α/2)      how far from M a cylinder reaches
-//! ```
-//!
-//! **Proved.** Let `a·r ≥ ε`, `a·H ≥ e`, `b·H ≥ δ(a) + e`, `b·r ≥ ε + δ(a)·sin(θ + α)` and `δ(b) < τ`. Then
-//!
-//! ```text
-//! M ⊂ U(a) ⊂ M(δ(a)) ⊂ U(b) ⊂ M(δ(b))      and so      β_k^{a,b} = β_k(M),   k = 0, 1, 2.
-//! ```
-//!
-//! 1. A point of `M` within `ε` of the sample `p` is at most `ε²/(2τ)` off the tangent plane (Federer 1959, 4.8), so in `C_p(a)`.
-//! 2. The geodesic from `p` along a tangent vector `u` ends within `|u|²/(2τ)` of `p + u`, for its curvature is at most `1/τ`. A
-//!    tilted disc is another `2·s·r·sin(α/2)` off, the axis another `s·H`: hence `U(s) ⊂ M(δ(s))`.
-//! 3. Between `m` and a sample within `ε` the normal turns by at most `θ` (Boissonnat, Lieutier and Wintraecken 2019), so
-//!    `m + t·ν(m)` with `|t| ≤ δ(a)` lies in `C_p(b)`.
-//! 4. `M(δ)` retracts to `M` for `δ < τ`. `H(U(a)) → H(U(b))` factors through `H(M(δ(a)))`, which bounds its rank from above, and
-//!    `H(M) → H(U(a)) → H(U(b)) → H(M(δ(b)))` is an isomorphism, which bounds it from below. Cylinders are convex, so unions and
-//!    nerves have the same persistent homology (nerve theorem).
-//!
-//! [`Cylinder::proven_scale`] gives the least such `b` for `a = 1`. The proof is about the plain nerve ([`Orientation::Free`](crate::Orientation)).
-//! `Separate { min_cosine }` gives the same complex if no two cylinders that meet have normals farther apart than that, for which
-//! `2·asin(b·√(r² + H²)/τ) + 2α ≤ acos(min_cosine)` suffices.
-//!
-//! **Only tested.** That one scale is nearly enough: where `s·r ≥ ε`, `s·H ≥ sag(s·r) + s·r·tan α` and `s·H + sag(s·r) + s·r·tan α < τ`, with
-//! `sag(x) = τ − √(τ² − x²)`, a cylinder contains the patch of `M` over its disc and reaches no other sheet. If every normal segment of
-//! `M` met `U(s)` in an interval, `β_k^{s,s} = β_k(M)` would follow, but corners of cylinders can break that by a sliver of height
-//! `r²/τ`. On nets of surfaces of positive curvature plain Betti numbers were right at every such scale; where both signs of curvature
-//! meet, pinholes of up to 1 % of scale occur, and `β_k^{s,1.02s}` were right at every scale (tests `lemma`).
+//! The `(r, h)`-cylinder of an oriented point and its gauge. Lemma 1, which says which cylinder fits a surface, stands with [`Cylinder`].
 
 use crate::error::{Error, positive};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -51,6 +11,46 @@ const RADIUS_PER_SPACING: f64 = 1.25;
 const HEIGHT_PER_RADIUS: f64 = 0.5;
 
 /// Radius and full height of the cylinders, in m.
+///
+/// ```text
+/// C(s) = { y : |n·(y − p)| ≤ s·h/2,  ‖(I − n nᵀ)(y − p)‖ ≤ s·r }
+/// g(y) = max( |n·(y − p)| / (h/2), ‖(I − n nᵀ)(y − p)‖ / r )          the least s with y ∈ C(s)
+/// ```
+///
+/// ## Lemma 1: which cylinder fits a surface
+/// `M`: closed surface of reach `τ`; samples on it, no point of it farther than `ε` from a sample; normals off by at most `α`. Write `H = h/2`,
+/// `U(s)` for the union of the cylinders at scale `s`, `M(δ)` for the points within `δ` of `M`, and
+///
+/// ```text
+/// e    = ε²/(2τ) + ε·sin α                       height of M over the tangent plane of a sample, within ε
+/// θ    = 2·asin(ε/(2τ))                          turn of the normal within ε
+/// δ(s) = s·H + (s·r)²/(2τ) + 2·s·r·sin(α/2)      how far from M a cylinder reaches
+/// ```
+///
+/// **Proved.** Let `a·r ≥ ε`, `a·H ≥ e`, `b·H ≥ δ(a) + e`, `b·r ≥ ε + δ(a)·sin(θ + α)` and `δ(b) < τ`. Then
+///
+/// ```text
+/// M ⊂ U(a) ⊂ M(δ(a)) ⊂ U(b) ⊂ M(δ(b))      and so      β_k^{a,b} = β_k(M),   k = 0, 1, 2.
+/// ```
+///
+/// 1. A point of `M` within `ε` of the sample `p` is at most `ε²/(2τ)` off the tangent plane (Federer 1959, 4.8), so in `C_p(a)`.
+/// 2. The geodesic from `p` along a tangent vector `u` ends within `|u|²/(2τ)` of `p + u`, for its curvature is at most `1/τ`. A
+///    tilted disc is another `2·s·r·sin(α/2)` off, the axis another `s·H`: hence `U(s) ⊂ M(δ(s))`.
+/// 3. Between `m` and a sample within `ε` the normal turns by at most `θ` (Boissonnat, Lieutier and Wintraecken 2019), so
+///    `m + t·ν(m)` with `|t| ≤ δ(a)` lies in `C_p(b)`.
+/// 4. `M(δ)` retracts to `M` for `δ < τ`. `H(U(a)) → H(U(b))` factors through `H(M(δ(a)))`, which bounds its rank from above, and
+///    `H(M) → H(U(a)) → H(U(b)) → H(M(δ(b)))` is an isomorphism, which bounds it from below. Cylinders are convex, so unions and
+///    nerves have the same persistent homology (nerve theorem).
+///
+/// [`Cylinder::proven_scale`] gives the least such `b` for `a = 1`. The proof is about the plain nerve ([`Orientation::Free`](crate::Orientation)).
+/// `Separate { min_cosine }` gives the same complex if no two cylinders that meet have normals farther apart than that, for which
+/// `2·asin(b·√(r² + H²)/τ) + 2α ≤ acos(min_cosine)` suffices.
+///
+/// **Only tested.** That one scale is nearly enough: where `s·r ≥ ε`, `s·H ≥ sag(s·r) + s·r·tan α` and `s·H + sag(s·r) + s·r·tan α < τ`, with
+/// `sag(x) = τ − √(τ² − x²)`, a cylinder contains the patch of `M` over its disc and reaches no other sheet. If every normal segment of
+/// `M` met `U(s)` in an interval, `β_k^{s,s} = β_k(M)` would follow, but corners of cylinders can break that by a sliver of height
+/// `r²/τ`. On nets of surfaces of positive curvature plain Betti numbers were right at every such scale; where both signs of curvature
+/// meet, pinholes of up to 1 % of scale occur, and `β_k^{s,1.02s}` were right at every scale (tests `lemma`).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Cylinder {

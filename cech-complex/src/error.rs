@@ -84,12 +84,29 @@ pub enum Error {
         count: usize,
     },
     /// The complex would exceed `Options::max_simplices`.
-    #[error("the complex has at least {count} simplices, the limit is {limit}")]
+    #[error(
+        "up to scale {max_scale:.3} the complex has {count} simplices or more, the limit is {limit}: {}",
+        advice(*fitting_scale)
+    )]
     TooManySimplices {
-        /// Simplices counted when the limit was passed.
+        /// Simplices counted when the limit was passed, or a lower bound of their number by an estimate that spared the count.
         count: usize,
         /// The limit.
         limit: usize,
+        /// Scale up to which the complex was asked for.
+        max_scale: f64,
+        /// Scale up to which it would fit, by estimate ([`estimate_size`](crate::estimate_size)); 0 if there is none.
+        fitting_scale: f64,
+    },
+    /// The cloud does not look like a sampled surface: too few points, or none with neighbours on all sides.
+    #[error(
+        "{points} points, {interior} of them with neighbours on all sides: too few to tell how they sample a surface"
+    )]
+    NoSurface {
+        /// Number of points.
+        points: usize,
+        /// Points with neighbours of the same sheet on all sides.
+        interior: usize,
     },
     /// A vertex that has been removed or cut cannot be moved or removed.
     #[error("vertex {index} has been removed")]
@@ -105,6 +122,16 @@ pub enum Error {
         /// Number of points.
         len: usize,
     },
+}
+
+/// What to do about too many simplices.
+fn advice(fitting_scale: f64) -> String {
+    let scale = if fitting_scale > 0.0 {
+        format!("build up to max_scale {fitting_scale:.2}, ")
+    } else {
+        String::new()
+    };
+    format!("{scale}thin the points (epsilon_net), take smaller cylinders, or raise max_simplices")
 }
 
 /// `value` itself when it is positive and finite.

@@ -116,6 +116,22 @@ impl Complex {
     ///
     /// # Complexity
     /// `O(m log n)` for the `m` edges within the limit.
+    ///
+    /// ```
+    /// use cech_complex::manifolds::Manifold;
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
+    /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
+    /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
+    /// let distance = complex.geodesic_distances(&[0], None)?;
+    /// let across = |v: usize| (tube.points[v] - tube.points[0]).norm();
+    /// // Never below the straight line; opposite points are half a turn apart or more.
+    /// assert!((0..500).all(|v| distance[v] >= across(v)));
+    /// let opposite = (0..500).find(|&v| (tube.points[v].xy() - tube.points[0].xy()).norm() > 0.99).unwrap();
+    /// assert!(distance[opposite] > 1.5);
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn geodesic_distances(
         &self,
         sources: &[u32],

@@ -18,11 +18,14 @@ mod loops;
 #[cfg(feature = "manifolds")]
 pub mod manifolds;
 mod nerve;
+mod net;
 mod optimality;
 mod options;
 mod persistence;
 mod problem;
+mod proposal;
 mod short_cycles;
+mod size;
 mod skeleton;
 mod union_find;
 mod update;
@@ -34,8 +37,11 @@ pub use error::Error;
 pub use filtration::{FiltrationValue, filtration_value};
 pub use local_homology::{LocalHomology, VertexKind};
 pub use loops::{BoundaryLoop, missing_vector_area, vector_area_of_loop};
+pub use net::{epsilon_net, farthest_points};
 pub use options::{Options, Orientation};
 pub use persistence::{Bar, Barcode};
+pub use proposal::{Proposal, propose};
+pub use size::{SizeEstimate, estimate_size};
 pub use update::{Change, Updated};
 
 pub use nalgebra;

@@ -11,6 +11,7 @@ use crate::complex::Complex;
 use crate::error::Error;
 use crate::local_homology::VertexKind;
 use crate::short_cycles::{Cycle, Part};
+use crate::union_find::UnionFind;
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// Scale at which rims are traced: the cylinder's own size.
@@ -43,10 +44,29 @@ impl Complex {
     /// Loops along the rim of the surface, longest first: the shortest basis of `H₁` of the subcomplex of boundary vertices.
     ///
     /// `kinds` is what [`classify`](Self::classify) returned. Boundary vertices form a strip about two spacings wide along each
-    /// rim; squared edge lengths make the loop step from neighbour to neighbour along it instead of taking the longest chords.
+    /// rim; squared edge lengths make the loop step from neighbour to neighbour along it instead of taking the longest chords. Where noise has
+    /// broken a strip, its neighbours are taken along to close it.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] if there is not one kind per point.
+    ///
+    /// # Complexity
+    /// As [`representative_loops`](Self::representative_loops), on the vertices of the strips.
+    ///
+    /// ```
+    /// use cech_complex::manifolds::Manifold;
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
+    /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
+    /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
+    /// let rims = complex.boundary_loops(&complex.classify(tube.spacing)?)?;
+    /// assert_eq!(rims.len(), 2); // both ends
+    /// for rim in &rims {
+    ///     assert!((0.9..1.2).contains(&(rim.length / (0.5 * std::f64::consts::TAU))));
+    /// }
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn boundary_loops(&self, kinds: &[VertexKind]) -> Result<Vec<BoundaryLoop>, Error> {
         if kinds.len() != self.points.len() {
             let others = kinds.len();
@@ -56,18 +76,66 @@ impl Complex {
                 others,
             });
         }
-        let rim = Part::new(self, SCALE, |v| kinds[v as usize] == VertexKind::Boundary);
-        let cycles = rim.shortest_basis(self, |edge| self.length(edge).powi(2));
-        let mut loops = self.measure(cycles);
-        loops.retain(|rim| rim.length > SHORTEST_RIM_IN_RADII * self.cylinder.radius());
+        let mut loops = self.rims(|v| kinds[v as usize] == VertexKind::Boundary);
+        let broken = self.broken_strips(kinds, &loops);
+        if broken.contains(&true) {
+            loops.extend(self.rims(|v| broken[v as usize]));
+        }
         loops.sort_by(|a, b| b.length.total_cmp(&a.length));
         Ok(loops)
+    }
+
+    /// Long loops of the shortest basis of the subcomplex of some vertices.
+    fn rims(&self, wanted: impl Fn(u32) -> bool) -> Vec<BoundaryLoop> {
+        let strip = Part::new(self, SCALE, wanted);
+        let mut loops = self.measure(strip.shortest_basis(self, |edge| self.length(edge).powi(2)));
+        loops.retain(|rim| rim.length > SHORTEST_RIM_IN_RADII * self.cylinder.radius());
+        loops
+    }
+
+    /// Marks the strips of boundary vertices that none of `loops` runs along, and the neighbours of these strips.
+    fn broken_strips(&self, kinds: &[VertexKind], loops: &[BoundaryLoop]) -> Vec<bool> {
+        let at_rim = |v: u32| kinds[v as usize] == VertexKind::Boundary;
+        let edges = self.skeleton.edges.iter().zip(&self.skeleton.edge_values);
+        let near: Vec<[u32; 2]> = edges
+            .filter(|(_, value)| **value <= SCALE)
+            .map(|(edge, _)| *edge)
+            .collect();
+        let mut strips = UnionFind::new(self.points.len());
+        for &[a, b] in near.iter().filter(|edge| edge.iter().all(|&v| at_rim(v))) {
+            strips.union(a, b);
+        }
+        let mut closed = vec![false; self.points.len()];
+        for v in loops.iter().filter_map(|rim| rim.vertices.first()) {
+            closed[strips.find(*v) as usize] = true;
+        }
+        let mut is_broken = |v: u32| at_rim(v) && !closed[strips.find(v) as usize];
+        let count = self.points.len() as u32;
+        let mut broken: Vec<bool> = (0..count).map(&mut is_broken).collect();
+        let strip = broken.clone();
+        for [a, b] in near.into_iter().flat_map(|[a, b]| [[a, b], [b, a]]) {
+            broken[b as usize] |= strip[a as usize] && !at_rim(b);
+        }
+        broken
     }
 
     /// One loop for each class of `H₁` at `scale`, together the shortest basis there is; shortest first.
     ///
     /// # Complexity
     /// One Dijkstra from each vertex of the cocycles, about `√n` per class.
+    ///
+    /// ```
+    /// use cech_complex::manifolds::Manifold;
+    /// use cech_complex::{Complex, Cylinder, Options};
+    ///
+    /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
+    /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
+    /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
+    /// let loops = complex.representative_loops(1.0);
+    /// assert_eq!(loops.len(), 1); // once round the tube
+    /// assert!((0.96..1.1).contains(&(loops[0].length / (0.5 * std::f64::consts::TAU))));
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
     pub fn representative_loops(&self, scale: f64) -> Vec<BoundaryLoop> {
         let all = Part::new(self, scale, |_| true);
         self.measure(all.shortest_basis(self, |edge| self.length(edge)))
@@ -112,6 +180,17 @@ pub fn vector_area_of_loop(points: &[Point3<f64>]) -> Vector3<f64> {
 ///
 /// # Errors
 /// [`Error::LengthMismatch`].
+///
+/// ```
+/// use cech_complex::missing_vector_area;
+/// use cech_complex::nalgebra::Vector3;
+///
+/// // A cube without its top.
+/// let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+/// let missing = missing_vector_area(&[1.0; 5], &[x, -x, y, -y, -z])?;
+/// assert_eq!(missing, Vector3::new(0.0, 0.0, 1.0));
+/// # Ok::<(), cech_complex::Error>(())
+/// ```
 pub fn missing_vector_area(
     areas: &[f64],
     normals: &[UnitVector3<f64>],

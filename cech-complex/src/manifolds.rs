@@ -34,7 +34,7 @@ mod cloud;
 mod sample;
 mod shape;
 
-pub use cloud::{OrientedCloud, farthest_points};
+pub use cloud::OrientedCloud;
 pub use shape::Circle;
 
 /// A surface in space; all lengths in m and positive.

@@ -17,14 +17,18 @@
 use crate::cylinder::{Cylinder, gauge};
 use crate::error::Error;
 use crate::filtration::{pair_lower_bound, solve};
-use crate::options::{Options, Orientation};
+use crate::options::Options;
 use crate::problem::Oriented;
+use crate::size;
 use crate::skeleton::{Layer, Skeleton, run};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Vector3;
 
 /// Candidates valued at a time: enough to share among threads, little enough to stop soon after the limit.
 const BATCH: usize = 1 << 12;
+
+/// Standard errors of an estimate that are taken for certain.
+const CERTAIN: f64 = 4.0;
 
 /// A value and a point where it is attained.
 type Valued = (f64, Vector3<f64>);
@@ -86,6 +90,7 @@ pub(crate) fn build(
     builder.count(kept)?;
     let found_edges = edges.len() - kept;
     skeleton.set_edges(edges, vertices.cloud.len());
+    builder.foresee(&skeleton)?;
     let affected = builder.affected(&skeleton);
 
     let fresh = builder.triangles(&skeleton, &affected)?;
@@ -110,10 +115,38 @@ impl Builder<'_> {
         self.total += more;
         let limit = self.options.max_simplices;
         if self.total > limit {
-            return Err(Error::TooManySimplices {
-                count: self.total,
-                limit,
-            });
+            return Err(self.too_many(self.total));
+        }
+        Ok(())
+    }
+
+    fn too_many(&self, count: usize) -> Error {
+        let limit = self.options.max_simplices;
+        let size = size::estimate(self.vertices, self.cylinder, self.options);
+        Error::TooManySimplices {
+            count,
+            limit,
+            max_scale: self.options.max_scale,
+            fitting_scale: size.largest_scale(limit),
+        }
+    }
+
+    /// Refuses a complex that will be too large before its triangles and tetrahedra are looked for. It is asked only where the degrees of the
+    /// vertices admit so many, and refuses only what is too large for certain: four standard errors.
+    fn foresee(&self, skeleton: &Skeleton) -> Result<(), Error> {
+        let mut degrees = vec![0.0; self.vertices.cloud.len()];
+        for &vertex in skeleton.edges.iter().flatten() {
+            degrees[vertex as usize] += 1.0;
+        }
+        let most = |d: &f64| d * (d - 1.0) / 6.0 + d * (d - 1.0) * (d - 2.0).max(0.0) / 24.0;
+        let limit = self.options.max_simplices as f64;
+        if self.total as f64 + degrees.iter().map(most).sum::<f64>() <= limit {
+            return Ok(());
+        }
+        let size = size::estimate(self.vertices, self.cylinder, self.options);
+        let least = size.simplices(self.options.max_scale) - CERTAIN * size.standard_error();
+        if least > limit {
+            return Err(self.too_many(least as usize));
         }
         Ok(())
     }
@@ -137,12 +170,8 @@ impl Builder<'_> {
             return Ok(layer);
         }
         // The tree refuses only what the checks at the door have refused already.
-        let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates).map_err(|_| {
-            Error::TooManySimplices {
-                count: self.total,
-                limit: u32::MAX as usize,
-            }
-        })?;
+        let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates)
+            .map_err(|_| self.too_many(self.total))?;
         let reach = 2.0 * self.cylinder.circumradius() * self.options.max_scale;
         // A little more than the exact bound, so that rounding in the tree loses no pair.
         let squared = reach * reach * (1.0 + 1e-9);
@@ -186,9 +215,7 @@ impl Builder<'_> {
     fn value_edge(&self, [i, j]: [u32; 2]) -> Option<Valued> {
         let cloud = self.vertices.cloud;
         let (a, b) = (cloud[i as usize], cloud[j as usize]);
-        if let Orientation::Separate { min_cosine } = self.options.orientation
-            && a.normal.dot(&b.normal) < min_cosine
-        {
+        if self.options.orientation.separates(&a.normal, &b.normal) {
             return None;
         }
         let cutoff = self.options.max_scale;

@@ -1,6 +1,7 @@
 //! How a complex is built: up to which scale, with which regard for normals, and how large at most.
 
 use crate::error::{Error, positive};
+use nalgebra::Vector3;
 
 /// Whether the orientation of normals matters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,6 +15,23 @@ pub enum Orientation {
         /// Least dot product of two normals that may be joined.
         min_cosine: f64,
     },
+}
+
+/// `Separate { min_cosine: −0.5 }`, see [`Options::orientation`].
+impl Default for Orientation {
+    fn default() -> Self {
+        Self::Separate { min_cosine: -0.5 }
+    }
+}
+
+impl Orientation {
+    /// Whether cylinders with these normals are never joined.
+    pub(crate) fn separates(self, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+        match self {
+            Self::Separate { min_cosine } => a.dot(b) < min_cosine,
+            Self::Free => false,
+        }
+    }
 }
 
 /// How to build a complex.
@@ -34,7 +52,7 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             max_scale: 1.0,
-            orientation: Orientation::Separate { min_cosine: -0.5 },
+            orientation: Orientation::default(),
             max_simplices: 10_000_000,
         }
     }

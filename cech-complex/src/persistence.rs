@@ -1,13 +1,4 @@
 //! Persistent homology of the complex in dimensions 0, 1 and 2 over Z/2.
-//!
-//! ```text
-//! β_k^{a,b} = rank( H_k(K_a) → H_k(K_b) ) = number of bars of dimension k with birth ≤ a and b < death
-//! ```
-//!
-//! Simplices are ordered by value, then lexicographically; faces precede cofaces because dimensions are ordered apart.
-//! Dimension 0 is union-find over the edges. The edges that close a cycle are the columns of `H¹`, and the triangles that ended no class of `H¹`
-//! those of `H²` (module `cohomology`). Homology and cohomology have the same bars (de Silva, Morozov and
-//! Vejdemo-Johansson 2011).
 
 use crate::cohomology::{Coboundary, NONE, reduce};
 use crate::skeleton::Skeleton;
@@ -38,6 +29,15 @@ impl Bar {
 }
 
 /// All bars of positive length, by dimension, then birth, then death.
+///
+/// ```text
+/// β_k^{a,b} = rank( H_k(K_a) → H_k(K_b) ) = number of bars of dimension k with birth ≤ a and b < death
+/// ```
+///
+/// Simplices are ordered by value, then lexicographically; faces precede cofaces because dimensions are ordered apart.
+/// Dimension 0 is union-find over the edges. The edges that close a cycle are the columns of `H¹`, and the triangles that ended no class of `H¹`
+/// those of `H²`. Homology and cohomology have the same bars (de Silva, Morozov and
+/// Vejdemo-Johansson 2011).
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Barcode {

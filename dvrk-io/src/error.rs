@@ -189,6 +189,17 @@ pub enum Error {
         /// `m` or `rad`.
         unit: &'static str,
     },
+    /// Half of what a camera measured lies nearer than 2 cm or farther than 20 m.
+    #[error(
+        "the median distance is {median:.3} m, taken in {}: no camera of a cell measures that; is it another unit?",
+        unit.plural()
+    )]
+    DepthUnit {
+        /// Median distance of what was measured, m.
+        median: f64,
+        /// The unit that it was taken to be in.
+        unit: crate::depth::LengthUnit,
+    },
     /// Distances in the camera are not those at the arm.
     #[error("distances in the camera are {ratio:.3} times those at the arm: are both in metres?")]
     ScaleMismatch {

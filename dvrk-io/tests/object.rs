@@ -69,10 +69,13 @@ fn every_message_gives_the_same_object() {
         assert!((object.points.len() as f64 - first).abs() < 0.1 * first);
         assert!(object.account.other_parts > 100);
     }
-    // A given unit is believed.
-    let scan = Scan::from_depth(&image("32FC1", &depths, false, 0), &info(), Some(mm)).unwrap();
+    // A given unit is believed, where it can be: a camera sees nothing half a millimetre away.
+    let far: Vec<f64> = depths.iter().map(|depth| 100.0 * depth).collect();
+    let scan = Scan::from_depth(&image("32FC1", &far, false, 0), &info(), Some(mm)).unwrap();
     assert_eq!(scan.unit(), (mm, UnitSource::Given));
-    assert!((scan.points()[0].z - depths[0] / 1000.0).abs() < 1e-7);
+    assert!((scan.points()[0].z - depths[0] / 10.0).abs() < 1e-5);
+    let wrong = Scan::from_depth(&image("32FC1", &depths, false, 0), &info(), Some(mm));
+    assert!(matches!(wrong, Err(Error::DepthUnit { .. })), "{wrong:?}");
 }
 
 #[test]

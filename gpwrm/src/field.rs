@@ -63,6 +63,34 @@ pub struct Field {
     pub(crate) displacements: Vec<Vector3<f64>>,
     pub(crate) fits: Vec<NodalFit>,
     pub(crate) options: FieldOptions,
+    /// How each node's displacement is known; empty where all were given.
+    pub(crate) hearsay: Vec<Hearsay>,
+}
+
+/// How the displacement of a node is known that was read off other fields: at worst.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Hearsay {
+    pub determinacy: Determinacy,
+    pub extrapolation: f64,
+    pub extrapolated: bool,
+}
+
+impl Hearsay {
+    /// As good as a displacement that was given.
+    pub const GIVEN: Self = Self {
+        determinacy: Determinacy::Determined,
+        extrapolation: 0.0,
+        extrapolated: false,
+    };
+
+    /// Known through both.
+    pub fn and(self, other: &Self) -> Self {
+        Self {
+            determinacy: self.determinacy.min(other.determinacy),
+            extrapolation: self.extrapolation.max(other.extrapolation),
+            extrapolated: self.extrapolated || other.extrapolated,
+        }
+    }
 }
 
 impl Field {
@@ -86,6 +114,7 @@ impl Field {
             displacements: displacements.to_vec(),
             fits: Vec::new(),
             options: options.clone(),
+            hearsay: Vec::new(),
         };
         field.fits = map_indexed(nodes.len(), |i| field.fit(i, &Rotation3::identity()));
         field.spread_rotations();
@@ -128,13 +157,21 @@ impl Field {
             let bracket = value + self.fits[part.node].gradient * centre / 2.0;
             gradient += bracket * part.slope.transpose();
         }
+        let extrapolation = |h: &Hearsay| h.extrapolation;
         Sample {
             displacement,
             gradient,
             determinacy: self.determinacy(parts),
-            extrapolation: place.distance,
-            extrapolated: !place.reached,
+            extrapolation: place.distance.max(self.heard(parts, extrapolation)),
+            extrapolated: !place.reached
+                || self.heard(parts, |h| f64::from(u8::from(h.extrapolated))) >= 0.5,
         }
+    }
+
+    /// Mean over the parts of what is said of nodes whose displacement was read off other fields.
+    fn heard(&self, parts: &[Part], what: impl Fn(&Hearsay) -> f64) -> f64 {
+        let of = |part: &Part| Some(part.weight * what(self.hearsay.get(part.node)?));
+        parts.iter().filter_map(of).sum()
     }
 
     /// [`Field::displacement`] with room for the parts.
@@ -166,7 +203,14 @@ impl Field {
 
     /// What the neighbours of each node alone determine of the gradient there, in the order of the nodes.
     pub fn node_determinacy(&self) -> Vec<Determinacy> {
-        self.fits.iter().map(|fit| fit.determinacy).collect()
+        (0..self.fits.len()).map(|i| self.known(i)).collect()
+    }
+
+    /// What is known of the gradient at node `i`, through its neighbours and through the fields that its displacement was read off.
+    fn known(&self, i: usize) -> Determinacy {
+        let heard = self.hearsay.get(i).map(|h| h.determinacy);
+        let own = self.fits[i].determinacy;
+        heard.map_or(own, |heard| own.min(heard))
     }
 
     /// `u_i + (G_i + Ḡ)(p − x_i)/2`.
@@ -187,7 +231,7 @@ impl Field {
         let share = |level: Determinacy| -> f64 {
             parts
                 .iter()
-                .filter(|part| self.fits[part.node].determinacy >= level)
+                .filter(|part| self.known(part.node) >= level)
                 .map(|part| part.weight)
                 .sum()
         };

@@ -75,7 +75,7 @@ impl FieldOptions {
     }
 }
 
-/// What the nodes around a point say about the gradient there (Lemma 2 of the method).
+/// What the nodes around a point say about the gradient there (Lemma 2 of the [paper](https://doi.org/10.1177/02783649251415415)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Determinacy {
@@ -98,9 +98,10 @@ pub struct Sample {
     pub gradient: Matrix3<f64>,
     /// How much of the gradient comes from data.
     pub determinacy: Determinacy,
-    /// Distance to the nearest node, in m: how far the value is extrapolated.
+    /// Distance to the nearest node, in m: how far the value is extrapolated; after [`Field::then`](crate::Field::then) at least as far as the nodes around were
+    /// from those of the later field.
     pub extrapolation: f64,
     /// Whether the point lies outside the support of every node: none of the given reach surrounds it, and the value is
-    /// continued from the nearest ones.
+    /// continued from the nearest ones; or that the nodes around did so of the later field.
     pub extrapolated: bool,
 }

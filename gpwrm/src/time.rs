@@ -14,7 +14,8 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::error::{Error, check_coordinates, check_length};
-use crate::field::Field;
+use crate::field::{Field, Hearsay};
+use crate::options::Sample;
 
 impl Field {
     /// Where the nodes stand now: `x_i + u_i`, in the order given.
@@ -46,18 +47,56 @@ impl Field {
             .zip(motion)
             .map(|(u, v)| u + v)
             .collect();
-        Self::new(self.nodes(), &total, &self.options)
+        let later = Self::new(self.nodes(), &total, &self.options)?;
+        Ok(self.handing_on(later))
     }
 
-    /// This field and then `next`, whose rest is where this one ends; the nodes are those of this field.
+    /// `later`, whose nodes are known no better than those of this field.
+    fn handing_on(&self, later: Self) -> Self {
+        Self {
+            hearsay: self.hearsay.clone(),
+            ..later
+        }
+    }
+
+    /// This field and then `next`, whose rest is where this one ends; the nodes are those of this field. What `next` has not determined, or had to
+    /// extrapolate, stays so: a [`Sample`](crate::Sample) of the result is as good as the worse of the two.
     ///
     /// # Errors
     /// A node moved beyond the coordinate bound.
     ///
     /// # Complexity
     /// One evaluation of `next` per node, and building a field.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Vector3}};
+    /// let sheet = |first: i32| -> Vec<Point3<f64>> {
+    ///     (0..64).map(|k| Point3::new(f64::from(first + k % 8), f64::from(k / 8), 0.0)).collect()
+    /// };
+    /// let field = |first: i32| Field::new(&sheet(first), &[Vector3::x(); 64], &FieldOptions::default());
+    /// // The second frame shows only the part from x = 4 on, which the first has moved to 5.
+    /// let both = field(0)?.then(&field(5)?)?;
+    /// let [seen, gone] = [6.0, 0.0].map(|x| both.evaluate(&Point3::new(x, 3.0, 0.0)));
+    /// assert!(!seen.extrapolated && seen.extrapolation < 1e-9);
+    /// assert!(gone.extrapolated && gone.extrapolation > 3.0);
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
     pub fn then(&self, next: &Self) -> Result<Self, Error> {
-        self.advance(&next.displacements(&self.live_nodes()))
+        let live = self.live_nodes();
+        let samples = next.evaluate_all(&live);
+        let motion: Vec<Vector3<f64>> = samples.iter().map(|s| s.displacement).collect();
+        let known = |(i, s): (usize, &Sample)| {
+            let next = Hearsay {
+                determinacy: s.determinacy,
+                extrapolation: s.extrapolation,
+                extrapolated: s.extrapolated,
+            };
+            self.hearsay.get(i).unwrap_or(&Hearsay::GIVEN).and(&next)
+        };
+        Ok(Self {
+            hearsay: samples.iter().enumerate().map(known).collect(),
+            ..self.advance(&motion)?
+        })
     }
 
     /// The field from live to rest: every node stands at `x + u` and moves by `−u`.
@@ -69,6 +108,7 @@ impl Field {
     /// A node whose moved position exceeds the coordinate bound.
     pub fn inverse(&self) -> Result<Self, Error> {
         let back: Vec<Vector3<f64>> = self.displacements.iter().map(|u| -u).collect();
-        Self::new(&self.live_nodes(), &back, &self.options)
+        let inverse = Self::new(&self.live_nodes(), &back, &self.options)?;
+        Ok(self.handing_on(inverse))
     }
 }

@@ -153,3 +153,37 @@ fn wrong_motions_are_named() {
         Err(Error::LengthMismatch { .. })
     ));
 }
+
+/// Almost half of the nodes leaves the view before the second frame: what is known of them only from nodes elsewhere is said to be so, however the fields
+/// are composed further.
+#[test]
+fn what_one_field_extrapolates_stays_extrapolated() {
+    let nodes = saddle();
+    let seen: Vec<Point3<f64>> = nodes.iter().copied().filter(|p| p.x < 0.0075).collect();
+    let shift = |points: &[Point3<f64>], by: f64| {
+        let moved = vec![Vector3::x() * by; points.len()];
+        Field::new(points, &moved, &FieldOptions::default()).unwrap()
+    };
+    let (first, second) = (shift(&nodes, 0.0), shift(&seen, 0.001));
+    let moved: Vec<Point3<f64>> = second.live_nodes();
+    let third = shift(&moved, 0.001);
+    let both = first.then(&second).unwrap();
+    let all = both.then(&third).unwrap();
+    let advanced = both.advance(&vec![Vector3::zeros(); nodes.len()]).unwrap();
+    for composed in [&both, &all, &advanced] {
+        for p in &nodes {
+            let sample = composed.evaluate(p);
+            if p.x > 0.04 {
+                // A node at a corner reaches far.
+                assert!(sample.extrapolated || p.x < 0.05, "{p}");
+                assert!(sample.extrapolation > 0.03, "{p}");
+            } else if p.x < 0.0 {
+                assert!(!sample.extrapolated, "{p}");
+            }
+        }
+    }
+    let back = both.inverse().unwrap();
+    assert!(back.evaluate(&Point3::new(0.056, 0.0, 0.006)).extrapolated);
+    // Nothing is said against a field that was given.
+    assert!(nodes.iter().all(|p| !first.evaluate(p).extrapolated));
+}

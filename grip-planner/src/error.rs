@@ -8,6 +8,9 @@ pub enum Error {
     /// The model has no vertices.
     #[error("the model has no vertices")]
     EmptyModel,
+    /// The camera sees no triangle of a closed mesh.
+    #[error("the camera sees nothing of the mesh")]
+    NothingVisible,
     /// The slices of the model differ in length.
     #[error("the model has {points} points but {count} {what}")]
     LengthMismatch {

@@ -4,6 +4,7 @@
 //!
 //! | step | item | module |
 //! |---|---|---|
+//! | a model from a mesh, or from points and the graph that joins them | [`Surface`] | `surface` |
 //! | what is missing, `m = −Σ area_i n_i` | [`missing_vector_area`] | `model` |
 //! | box round the body, one axis along the table normal | [`agent_box`] | `agent_box` |
 //! | which vertices can be gripped, and the [`Reason`] why others cannot | [`candidates`], [`candidates_among`] | `candidates`, `orientation`, `reason` |
@@ -56,6 +57,7 @@ mod select;
 mod speed;
 mod stiffness;
 mod stretch;
+mod surface;
 mod turn;
 mod turn_options;
 mod turn_over;
@@ -78,6 +80,7 @@ pub use scene::{Arm, Plane, PoseTest, Scene, Workspace};
 pub use speed::{GovernorOptions, SpeedGovernor, speed_limit};
 pub use stiffness::{CoverageOptions, Stiffness, target_weights};
 pub use stretch::StretchOptions;
+pub use surface::Surface;
 pub use turn::{Turn, turns};
 pub use turn_options::{Recentre, TurnOptions};
 pub use turn_over::turn_over;

@@ -17,8 +17,8 @@ use crate::scene::positive;
 use crate::stretch::{beside, grips, pull};
 use crate::turn_over::turn_in;
 use crate::{
-    Coverage, Error, Grip, GripSet, Model, Motion, Options, ReachOptions, Refusal, Role, Scene,
-    StretchOptions, Turn, TurnOptions, speed_limit,
+    Coverage, Error, Grip, GripSet, Model, Motion, Options, ReachOptions, Reason, Refusal, Role,
+    Scene, StretchOptions, Turn, TurnOptions, speed_limit,
 };
 
 /// What is to be done with the body.
@@ -113,6 +113,8 @@ pub struct Plan {
     pub withdraw: Motion,
     /// Better sets that were refused.
     pub refused: Vec<RefusedSet>,
+    /// Vertices that were looked at and cannot be gripped, with their reasons; none where the set was chosen by the caller.
+    pub rejected: Vec<(u32, Reason)>,
 }
 
 /// The best set of grips whose motions pass all checks. A set whose third arm is in the way is tried without it.
@@ -203,13 +205,20 @@ struct Trial<'a> {
 impl Planner<'_> {
     fn turn(&self, hole: Option<&Hole>) -> Result<Plan, Refusal> {
         let ranked = rank(self.model, self.scene, &self.options.grips, hole)?;
+        let rejected = ranked.candidates.rejected;
         let mut refused = Vec::new();
         for set in &ranked.sets {
             let supported = set.grips.iter().any(|g| g.role == Role::Support);
             let alone = supported.then(|| set.without_support());
             for set in std::iter::once(set).chain(&alone) {
                 match self.turn_with(set, &ranked.coverage, hole) {
-                    Ok(plan) => return Ok(Plan { refused, ..plan }),
+                    Ok(plan) => {
+                        return Ok(Plan {
+                            refused,
+                            rejected,
+                            ..plan
+                        });
+                    }
                     Err(reason) => refused.push(refusal(&set.grips, set.score, reason)?),
                 }
             }
@@ -268,7 +277,14 @@ impl Planner<'_> {
                     across: Some(hole.across),
                 };
                 match self.stretch_with(&trial, &hole) {
-                    Ok(plan) => return Ok(Plan { refused, ..plan }),
+                    Ok(plan) => {
+                        let rejected = beside.found.rejected;
+                        return Ok(Plan {
+                            refused,
+                            rejected,
+                            ..plan
+                        });
+                    }
                     Err(reason) => refused.push(refusal(trial.grips, score, reason)?),
                 }
             }
@@ -320,6 +336,7 @@ impl Planner<'_> {
             motion,
             withdraw,
             refused: Vec::new(),
+            rejected: Vec::new(),
         })
     }
 

@@ -64,6 +64,9 @@ struct Pair {
     hidden: Option<[Vec<Point3<f64>>; 2]>,
 }
 
+/// Confidences from which on errors are counted together.
+const LEVELS: [f64; 4] = [0.0, 0.1, 0.3, 0.6];
+
 /// How well one pair was registered, in mm.
 struct Score {
     mean: f64,
@@ -103,11 +106,17 @@ fn pairs(arguments: &Arguments) -> Result<ExitCode, Failure> {
     )?;
     let bar = output.progress(folders.len() as u64, "pairs");
     let (mut core, mut rows) = (Vec::new(), Vec::new());
+    let mut by_level: [Vec<f64>; LEVELS.len()] = Default::default();
     for path in folders {
         let pair = Pair::read(&path, arguments.known)?;
         let in_folder = |error| format!("{}: {error}", path.display());
         let (result, ms) = pair.register(&options).map_err(in_folder)?;
         let score = pair.score(&result);
+        for (&confidence, error) in result.confidence.iter().zip(pair.errors(&result)) {
+            if let Some(level) = LEVELS.iter().rposition(|from| confidence >= *from) {
+                by_level[level].push(error);
+            }
+        }
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let line = format!(
             "{name:24} {:6.3} {:6.3} {:7.3} {:7.3} {:6.3} {:6.3} {:7.3} {:5.2} {ms:6.1} {:5} {:?} in {}",
@@ -149,8 +158,20 @@ fn pairs(arguments: &Arguments) -> Result<ExitCode, Failure> {
         "core of {}: mean {mean:.3} p95 {p95:.3} ms {ms:.1}",
         core.len()
     )?;
+    let mut levels = Vec::new();
+    for (from, mut errors) in LEVELS.into_iter().zip(by_level) {
+        errors.sort_by(f64::total_cmp);
+        let count = errors.len();
+        let mean = errors.iter().sum::<f64>() / count as f64;
+        let p95 = errors.get(count * 95 / 100).copied().unwrap_or(f64::NAN);
+        writeln!(
+            output.words(),
+            "confidence from {from:.1}: {count:6} points, mean {mean:.2} p95 {p95:.2}"
+        )?;
+        levels.push(json!({ "from": from, "points": count, "mean_mm": mean, "p95_mm": p95 }));
+    }
     let core = json!({ "pairs": core.len(), "mean_mm": mean, "p95_mm": p95, "ms": ms });
-    output.object(&json!({ "pairs": rows, "core": core }))?;
+    output.object(&json!({ "pairs": rows, "core": core, "confidence": levels }))?;
     Ok(ExitCode::SUCCESS)
 }
 
@@ -235,14 +256,20 @@ impl Pair {
         off.sum::<f64>() * 1e3 / found.len() as f64
     }
 
+    /// Distance of a point from where it went, in mm, if it is moved by `u`.
+    fn off(&self, i: usize, u: nalgebra::Vector3<f64>) -> f64 {
+        (self.source.mesh.points()[i] + u - self.truth[i]).norm() * 1e3
+    }
+
+    /// Of every source point, in mm.
+    fn errors(&self, result: &Registration) -> Vec<f64> {
+        let moves = result.displacements.iter().enumerate();
+        moves.map(|(i, u)| self.off(i, *u)).collect()
+    }
+
     fn score(&self, result: &Registration) -> Score {
-        let source = self.source.mesh.points();
-        let count = source.len();
-        let off =
-            |i: usize, u: nalgebra::Vector3<f64>| (source[i] + u - self.truth[i]).norm() * 1e3;
-        let errors: Vec<f64> = (0..count)
-            .map(|i| off(i, result.displacements[i]))
-            .collect();
+        let errors = self.errors(result);
+        let count = errors.len();
         let mut by_confidence: Vec<usize> = (0..count).collect();
         let confidence = &result.confidence;
         by_confidence.sort_by(|&a, &b| confidence[a].total_cmp(&confidence[b]));
@@ -256,7 +283,7 @@ impl Pair {
             trusted: mean(&by_confidence[count / 2..]),
             hidden: self.hidden_error(result),
             still: (0..count)
-                .map(|i| off(i, nalgebra::Vector3::zeros()))
+                .map(|i| self.off(i, nalgebra::Vector3::zeros()))
                 .sum::<f64>()
                 / count as f64,
         }

@@ -73,12 +73,17 @@ pub enum Error {
         bound: &'static str,
     },
     /// The node spacing makes more nodes than the dense solver takes.
-    #[error("{nodes} nodes at this spacing; at most {limit} are solved, use a larger node spacing")]
+    #[error(
+        "{nodes} nodes at this spacing, at most {limit} are solved: the cloud is {extent:.3} m across; {}",
+        too_large(*extent)
+    )]
     TooManyNodes {
         /// Nodes at the spacing asked for.
         nodes: usize,
         /// Largest number solved.
         limit: usize,
+        /// Largest side of the box around the source, in m.
+        extent: f64,
     },
     /// The normal equations could not be factorised: the weights span too many orders of magnitude.
     #[error("the normal equations lost definiteness in iteration {iteration}")]
@@ -86,6 +91,21 @@ pub enum Error {
         /// Iteration in which it happened.
         iteration: usize,
     },
+}
+
+/// Clouds from here on are taken to be in millimetres, m: nothing that a robot holds is as large.
+const SUSPECT: f64 = 5.0;
+
+/// What to do about a cloud with too many nodes.
+fn too_large(extent: f64) -> String {
+    if extent > SUSPECT {
+        format!(
+            "if it is in millimetres, {:.3} m, divide its coordinates by 1000",
+            1e-3 * extent
+        )
+    } else {
+        "use a larger node spacing, or Options::scaled".into()
+    }
 }
 
 /// A kilometre-sized organ is a unit mistake; squares of 1e6 m still keep nanometres apart in `f64`.

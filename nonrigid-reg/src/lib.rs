@@ -1,7 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod align;
-pub mod cloud;
+mod cloud;
 mod defaults;
 mod each;
 mod error;
@@ -14,6 +14,7 @@ mod prior;
 mod register;
 mod registration;
 mod report;
+mod slippage;
 mod system;
 mod target;
 mod traits;

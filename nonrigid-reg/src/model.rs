@@ -9,7 +9,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use crate::cloud::{Cloud, denoise};
 use crate::each::each;
 use crate::error::Error;
-use crate::nodes::Nodes;
+use crate::nodes::{Nodes, too_many};
 use crate::options::Options;
 use crate::prior::Prior;
 use crate::system::Structure;
@@ -112,11 +112,8 @@ fn structure(
     features: &[Shape],
 ) -> Result<Structure, Error> {
     let groups = shapes.iter().chain(features).map(Vec::as_slice);
-    let too_many = Error::TooManyNodes {
-        nodes: nodes.len(),
-        limit: crate::nodes::MOST,
-    };
-    Structure::new(nodes.len(), groups, prior.terms()).ok_or(too_many)
+    let structure = Structure::new(nodes.len(), groups, prior.terms());
+    structure.ok_or_else(|| too_many(nodes.len(), &nodes.positions))
 }
 
 /// Larger indices first, so that every later node of a shape lies in the lower triangle.

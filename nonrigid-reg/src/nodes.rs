@@ -60,7 +60,7 @@ impl Nodes {
         let cells = representatives(source, spacing)?;
         // Every node excludes the others from half a spacing around it, so at most eight cells share one.
         if cells.len() > 8 * MOST {
-            return Err(too_many(cells.len()));
+            return Err(too_many(cells.len(), source));
         }
         for kept in cells {
             let p = source[kept.index];
@@ -69,7 +69,7 @@ impl Nodes {
             }
         }
         if positions.len() > MOST {
-            return Err(too_many(positions.len()));
+            return Err(too_many(positions.len(), source));
         }
         let links = links(&positions, spacing);
         Ok(Self {
@@ -84,8 +84,17 @@ impl Nodes {
     }
 }
 
-fn too_many(nodes: usize) -> Error {
-    Error::TooManyNodes { nodes, limit: MOST }
+pub(crate) fn too_many(nodes: usize, source: &[Point3<f64>]) -> Error {
+    let side = |axis: usize| {
+        let values = source.iter().map(|p| p[axis]);
+        let [least, most] = [f64::min, f64::max].map(|pick| values.clone().reduce(pick));
+        most.unwrap_or(0.0) - least.unwrap_or(0.0)
+    };
+    Error::TooManyNodes {
+        nodes,
+        limit: MOST,
+        extent: side(0).max(side(1)).max(side(2)),
+    }
 }
 
 fn links(positions: &[Point3<f64>], spacing: f64) -> Vec<Vec<Link>> {

@@ -39,9 +39,10 @@ pub enum Status {
     /// The iterations ran out first; usual for large motions, and no sign of a bad fit by itself.
     MaxIterations,
     /// The matched surface slides on the target, and nothing else holds it: a plane, a sphere or a cylinder without landmarks; or the source
-    /// is a line, which rolls about itself. The displacements are one answer of many.
+    /// is a line, which rolls about itself. The displacements are one answer of many. Told by what the noise of the normals hides: relief of 1 mm
+    /// on a plane is not enough to hold it against 0.5 mm of noise.
     Undetermined {
-        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution or of a line.
+        /// Rigid motions left free: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution, 4 of a line, whose normals say next to nothing.
         free_motions: usize,
     },
     /// Too few source points found a match: the field is mostly prior.
@@ -82,7 +83,8 @@ pub struct Registration {
     pub node_confidence: Vec<f64>,
     /// Displacement of each source point, in m.
     pub displacements: Vec<Vector3<f64>>,
-    /// How far each source point's displacement rests on good matches around it, 0 to 1.
+    /// How far each source point's displacement rests on good matches around it, 0 to 1; 0 where the whole surface may slide on the target
+    /// ([`Status::Undetermined`]). It ranks points and is no probability: the README has the errors measured at each level.
     pub confidence: Vec<f64>,
     /// Index of the target point that each source point met; none for points without a match or on the rim of the target.
     pub matches: Vec<Option<u32>>,

@@ -2,21 +2,22 @@
 //!
 //! ```text
 //! trust of a point       w_p exp(−(ρ / 3σ)²);  0 without a match, or with the rim of the target
-//! confidence of a node   Σ_p φ⁺ trust / Σ_p φ⁺;  1 at an exact landmark
+//! confidence of a node   (1 − doubt) Σ_p φ⁺ trust / Σ_p φ⁺;  1 at an exact landmark;  doubt: see `slippage`
 //! confidence of a point  Σ_k φ⁺ confidence_k / Σ_k φ⁺
 //! ```
 //!
-//! A hidden point between seen ones is so believed more than one far behind the rim. Sliding along a smooth surface is
-//! invisible to matches, and so to this.
+//! A hidden point between seen ones is so believed more than one far behind the rim, and a point that free rigid motions move is not believed. Sliding of a
+//! part along itself, where the rest holds the body, is invisible to this.
 
-use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::frame::{Frame, Match, State};
 use crate::registration::{Registration, Residuals, Status};
+use crate::slippage::Slippage;
 use crate::traits::Residual;
 
-/// Share of the largest resistance below which a motion is free: normals within 0.6° of one that would be exactly free.
-const FREE: f64 = 1e-4;
+/// Squared width of what counts as a line, by its squared length.
+const THIN: f64 = 1e-4;
 
 impl Frame<'_> {
     pub fn report(
@@ -42,7 +43,11 @@ impl Frame<'_> {
                 })
             })
             .collect();
-        let node_confidence = self.node_confidence(&trust);
+        let slippage = self.slippage(&inner);
+        // However it is bent by now, a line at rest may roll about itself.
+        let rolls = !self.predicted && self.is_line(&inner);
+        let free_motions = slippage.free().max(usize::from(rolls));
+        let node_confidence = self.node_confidence(&trust, &slippage);
         let shapes = self.model.shapes.iter();
         let confidence = shapes
             .map(|shape| positive_mean(shape, |k| node_confidence[k]))
@@ -63,18 +68,12 @@ impl Frame<'_> {
             residuals,
             overlap,
             iterations,
-            status: self.judge(ended, overlap, residuals.rms, &inner),
+            status: self.judge(ended, overlap, residuals.rms, free_motions),
             node_displacements: state.u,
         }
     }
 
-    fn judge(
-        &self,
-        ended: Status,
-        overlap: f64,
-        residual: f64,
-        matches: &[Option<&Match>],
-    ) -> Status {
+    fn judge(&self, ended: Status, overlap: f64, residual: f64, free_motions: usize) -> Status {
         let options = self.options;
         if overlap < options.min_overlap {
             let threshold = options.min_overlap;
@@ -87,57 +86,40 @@ impl Frame<'_> {
                 threshold,
             };
         }
-        match self.free_motions(matches) {
+        match free_motions {
             0 => ended,
             free_motions => Status::Undetermined { free_motions },
         }
     }
 
-    /// Rigid motions that no match, landmark, feature or prediction resists: eigenvalues of `Σ w J Jᵀ`, `J = (n, (y − c) × n / L)`, that
-    /// are next to nothing.
-    fn free_motions(&self, matches: &[Option<&Match>]) -> usize {
-        if self.predicted {
-            return 0;
-        }
-        let fixed = self
-            .landmarks
-            .iter()
-            .map(|l| l.source)
-            .chain(self.features.iter().map(|f| f.source));
-        let points: Vec<Point3<f64>> = matches
-            .iter()
-            .flatten()
-            .map(|(pair, _)| pair.point)
-            .chain(fixed.clone())
-            .collect();
-        let count = points.len().max(1) as f64;
-        let centre = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;
-        let squares: f64 = points
-            .iter()
-            .map(|p| (p.coords - centre).norm_squared())
-            .sum();
-        let extent = (squares / count).sqrt().max(f64::MIN_POSITIVE);
-        let row = |p: &Point3<f64>, n: &Vector3<f64>| {
-            let arm = (p.coords - centre).cross(n) / extent;
-            Vector6::new(n.x, n.y, n.z, arm.x, arm.y, arm.z)
+    /// Rigid motions that nothing determines: no match, landmark, feature or prediction.
+    fn slippage(&self, matches: &[Option<&Match>]) -> Slippage {
+        let matched = || {
+            matches
+                .iter()
+                .flatten()
+                .map(|(pair, weight)| (pair, *weight))
         };
-        let mut information = Matrix6::zeros();
-        for (pair, weight) in matches.iter().flatten() {
-            let j = row(&pair.point, &pair.normal);
-            information += j * j.transpose() * *weight;
+        let landmarks = self.landmarks.iter().map(|l| l.source);
+        let held: Vec<Point3<f64>> = landmarks
+            .chain(self.features.iter().map(|f| f.source))
+            .collect();
+        let points: Vec<Point3<f64>> = matched()
+            .map(|(pair, _)| pair.point)
+            .chain(held.iter().copied())
+            .collect();
+        let mut slippage = Slippage::around(&points);
+        if self.predicted {
+            return slippage;
         }
-        // A held point counts as much as a tenth of the cloud would, in all directions.
-        for p in fixed {
-            for n in [Vector3::x(), Vector3::y(), Vector3::z()] {
-                let j = row(&p, &n);
-                information += j * j.transpose() * (0.1 * count);
-            }
+        for (pair, weight) in matched() {
+            slippage.add_match(&pair.point, &pair.normal, &pair.probe.normal, weight);
         }
-        let eigenvalues = information.symmetric_eigenvalues();
-        let bound = FREE * eigenvalues.max();
-        let free = eigenvalues.iter().filter(|&&value| value <= bound).count();
-        // However it is bent by now, a line at rest may roll about itself.
-        free.max(usize::from(self.is_line(matches)))
+        for p in &held {
+            slippage.add_held(p);
+        }
+        slippage.solve();
+        slippage
     }
 
     /// Whether all that is known of the source at rest, matches, landmarks and features, lies within a hundredth of its length of a line.
@@ -152,11 +134,11 @@ impl Frame<'_> {
         let scatter: Matrix3<f64> = points.iter().map(spread).sum();
         let mut widths: [f64; 3] = scatter.symmetric_eigenvalues().into();
         widths.sort_by(f64::total_cmp);
-        widths[1] <= FREE * widths[2]
+        widths[1] <= THIN * widths[2]
     }
 
-    /// Mean trust of the points that lean on a node; exact landmarks are trusted.
-    fn node_confidence(&self, trust: &[f64]) -> Vec<f64> {
+    /// Mean trust of the points that lean on a node, less the doubt of free motions; exact landmarks are trusted.
+    fn node_confidence(&self, trust: &[f64], slippage: &Slippage) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.model.nodes.len()];
         for (shape, t) in self.model.shapes.iter().zip(trust) {
             for &(k, phi) in shape {
@@ -167,6 +149,8 @@ impl Frame<'_> {
         let mut confidence: Vec<f64> = sums
             .iter()
             .map(|(sum, w)| if *w > 0.0 { sum / w } else { 0.0 })
+            .zip(&self.model.nodes.positions)
+            .map(|(mean, p)| mean * (1.0 - slippage.doubt(p)))
             .collect();
         for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
             if landmark.sigma <= self.options.point_sigma {

@@ -470,5 +470,5 @@ fn a_line_is_undetermined() {
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(3), "{said}");
     assert_eq!(json(&output)["status"], "undetermined");
-    assert!(said.contains("in 1 way: landmarks"), "{said}");
+    assert!(said.contains("in 4 ways: landmarks"), "{said}");
 }

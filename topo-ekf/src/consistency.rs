@@ -76,7 +76,116 @@ impl Consistency {
     }
 }
 
+/// How many vertices of a group lie inside the ball that holds 95 % of errors, by the standard deviation of each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Coverage {
+    /// Vertices of the group.
+    pub vertices: usize,
+    /// Those inside.
+    pub inside: usize,
+}
+
+impl Coverage {
+    /// Both together: frames of a run.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            vertices: self.vertices + other.vertices,
+            inside: self.inside + other.inside,
+        }
+    }
+
+    /// Share of vertices inside: 0.95 for covariances that are right. NaN without vertices.
+    pub fn share(&self) -> f64 {
+        self.inside as f64 / self.vertices as f64
+    }
+
+    /// `Consistent` from 90 to 99 % inside, and without vertices. Errors of neighbours agree, so a narrower band would say nothing.
+    pub fn verdict(&self) -> Verdict {
+        match self.share() {
+            share if share < 0.90 => Verdict::Overconfident,
+            share if share > 0.99 => Verdict::Conservative,
+            _ => Verdict::Consistent,
+        }
+    }
+}
+
+/// [`Coverage`] of what the last step saw and of what it did not: a sum over all vertices hides the hidden ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Calibration {
+    /// Vertices measured in the last step.
+    pub seen: Coverage,
+    /// The others.
+    pub hidden: Coverage,
+}
+
+impl Calibration {
+    /// Both together: frames of a run.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            seen: self.seen.and(other.seen),
+            hidden: self.hidden.and(other.hidden),
+        }
+    }
+}
+
+/// 95 % quantile of χ² with three degrees of freedom.
+const BALL_95: f64 = 7.814_727_903_251_179;
+
 impl Filter {
+    /// How many vertices lie where [`Filter::marginal_sigmas`] says, where the truth is known: in simulations.
+    ///
+    /// # Errors
+    /// A truth of another length or with unusable points; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Frame, Observation, Options, nalgebra::{Point3, Vector3}};
+    ///
+    /// let rest: Vec<_> = (0..10).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// let edges: Vec<_> = (1..10).map(|k| [k - 1, k]).collect();
+    /// let mut filter = Filter::new(&rest, &edges, &Options::default())?;
+    /// // All of it moves by 2 mm; six vertices are seen.
+    /// let truth: Vec<_> = rest.iter().map(|p| p + Vector3::x() * 0.002).collect();
+    /// let seen = |k: u32| Observation { vertex: k, position: truth[k as usize], sigma: 5e-4 };
+    /// filter.step(&Frame::new(&(0..6).map(seen).collect::<Vec<_>>()))?;
+    /// let found = filter.calibration(&truth)?;
+    /// assert_eq!((found.seen.inside, found.hidden.inside, found.hidden.vertices), (6, 4, 4));
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
+    pub fn calibration(&self, truth: &[Point3<f64>]) -> Result<Calibration, Error> {
+        self.check_truth(truth)?;
+        let sigmas = self.marginal_sigmas()?;
+        let mut found = Calibration::default();
+        for i in 0..truth.len() {
+            let group = if self.seen[i] {
+                &mut found.seen
+            } else {
+                &mut found.hidden
+            };
+            let squared = (self.live[i] - truth[i]).norm_squared();
+            group.vertices += 1;
+            group.inside += usize::from(squared <= BALL_95 * sigmas[i] * sigmas[i]);
+        }
+        Ok(found)
+    }
+
+    fn check_truth(&self, truth: &[Point3<f64>]) -> Result<(), Error> {
+        let (found, expected) = (truth.len(), self.live.len());
+        if found != expected {
+            return Err(Error::Length {
+                what: "truth",
+                found,
+                expected,
+            });
+        }
+        check_points("truth", truth)
+    }
+
     /// Normalised innovation squared of the last step: what was seen against what data, shape and motion foretold, one innovation
     /// per seen vertex. `None` before the first step and after a change of graph or stiffness.
     ///
@@ -115,15 +224,7 @@ impl Filter {
     /// # Errors
     /// A truth of another length or with unusable points.
     pub fn error_statistic(&self, truth: &[Point3<f64>]) -> Result<Consistency, Error> {
-        let (found, expected) = (truth.len(), self.live.len());
-        if found != expected {
-            return Err(Error::Length {
-                what: "truth",
-                found,
-                expected,
-            });
-        }
-        check_points("truth", truth)?;
+        self.check_truth(truth)?;
         let values = self.values(&self.information, &self.weights());
         let along = |axis: usize| {
             let error: Vec<f64> = self
@@ -135,7 +236,7 @@ impl Filter {
             let pulled = self.system.pattern.multiply(&values, &error);
             error.iter().zip(&pulled).map(|(e, p)| e * p).sum::<f64>()
         };
-        Ok(Consistency::new((0..3).map(along).sum(), 3 * expected))
+        Ok(Consistency::new((0..3).map(along).sum(), 3 * truth.len()))
     }
 
     /// What the last step left of each of its observations, in the standard deviations that an honest residual has:

@@ -21,6 +21,7 @@ use crate::observability::Observability;
 use crate::observation::{Frame, Seen};
 use crate::options::{Motion, Options};
 use crate::problem::Warm;
+use crate::project::Status;
 use crate::report::StepReport;
 use crate::rotation::clean;
 use crate::shape_prior::{Relaxed, ShapePrior, fit_rotations};
@@ -39,8 +40,8 @@ use crate::{Error, columns};
 /// The shape prior of a surface graph resists stretch and, by the overlap of neighbouring rotations, bending over about two edges. A
 /// hollow shell that is unseen on one half keeps that half's bulge only as well as that; edges through the body stiffen it.
 ///
-/// Covariances are those of the linearised model: they take the predicted motion and the fitted rotations for given. See
-/// [`Filter::innovation_statistic`] and [`Filter::error_statistic`] for how honest that is on your data.
+/// Covariances are those of the linearised model: they take the predicted motion and the fitted rotations for given, but for [`Filter::marginal_sigmas`], which adds
+/// what is not known of the rotations. See [`Filter::innovation_statistic`], [`Filter::error_statistic`] and [`Filter::calibration`] for how right that is on your data.
 pub struct Filter {
     pub(crate) options: Options,
     pub(crate) graph: Graph,
@@ -193,15 +194,24 @@ impl Filter {
     }
 
     /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape prior and the
-    /// anchor together. A constraint does not lower it (a resting vertex is known better along the normal than this says).
+    /// anchor together, and what is not known of the turns of hidden parts. A constraint does not lower it (a resting vertex is known better along the normal
+    /// than this says).
     ///
     /// # Errors
     /// As [`Filter::step`], after stiffness or options that leave the information matrix unusable.
     ///
     /// # Complexity
-    /// One factorisation and one selected inverse, together about two linear updates.
+    /// One factorisation and one selected inverse, together about two linear updates; with [`Motion::Spread`] two factorisations and 96 solves more.
     pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
-        Ok(self.variances()?.into_iter().map(f64::sqrt).collect())
+        let weights = self.weights();
+        let values = self.values(&self.information, &weights);
+        let turned = self.turn_variances(&values, &weights)?;
+        let given = self.system.variances(&values)?;
+        Ok(given
+            .iter()
+            .zip(turned)
+            .map(|(a, b)| (a + b).sqrt())
+            .collect())
     }
 
     pub(crate) fn variances(&self) -> Result<Vec<f64>, Error> {
@@ -246,6 +256,13 @@ impl Filter {
             iterations: update.relaxed.iterations,
             last_move: update.relaxed.last_move,
             ..constrained.report.clone()
+        };
+        let report = match report.status {
+            Status::Free if frame.observations.is_empty() => StepReport {
+                status: Status::Unobserved,
+                ..report
+            },
+            _ => report,
         };
         // From here on nothing can fail.
         self.rotations = rotations;

@@ -30,8 +30,9 @@ mod rows;
 mod selected_inverse;
 mod shape_prior;
 mod system;
+mod turning;
 
-pub use consistency::{Consistency, Verdict};
+pub use consistency::{Calibration, Consistency, Coverage, Verdict};
 pub use error::Error;
 pub use filter::Filter;
 pub use nalgebra;

@@ -37,6 +37,8 @@ const NEAR: f64 = 1e-3;
 pub enum Status {
     /// Nothing was violated: the estimate is the unconstrained one.
     Free,
+    /// Nothing was observed and nothing violated: the estimate is the prediction, and as uncertain as that.
+    Unobserved,
     /// Constraints hold and the estimate is the nearest that keeps them.
     Constrained,
     /// The linearised contacts had not settled: planes and inequalities hold, a contact may lack some separation

@@ -153,15 +153,36 @@ impl System {
         Ok(entries)
     }
 
+    /// [`System::solve`] with the matrix of these lower-triangle values and memory of its own.
+    pub fn solve_once(&self, values: &[f64], rhs: &mut [f64]) -> Result<(), Error> {
+        let (blocks, _) = parts(&self.symbolic)?;
+        let scratch = numeric_scratch(blocks).or(self.solve_scratch());
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
+        let stack = MemStack::new(&mut memory);
+        let factor = numeric(blocks, &self.permuted, values, stack)?;
+        self.solve_in(&factor, rhs, stack);
+        Ok(())
+    }
+
     /// Replaces the columns of `rhs` (column-major, as many as fit) by `S⁻¹` of them.
     pub fn solve(&mut self, factor: &Factor, rhs: &mut [f64]) {
+        let mut memory = std::mem::replace(&mut self.memory, MemBuffer::new(StackReq::EMPTY));
+        self.solve_in(factor, rhs, MemStack::new(&mut memory));
+        self.memory = memory;
+    }
+
+    fn solve_in(&self, factor: &Factor, rhs: &mut [f64], stack: &mut MemStack) {
         let size = self.pattern.size();
         let llt = LltRef::new(&self.symbolic, &factor.0);
         for slice in rhs.chunks_mut(size * WIDTH) {
             let columns = slice.len() / size;
             let view = MatMut::from_column_major_slice_mut(slice, size, columns);
-            llt.solve_in_place_with_conj(Conj::No, view, Par::Seq, MemStack::new(&mut self.memory));
+            llt.solve_in_place_with_conj(Conj::No, view, Par::Seq, stack);
         }
+    }
+
+    fn solve_scratch(&self) -> StackReq {
+        self.symbolic.solve_in_place_scratch::<f64>(WIDTH, Par::Seq)
     }
 }
 

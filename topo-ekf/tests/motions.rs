@@ -14,7 +14,7 @@ use std::f64::consts::PI;
 
 use common::{Noise, ellipsoid, mean_error, sheet};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
-use topo_ekf::{Filter, Frame, Observation, Options, Plane, Status};
+use topo_ekf::{Calibration, Filter, Frame, Observation, Options, Plane, Status};
 
 type Seen<'a> = dyn Fn(&[Point3<f64>], f64) -> Vec<bool> + 'a;
 
@@ -46,6 +46,7 @@ impl Motion<'_> {
             offset: -self.table,
         }];
         let mut noise = Noise(1);
+        let mut inside = Calibration::default();
         let mut nearest = self.rest.clone();
         let mut before = self.rest.clone();
         let mut sums = Errors {
@@ -80,12 +81,19 @@ impl Motion<'_> {
                 );
             }
             nearest = followed(&nearest, &truth, &before, &seen);
+            inside = inside.and(filter.calibration(&truth).unwrap());
             let hidden = mean_error(filter.live(), &truth, |i| !seen[i]);
             sums.hidden += hidden / self.frames as f64;
             sums.worst = sums.worst.max(hidden);
             sums.nearest += mean_error(&nearest, &truth, |i| !seen[i]) / self.frames as f64;
             before = truth;
         }
+        println!(
+            "inside their 95 % balls: hidden {:.3}, seen {:.3}",
+            inside.hidden.share(),
+            inside.seen.share()
+        );
+        assert!(inside.hidden.share() > 0.9 && inside.seen.share() > 0.95);
         sums
     }
 

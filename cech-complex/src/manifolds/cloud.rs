@@ -1,6 +1,7 @@
 //! Clouds: random or ε-net, with noise, and how densely they cover their surface.
 
 use super::Manifold;
+use crate::farthest_points;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use rand::{Rng, SeedableRng};
@@ -41,7 +42,8 @@ impl Manifold {
     /// `O(count²)`, 0.1 s for 2,000 points.
     pub fn net(&self, count: usize, seed: u64) -> OrientedCloud {
         let dense = self.uniform(OVERSAMPLING * count, seed);
-        let chosen = farthest_points(&dense.points, count);
+        // Samples are finite.
+        let chosen = farthest_points(&dense.points, count).unwrap_or_default();
         OrientedCloud {
             points: chosen.iter().map(|&i| dense.points[i]).collect(),
             normals: chosen.iter().map(|&i| dense.normals[i]).collect(),
@@ -138,26 +140,6 @@ impl OrientedCloud {
         }
         self
     }
-}
-
-/// Greedy ε-net: indices of `count` points, the first one first, then always the point farthest from those chosen.
-pub fn farthest_points(points: &[Point3<f64>], count: usize) -> Vec<usize> {
-    let mut distance = vec![f64::INFINITY; points.len()];
-    let mut chosen = Vec::with_capacity(count.min(points.len()));
-    let mut next = 0;
-    while chosen.len() < count.min(points.len()) {
-        chosen.push(next);
-        let centre = points[next];
-        let mut farthest = (0, -1.0);
-        for (i, (point, known)) in points.iter().zip(&mut distance).enumerate() {
-            *known = known.min((point - centre).norm_squared());
-            if *known > farthest.1 {
-                farthest = (i, *known);
-            }
-        }
-        next = farthest.0;
-    }
-    chosen
 }
 
 /// Standard normal (Box and Muller).

@@ -27,6 +27,13 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
+    pub(crate) fn plural(self) -> &'static str {
+        match self {
+            Self::Metres => "metres",
+            Self::Millimetres => "millimetres",
+        }
+    }
+
     /// Metres in one unit.
     pub fn in_metres(self) -> f64 {
         match self {
@@ -70,6 +77,9 @@ impl fmt::Display for UnitSource {
 /// Median distances of at least this many units are millimetres.
 const MILLIMETRES_FROM: f64 = 20.0;
 
+/// Median distances of a depth image, m: what lies outside has another unit than it was said to have. (Clouds may be in any frame.)
+const RANGES: std::ops::Range<f64> = 0.02..20.0;
+
 /// Points as a depth camera saw them, in metres.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
@@ -100,8 +110,8 @@ impl Scan {
     /// it is given.
     ///
     /// # Errors
-    /// Another encoding, an image that contradicts itself or has another size than the camera, or a camera
-    /// without focal lengths.
+    /// Another encoding, an image that contradicts itself or has another size than the camera, a camera
+    /// without focal lengths, or [`Error::DepthUnit`].
     pub fn from_depth(
         image: &Image,
         info: &CameraInfo,
@@ -129,13 +139,26 @@ impl Scan {
             );
             return Err(Error::BadImage { reason });
         }
-        Ok(Self::of_depths(depths, &intrinsics(info)?, unit))
+        Self::of_depths(depths, &intrinsics(info)?, unit)
     }
 
     /// Takes in a rectified depth image that did not come in a message. Point i is that of pixel row · width + column.
     ///
     /// # Errors
-    /// Image and camera of different size.
+    /// Image and camera of different size, or [`Error::DepthUnit`].
+    ///
+    /// ```
+    /// use dvrk_io::Error;
+    /// use dvrk_io::depth::{DepthImage, Intrinsics, Scan};
+    ///
+    /// let camera = Intrinsics::new(2, 1, [500.0; 2], [0.5, 0.0])?;
+    /// let scan = Scan::from_image(&DepthImage::from_units(2, 1, &[400, 410], 0.001)?, &camera)?;
+    /// assert!((scan.points()[1].z - 0.41).abs() < 1e-6);
+    /// // Millimetres, taken for metres.
+    /// let wrong = Scan::from_image(&DepthImage::from_metres(2, 1, &[400.0, 410.0])?, &camera);
+    /// assert!(matches!(wrong, Err(Error::DepthUnit { .. })));
+    /// # Ok::<(), Error>(())
+    /// ```
     pub fn from_image(image: &DepthImage, camera: &Intrinsics) -> Result<Self, Error> {
         let (width, height) = (camera.width(), camera.height());
         if (image.width(), image.height()) != (width, height) {
@@ -148,11 +171,7 @@ impl Scan {
         let row = |row| (0..width).map(move |column| image.depth(column, row));
         let depths = (0..height).flat_map(row);
         let metres = (LengthUnit::Metres, UnitSource::Given);
-        Ok(Self::of_depths(
-            depths.map(Option::unwrap_or_default),
-            camera,
-            Some(metres),
-        ))
+        Self::of_depths(depths.map(Option::unwrap_or_default), camera, Some(metres))
     }
 
     /// Depths row by row; zero and below where nothing was measured, as behind the camera there is nothing.
@@ -160,7 +179,7 @@ impl Scan {
         depths: impl IntoIterator<Item = f64>,
         camera: &Intrinsics,
         unit: Option<(LengthUnit, UnitSource)>,
-    ) -> Self {
+    ) -> Result<Self, Error> {
         let width = camera.width();
         let point = |(index, depth): (usize, f64)| {
             let (column, row) = (index % width, index / width);
@@ -168,7 +187,14 @@ impl Scan {
             camera.back_project(column as f64, row as f64, depth)
         };
         let points = depths.into_iter().enumerate().map(point).collect();
-        Self::of(points, None, [width, camera.height()], unit)
+        let scan = Self::of(points, None, [width, camera.height()], unit);
+        match median_range(&scan.points) {
+            Some(median) if !RANGES.contains(&median) => {
+                let unit = scan.unit;
+                Err(Error::DepthUnit { median, unit })
+            }
+            _ => Ok(scan),
+        }
     }
 
     fn of(
@@ -223,18 +249,21 @@ pub(super) fn is_measured(point: &Point3<f64>) -> bool {
     point.iter().all(|value| value.abs() < FARTHEST) && *point != Point3::origin()
 }
 
-fn unit_by_range(points: &[Point3<f64>]) -> LengthUnit {
+/// The median distance of what was measured.
+fn median_range(points: &[Point3<f64>]) -> Option<f64> {
     let measured = points.iter().filter(|point| is_measured(point));
     let mut ranges: Vec<f64> = measured.map(|point| point.coords.norm()).collect();
     let middle = ranges.len() / 2;
-    if middle >= ranges.len() {
-        return LengthUnit::Metres;
-    }
-    let (_, median, _) = ranges.select_nth_unstable_by(middle, f64::total_cmp);
-    if *median < MILLIMETRES_FROM {
-        LengthUnit::Metres
-    } else {
-        LengthUnit::Millimetres
+    (middle < ranges.len()).then(|| {
+        let (_, median, _) = ranges.select_nth_unstable_by(middle, f64::total_cmp);
+        *median
+    })
+}
+
+fn unit_by_range(points: &[Point3<f64>]) -> LengthUnit {
+    match median_range(points) {
+        Some(median) if median >= MILLIMETRES_FROM => LengthUnit::Millimetres,
+        _ => LengthUnit::Metres,
     }
 }
 

@@ -76,18 +76,28 @@ impl CoveragePlanner {
         options: &PlanOptions,
         mut refused: Vec<RefusedSet>,
     ) -> Result<Result<Plan, NoPlan>, Error> {
-        let Ranked { sets, coverage, .. } =
-            match grip_planner::plan_grips(model, scene, &options.grips) {
-                Ok(ranked) => ranked,
-                Err(Refusal::NoGrips { accepted, rejected }) => {
-                    return Ok(Err(NoPlan::NoGrips { accepted, rejected }));
-                }
-                Err(refusal) => return Err(refusal.into()),
-            };
+        let Ranked {
+            sets,
+            candidates,
+            coverage,
+        } = match grip_planner::plan_grips(model, scene, &options.grips) {
+            Ok(ranked) => ranked,
+            Err(Refusal::NoGrips { accepted, rejected }) => {
+                return Ok(Err(NoPlan::NoGrips { accepted, rejected }));
+            }
+            Err(refusal) => return Err(refusal.into()),
+        };
         for set in self.in_order(&sets) {
             for set in [set.clone(), set.without_support()] {
                 match grip_planner::plan_set(model, scene, &set, &coverage, options) {
-                    Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),
+                    Ok(plan) => {
+                        let rejected = candidates.rejected;
+                        return Ok(Ok(Plan {
+                            refused,
+                            rejected,
+                            ..plan
+                        }));
+                    }
                     Err(Refusal::Input(error)) => return Err(error.into()),
                     Err(reason) => refused.push(refused_set(&set, reason)),
                 }

@@ -4,12 +4,11 @@ use std::io::{self, Write};
 
 use grip_planner::nalgebra::{Point3, Vector3};
 use grip_planner::{
-    Grip, GripSet, Model, Plan, Ranked, Reason, Refusal, Role, missing_vector_area,
+    Grip, GripSet, Model, Plan, Ranked, Reason, Refusal, Role, Surface, missing_vector_area,
 };
 use serde_json::{Value, json};
 
 use crate::arguments::Arguments;
-use crate::surface::Surface;
 
 /// The plan of a set of grips, or why there is none.
 pub type Judged = Result<Plan, Refusal>;
@@ -31,11 +30,15 @@ impl Answer<'_> {
             out,
             "{}: {} vertices known, {} of them in view, {:.1} cm² ({:.0} % of the mesh, which is {})",
             self.arguments.model.display(),
-            surface.points.len(),
-            surface.seen(),
+            surface.points().len(),
+            self.in_view(),
             1e4 * surface.area(),
-            100.0 * surface.area() / surface.whole_area,
-            if surface.closed { "closed" } else { "open" },
+            100.0 * surface.area() / surface.whole_area(),
+            if surface.is_closed() {
+                "closed"
+            } else {
+                "open"
+            },
         )?;
         let m = missing_vector_area(self.model);
         let toward = m.try_normalize(0.0);
@@ -82,6 +85,10 @@ impl Answer<'_> {
         words
     }
 
+    fn in_view(&self) -> usize {
+        self.model.visible.iter().filter(|seen| **seen).count()
+    }
+
     pub fn object(&self) -> Value {
         let (surface, found) = (self.surface, &self.ranked.candidates);
         let rejected = self.rejected().into_iter();
@@ -91,11 +98,11 @@ impl Answer<'_> {
         let sets = self.ranked.sets.iter().zip(self.sets);
         json!({
             "model": self.arguments.model,
-            "vertices": surface.points.len(),
-            "in_view": surface.seen(),
+            "vertices": surface.points().len(),
+            "in_view": self.in_view(),
             "area_m2": surface.area(),
-            "mesh_area_m2": surface.whole_area,
-            "closed": surface.closed,
+            "mesh_area_m2": surface.whole_area(),
+            "closed": surface.is_closed(),
             "missing_vector_area_m2": missing_vector_area(self.model).as_slice(),
             "candidates": found.accepted.len(),
             "rejected": rejected,

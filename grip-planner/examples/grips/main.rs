@@ -6,8 +6,8 @@
 
 mod answer;
 mod arguments;
+mod extent;
 mod picture;
-mod surface;
 
 use std::process::ExitCode;
 
@@ -15,12 +15,11 @@ use answer::{Answer, Judged};
 use arguments::Arguments;
 use grip_planner::nalgebra::{Isometry3, UnitQuaternion, UnitVector3, Vector3};
 use grip_planner::{
-    Arm, GripSet, Model, Plan, PlanOptions, Plane, Ranked, Refusal, Scene, Workspace, agent_box,
-    plan_grips, plan_set,
+    Arm, GripSet, Model, Plan, PlanOptions, Plane, Ranked, Refusal, Scene, Surface, Workspace,
+    agent_box, plan_grips, plan_set,
 };
 use mesh_io::Load;
 use mesh_io::program::{self, Failure};
-use surface::{Mesh, Surface};
 
 /// No body between these diagonals, m, can be held by jaws of centimetres.
 const EXTENT: [f64; 2] = [1e-3, 10.0];
@@ -36,22 +35,22 @@ fn grips(arguments: &Arguments) -> Result<ExitCode, Failure> {
     if model.triangles().is_empty() {
         return Err(mesh_io::Error::NoFaces.in_file(path).into());
     }
-    let mesh = Mesh::from(model);
-    let (middle, diagonal) = surface::extent(&mesh.points);
-    let table = arguments.plane.unwrap_or_else(|| surface::floor(&mesh));
+    let points = model.points();
+    let (middle, diagonal) = extent::extent(points);
+    let table = arguments.plane.unwrap_or_else(|| extent::floor(points));
     let above = middle + table.normal.as_ref() * (2.5 * diagonal);
     let camera = arguments.camera.unwrap_or(above);
     if table.height(&camera) <= 0.0 {
         return Err("the camera is under the table: see --camera and --plane".into());
     }
-    let heights = mesh.points.iter().map(|p| table.height(p));
+    let heights = points.iter().map(|p| table.height(p));
     let lowest = heights.fold(f64::INFINITY, f64::min);
     if lowest < -0.05 * diagonal {
         let (path, depth) = (path.display(), mesh_io::three_digits(-lowest));
         return Err(format!("{path}: reaches {depth} m under the table: see --plane").into());
     }
-    let surface =
-        Surface::new(mesh, &camera).map_err(|error| format!("{}: {error}", path.display()))?;
+    let surface = Surface::from_mesh(points, model.triangles(), &camera)
+        .map_err(|error| format!("{}: {error}", path.display()))?;
     let arms = arms(usize::from(arguments.arms), &surface, &table)?;
     let scene = Scene {
         table,
@@ -88,7 +87,7 @@ fn grips(arguments: &Arguments) -> Result<ExitCode, Failure> {
 
 /// Arms at both ends of the longer side of the body, a third behind: their remote centres stand over the table like those of PSMs.
 fn arms(count: usize, surface: &Surface, table: &Plane) -> Result<Vec<Arm>, grip_planner::Error> {
-    let outline = agent_box(&surface.points, table)?;
+    let outline = agent_box(surface.points(), table)?;
     let foot = table.foot(&outline.center);
     let [long, short, up] = outline.axes.map(UnitVector3::into_inner);
     let far = 0.2 + outline.half_extents.x;

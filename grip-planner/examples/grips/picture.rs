@@ -3,9 +3,7 @@
 use std::fmt::Write as _;
 
 use grip_planner::nalgebra::{Point3, UnitVector3, Vector3};
-use grip_planner::{Plan, Ranked, Role, Scene};
-
-use crate::surface::Surface;
+use grip_planner::{Plan, Ranked, Role, Scene, Surface};
 
 const WIDTH: f64 = 900.0;
 const HEIGHT: f64 = 700.0;
@@ -64,7 +62,7 @@ struct View {
 
 impl View {
     fn new(scene: &Scene, surface: &Surface, tips: &[Vec<Point3<f64>>]) -> Self {
-        let (middle, _) = crate::surface::extent(&surface.points);
+        let (middle, _) = crate::extent::extent(surface.points());
         let forward =
             UnitVector3::try_new(middle - scene.camera, 1e-12).unwrap_or(-scene.table.normal);
         // The picture's x is level; seen from straight above, it is one of the table's axes.
@@ -78,7 +76,7 @@ impl View {
             scale: 1.0,
         };
         let all: Vec<[f64; 2]> = surface
-            .points
+            .points()
             .iter()
             .chain(tips.iter().flatten())
             .map(|p| view.project(p))
@@ -110,17 +108,17 @@ impl View {
 /// Far ones first; bright where they face the camera, orange where the grips command them.
 fn triangles(svg: &mut String, surface: &Surface, scene: &Scene, view: &View, coverage: &[f64]) {
     let mut order: Vec<(f64, &[u32; 3])> = surface
-        .triangles
+        .triangles()
         .iter()
         .map(|t| {
-            let sum: Vector3<f64> = t.iter().map(|&v| surface.points[v as usize].coords).sum();
+            let sum: Vector3<f64> = t.iter().map(|&v| surface.points()[v as usize].coords).sum();
             ((sum / 3.0 - scene.camera.coords).norm(), t)
         })
         .collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0));
     let share = |v: u32| coverage.get(v as usize).copied().unwrap_or(0.0);
     for (_, t) in order {
-        let [a, b, c] = t.map(|v| surface.points[v as usize]);
+        let [a, b, c] = t.map(|v| surface.points()[v as usize]);
         let normal = (b - a)
             .cross(&(c - a))
             .try_normalize(0.0)
