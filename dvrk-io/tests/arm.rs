@@ -336,6 +336,46 @@ fn hold_stops_a_line_and_a_trajectory() {
     }
 }
 
+/// What an arm reports lags behind what it was sent: after a hold the next line starts where the arm will be, without a jump back, and the
+/// set-points that are still on their way are no divergence.
+#[test]
+fn a_line_goes_on_after_a_hold() {
+    for pause in [0.0, 0.01, 0.03, 0.3, 1.0] {
+        let world = World::default();
+        // Less than the way of one tick at this speed.
+        let divergence = Tolerance {
+            length: 2e-4,
+            angle: 0.02,
+        };
+        let mut arm = world.ready(ArmOptions::default().with_divergence(divergence));
+        let goal = shifted(&arm, 0.04, 0.0, 0.0);
+        arm.start_line(&goal, 0.05).unwrap();
+        let run = |arm: &mut Arm, time: f64| {
+            for _ in 0..(time * 100.0).round() as usize {
+                world.bus.advance(seconds(0.01));
+                arm.tick();
+            }
+        };
+        run(&mut arm, 0.5);
+        setpoints(&world);
+        arm.hold();
+        run(&mut arm, pause);
+        arm.start_line(&goal, 0.05).unwrap();
+        arm.wait(seconds(5.0)).unwrap();
+        let sent = setpoints(&world);
+        let left: Vec<f64> = sent
+            .iter()
+            .map(|(_, tip, _)| apart(tip, &goal.0).0)
+            .collect();
+        assert!(
+            left.windows(2).all(|two| two[1] < two[0] + 1e-9),
+            "{pause}: {left:?}"
+        );
+        assert!(left.windows(2).all(|two| two[0] - two[1] < 1e-3), "{pause}");
+        assert!(left.last().is_some_and(|last| *last < 1e-6));
+    }
+}
+
 #[test]
 fn a_simulator_is_understood_too() {
     let world = World::new(ServeOptions::default().with_dialect(Dialect::Simulator));

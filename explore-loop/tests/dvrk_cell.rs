@@ -87,6 +87,12 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
     for check in preflight.checks() {
         assert!(check.found.is_ok(), "{check}");
     }
+    let table = preflight
+        .checks()
+        .iter()
+        .find(|check| check.what == "table");
+    let table = table.unwrap().found.clone().unwrap();
+    assert!(table.starts_with("given, 0.550 m") && table.contains("% of what is seen on it"));
     assert!(!world.is_powered(0) && !world.is_powered(1));
     let mut cell = world.start(preflight);
     assert!(world.is_powered(0) && world.is_powered(1));
@@ -145,7 +151,7 @@ max_angle = 0
 "#;
 
 #[test]
-fn calibration_and_limits_are_looked_at() {
+fn calibration_table_and_limits_are_looked_at() {
     // What is said of an arm, for a file and a calibration that lies beside it.
     let said = |what: &str, calibration: &str, home: Option<f64>| {
         let folder = tempfile::tempdir().unwrap();
@@ -183,6 +189,17 @@ fn calibration_and_limits_are_looked_at() {
     let other = CALIBRATION.replace("depth_optical", "color_optical");
     let other = said("PSM1, calibration", &other, None).unwrap_err();
     assert!(other.contains("camera_color_optical_frame"), "{other}");
+    let world = World::with(|file| file.table = None);
+    let preflight = world.preflight();
+    let table = preflight
+        .checks()
+        .iter()
+        .find(|check| check.what == "table");
+    let table = table.unwrap().found.clone().unwrap();
+    assert!(
+        table.starts_with("found, 0.550 m") && table.contains("% of"),
+        "{table}"
+    );
     let limits = said("PSM1, limits", CALIBRATION, None).unwrap();
     assert!(
         limits.contains("50 mm/s") && limits.contains("1.0 m/s²"),

@@ -260,8 +260,10 @@ fn until_a_jaw_holds(served: &Served, jaws: &mut Jaws, out: &Path) -> (Child, (u
             .spawn()
             .unwrap();
         while robot.try_wait().unwrap().is_none() {
-            // Neither open nor closed, and at rest: before they are powered, arms say an angle of 0.
-            let [then, now] = [jaws.angles(), jaws.angles()];
+            // Neither open nor closed, and at rest for a second: before they are powered, arms say an angle of 0.
+            let then = jaws.angles();
+            std::thread::sleep(Duration::from_secs(1));
+            let now = jaws.angles();
             let rests = |jaw: &usize| (0.1..0.5).contains(&now[*jaw]) && then[*jaw] == now[*jaw];
             if let Some(jaw) = (0..now.len()).find(rests) {
                 return (robot, (jaw, now[jaw]));

@@ -361,7 +361,7 @@ const CELL: [&str; 2] = ["--cell", "CELL.toml"];
 fn the_object_is_found_in_images_and_clouds_of_every_kind() {
     let depths = depths(APART);
     let with_arms = |camera: Vec<Topic<'_>>| file(&[camera, arms(APART)].concat_topics());
-    let table = "the table 0.550 m before the camera";
+    let table = "the table 0.550 m before the camera with 9";
     let millimetres = ["millimetres by the encoding", table];
     shows_the_ball(
         &replay(&with_arms(images(&depths, "16UC1")), &CELL),

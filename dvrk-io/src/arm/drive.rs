@@ -122,6 +122,7 @@ impl Arm {
         let now = self.transport.now();
         let pose = frames.command(&self.options.kinematics, goal);
         self.feedback.forget_goal();
+        self.monitor.clear();
         self.sent.tip = None;
         self.commands.move_to(now, &frames.reference, &pose)?;
         let states = self.feedback.said().states;
@@ -200,9 +201,6 @@ impl Arm {
     }
 
     fn begin(&mut self, motion: Motion) {
-        if self.motion.is_none() {
-            self.monitor.clear();
-        }
         self.last_stop = None;
         self.motion = Some(motion);
     }
@@ -215,8 +213,9 @@ impl Arm {
             self.note(now, sent);
         }
         self.motion = None;
-        self.monitor.clear();
-        if stop != Stop::Arrived {
+        // An arm that is held stays where it was sent last: what it reports may lag behind that for some time.
+        if !matches!(stop, Stop::Arrived | Stop::Held) {
+            self.monitor.clear();
             self.sent = LastSent::default();
         }
         self.last_stop = Some(stop.clone());
@@ -252,11 +251,12 @@ impl Arm {
             return Err(self.stopped(Stop::Blocked { distance, angle }));
         }
         let reported = frames.tip(&self.options.kinematics, &setpoint.value.pose);
-        let near = |sent: &RcmFromTip| {
-            let apart = super::line::apart(&sent.0, &reported.0);
-            self.options.divergence.holds(apart)
-        };
-        let start = in_flight(self.sent.tip, now).filter(near);
+        // On the way that was sent, it will come to the end of it.
+        let on_its_way = self
+            .monitor
+            .off(&setpoint.value.pose, self.options.divergence)
+            .is_none();
+        let start = in_flight(self.sent.tip, now).filter(|_| on_its_way);
         let start = start.unwrap_or(reported);
         let near = self.joints().map_or([0.0; 6], |joints| joints.value);
         let kinematics = &self.options.kinematics;

@@ -4,7 +4,8 @@
 //! off(t) = min over the goals sent in [t − window, t] of  apart(setpoint(t), goal)
 //! ```
 //! A set-point that lags by less than the window is on the path that was sent; one that was clipped, dropped, or set by
-//! somebody else is not. Goals older than the window are forgotten, except for the last one.
+//! somebody else is not. Goals older than the window are forgotten, except for the last one; those of a motion that was held, or has arrived, are
+//! not forgotten sooner: the set-point may still be on its way to them when the next motion starts.
 
 use std::collections::VecDeque;
 use std::time::Duration;

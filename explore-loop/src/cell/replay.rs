@@ -118,6 +118,14 @@ impl ReplayCell {
         }
     }
 
+    /// Which share of the last scan, without arms, lay on the table; nothing where the object was recorded.
+    pub fn on_table(&self) -> Option<f64> {
+        match &self.frames {
+            Source::Memory(_) | Source::File(_) => None,
+            Source::Scans(frames) => frames.on_table(),
+        }
+    }
+
     /// The unit of the last scan, and how it was told; nothing where the object was recorded.
     pub fn unit(&self) -> Option<(LengthUnit, UnitSource)> {
         match &self.frames {

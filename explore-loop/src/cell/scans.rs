@@ -162,6 +162,10 @@ impl ObjectFrames {
         self.scans.skipped()
     }
 
+    pub fn on_table(&self) -> Option<f64> {
+        self.eye.on_table()
+    }
+
     pub fn unit(&self) -> Option<(LengthUnit, UnitSource)> {
         self.unit
     }

@@ -22,6 +22,8 @@ const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 pub(super) struct Eye {
     options: ObjectOptions,
     table: Option<Plane>,
+    /// Which share of what was seen last, without arms, lay on it.
+    on_table: Option<f64>,
     seed: Option<Point3<f64>>,
 }
 
@@ -44,6 +46,7 @@ impl Eye {
         Self {
             options,
             table,
+            on_table: None,
             seed,
         }
     }
@@ -51,6 +54,11 @@ impl Eye {
     /// The table, once it is known.
     pub fn table(&self) -> Option<Plane> {
         self.table
+    }
+
+    /// Which share of what was seen last, without arms, lay on the table.
+    pub fn on_table(&self) -> Option<f64> {
+        self.on_table
     }
 
     /// # Errors
@@ -68,6 +76,7 @@ impl Eye {
                         normal: object.table.normal,
                         offset: object.table.offset,
                     });
+                    self.on_table = Some(object.table.inlier_share);
                     self.seed = middle(&object.points).or(self.seed);
                     return Ok(Seen {
                         features: features(scan, &object, arms),

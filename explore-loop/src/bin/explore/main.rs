@@ -8,6 +8,7 @@ mod object;
 mod output;
 mod pace;
 mod recorder;
+mod recording;
 mod replay;
 #[cfg(feature = "dvrk")]
 mod robot;

@@ -1,17 +1,17 @@
 //! `explore replay`: the canonical model from a recording.
 
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, mm, table};
+use crate::recording::Recording;
 use crate::without::{Part, names, refuse};
 use crate::{Failure, Features, ReplayArgs};
-use dvrk_io::session::{Role, SessionReader, Skipped, TopicCount};
+use dvrk_io::session::{SessionReader, Skipped};
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::{self, Topology};
-use explore_loop::cell::replay::{ReplayCell, ScanOptions};
+use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::measure::{
     Measurer, MeshReport, PixelTracks, TrackComparison, TrackErrors, TrueSurface,
 };
-use explore_loop::nalgebra::Point3;
 use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
@@ -63,18 +63,11 @@ impl<'a> Replay<'a> {
     /// Opens the recording, and says what it lacks.
     fn open(args: &'a ReplayArgs) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| of_file(&args.session, error);
-        let scans = Scanned::of(args)?;
-        let topics = scans.iter().flat_map(|scans| &scans.topics);
-        let mut reader = SessionReader::default();
-        for (role, topic) in topics.chain(&args.topics) {
-            reader = reader.with_topic(role.clone(), topic);
-        }
+        let recording = Recording::of(args)?;
+        let reader = recording.reader(args);
         let out = OutputFolder::create(&args.results.out)?;
         let started = Instant::now();
-        let cell = match scans {
-            None => frames(&reader, &args.session),
-            Some(scans) => found(&reader, &args.session, scans.options),
-        };
+        let cell = recording.cell(&reader, &args.session);
         let cell = cell.map_err(|e| wrong(&e))?;
         remark(args.results.output(), &cell);
         let truth =
@@ -263,74 +256,6 @@ fn tracks(args: &ReplayArgs) -> Result<Option<TrackComparison>, Failure> {
     Ok(Some(comparison.map_err(|error| of_file(path, error))?))
 }
 
-/// The recording as frames of the object.
-fn frames(reader: &SessionReader, path: &Path) -> Result<ReplayCell, String> {
-    let session = reader.frames(path).map_err(|error| error.to_string())?;
-    if session.stamps().len() == 0 {
-        return Err(without_clouds(session.topics()));
-    }
-    ReplayCell::streamed(session).map_err(|error| error.to_string())
-}
-
-/// The recording as scans of everything, in which the object is found.
-fn found(reader: &SessionReader, path: &Path, options: ScanOptions) -> Result<ReplayCell, String> {
-    let scans = reader.scans(path).map_err(|error| error.to_string())?;
-    if scans.stamps().len() == 0 {
-        return Err(without_clouds(scans.topics()));
-    }
-    ReplayCell::of_scans(scans, options).map_err(|error| error.to_string())
-}
-
-/// How the object is found in what a camera saw, and where that was recorded.
-#[derive(Default)]
-struct Scanned {
-    topics: Vec<(Role, String)>,
-    options: ScanOptions,
-}
-
-impl Scanned {
-    /// Nothing where the object was recorded.
-    fn of(args: &ReplayArgs) -> Result<Option<Self>, Failure> {
-        let known = Self::of_cell(args)?;
-        let scanned = known.or(args.find_object.then(Self::default));
-        let seed = args.seed_point.map(Point3::from);
-        Ok(scanned.map(|scanned| Self {
-            options: scanned.options.with_seed(seed),
-            ..scanned
-        }))
-    }
-
-    #[cfg(not(feature = "dvrk"))]
-    #[allow(
-        clippy::unnecessary_wraps,
-        reason = "a file of a cell can be wrong, where there is one"
-    )]
-    fn of_cell(_: &ReplayArgs) -> Result<Option<Self>, Failure> {
-        Ok(None)
-    }
-
-    #[cfg(feature = "dvrk")]
-    fn of_cell(args: &ReplayArgs) -> Result<Option<Self>, Failure> {
-        use explore_loop::cell::dvrk::CellFile;
-
-        let Some(path) = &args.cell else {
-            return Ok(None);
-        };
-        let file = CellFile::load(path)?;
-        let camera = &file.camera;
-        let named = [
-            (Role::Points, &camera.cloud),
-            (Role::Depth, &camera.image),
-            (Role::CameraInfo, &camera.info),
-        ];
-        let named = named.into_iter();
-        let topics = named.filter_map(|(role, topic)| Some((role, topic.clone()?)));
-        let topics = topics.collect();
-        let options = file.scan_options().map_err(|error| error.to_string())?;
-        Ok(Some(Self { topics, options }))
-    }
-}
-
 /// Nothing seen yet, with the options of the command line.
 fn reconstructor(args: &ReplayArgs) -> Result<Box<dyn Reconstruct>, Failure> {
     let features = match args.features {
@@ -379,38 +304,13 @@ fn against(tracks: &TrackErrors) -> String {
     )
 }
 
-/// Why there are no frames, and what may be meant instead.
-fn without_clouds(topics: &[TopicCount]) -> String {
-    let of_type = |kind: &str| -> Vec<&str> {
-        let some = topics.iter().filter(|t| t.count > 0);
-        let named = some.filter(|t| t.type_name.ends_with(kind));
-        named.map(|t| t.topic.as_str()).collect()
-    };
-    let clouds = of_type("/PointCloud2");
-    if let (Some(image), Some(lens)) = (of_type("/Image").first(), of_type("/CameraInfo").first())
-        && clouds.is_empty()
-    {
-        return format!(
-            "no points where they were looked for; there are images on {image}: if they are of depth, say --find-object --topic depth={image} --topic camera_info={lens}"
-        );
-    }
-    if let Some(first) = clouds.first() {
-        let clouds = clouds.join(", ");
-        return format!(
-            "no points where they were looked for; there are clouds on {clouds}: say which with --topic points={first}, and --find-object if they are of everything that the camera saw"
-        );
-    }
-    let name = |t: &TopicCount| format!("{} ({})", t.topic, t.type_name);
-    let all: Vec<String> = topics.iter().map(name).collect();
-    format!("no point clouds; the topics are {}", all.join(", "))
-}
-
 /// Says what the recording lacks and the result will lack with it.
 fn remark(output: Output, cell: &ReplayCell) {
     if let Some((unit, source)) = cell.unit() {
-        let table = cell.info().table.offset;
+        let (table, share) = (cell.info().table.offset, cell.on_table().unwrap_or(0.0));
+        let share = 1e2 * share;
         output.note(&format!(
-            "the object is found in what the camera saw: {unit} {source}, the table {table:.3} m before the camera"
+            "the object is found in what the camera saw: {unit} {source}, the table {table:.3} m before the camera with {share:.0} % of what is seen on it"
         ));
     }
     if !cell.has_poses() {

@@ -237,8 +237,12 @@ impl Preflight {
         } else {
             "found"
         };
+        let share = self.eye.on_table().map_or_else(String::new, |share| {
+            format!(", {:.0} % of what is seen on it", 1e2 * share)
+        });
         let found = if table.offset > 0.0 {
-            Ok(format!("{whence}, {:.3} m before the camera", table.offset))
+            let offset = table.offset;
+            Ok(format!("{whence}, {offset:.3} m before the camera{share}"))
         } else {
             Err(format!("{whence} behind the camera"))
         };
