@@ -18,6 +18,8 @@ const HEIGHT_PER_RADIUS: f64 = 0.5;
 /// ```
 ///
 /// ## Lemma 1: which cylinder fits a surface
+/// (Lemma 1 of the [paper](https://doi.org/10.1177/02783649251415415), stated anew and proved.)
+///
 /// `M`: closed surface of reach `τ`; samples on it, no point of it farther than `ε` from a sample; normals off by at most `α`. Write `H = h/2`,
 /// `U(s)` for the union of the cylinders at scale `s`, `M(δ)` for the points within `δ` of `M`, and
 ///

@@ -82,7 +82,7 @@ impl NodalFit {
     }
 }
 
-/// Lemma 2 by spread: a direction counts as observed when the data along it outweigh the prior.
+/// Lemma 2 of the [paper](https://doi.org/10.1177/02783649251415415) by spread: a direction counts as observed when the data along it outweigh the prior.
 fn determinacy(spread: &Vector3<f64>, shrinkage: f64, rotation_known: bool) -> Determinacy {
     if sorted(spread)[2] >= shrinkage.max(1e-9) {
         Determinacy::Determined

@@ -1,4 +1,4 @@
-//! Algorithm 2: sets of grips, best first.
+//! Algorithm 2 of the [paper](https://doi.org/10.1177/02783649251415415): sets of grips, best first.
 //!
 //! ```text
 //! score(g) = (NSC(g) / max NSC)^(1−ω) · (suitability(g) · gain)^ω

@@ -47,7 +47,7 @@ pub struct Options {
     pub approach_distance: f64,
     /// What is left of the score for each grip that is visible but not on the boundary. Default 0.8.
     pub outline_weight: f64,
-    /// Share of the turning suitability in the score, 0 (coverage alone, the paper's Algorithm 2) to 1. Default 0.5.
+    /// Share of the turning suitability in the score, 0 (coverage alone, Algorithm 2 of the [paper](https://doi.org/10.1177/02783649251415415)) to 1. Default 0.5.
     pub turning_weight: f64,
     /// Where the distance of two lifting grips should be, as a share of the box along the axis. Default 0.4 to 0.8.
     pub spread: [f64; 2],

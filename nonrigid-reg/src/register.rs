@@ -1,4 +1,4 @@
-//! The loop: match, weigh, solve, until nothing moves (Algorithm 1).
+//! The loop: match, weigh, solve, until nothing moves (Algorithm 1 of the [paper](https://doi.org/10.1177/02783649251415415)).
 //!
 //! ```text
 //! E(u) = (1/n) Σ_p w_p |r_p + J_p Φ(u − u₀)|²                          matches: see `traits` and `defaults`
