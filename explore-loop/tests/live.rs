@@ -450,8 +450,11 @@ impl Listening {
             .local_addr()
             .unwrap()
             .port();
-        let program = Command::new(python)
-            .args(["-m", "rerun", "--port", &port.to_string(), "--save"])
+        // The script `rerun` is a parent of the program, and would leave it behind.
+        let find = "import os, rerun_cli; print(os.path.dirname(rerun_cli.__file__))";
+        let found = done(Command::new(python).args(["-c", find])).unwrap();
+        let program = Command::new(Path::new(found.trim()).join("rerun"))
+            .args(["--port", &port.to_string(), "--save"])
             .arg(file)
             .stdout(Stdio::null())
             .stderr(Stdio::null())

@@ -21,7 +21,7 @@ const SURE_COLOUR: Rgb = [60, 180, 75];
 const BETWEEN_COLOUR: Rgb = [245, 200, 60];
 const UNSURE_COLOUR: Rgb = [215, 50, 45];
 const SURE: f64 = 0.5e-3;
-const UNSURE: f64 = 10e-3;
+const UNSURE: f64 = 2.5e-3;
 
 /// Radius of a point of the cloud in spacings of the model, and of a grip, m.
 const POINT: f64 = 0.12;
@@ -141,7 +141,7 @@ fn position(camera_from_tip: &Isometry3<f64>) -> [f32; 3] {
     single(&camera_from_tip.translation.vector.into())
 }
 
-/// Colour of a standard deviation, m: green up to half a millimetre, over yellow to red at a centimetre, by its logarithm; grey where it is infinite.
+/// Colour of a standard deviation, m: green up to [`SURE`], yellow at 1.1 mm, red from [`UNSURE`] on, by its logarithm; grey where it is infinite.
 pub(super) fn certainty(sigma: f64) -> Rgb {
     if !sigma.is_finite() {
         return UNKNOWN;
@@ -175,6 +175,6 @@ mod tests {
             let (a, b) = (certainty(a), certainty(b));
             i32::from(a[1]) - i32::from(a[0]) > i32::from(b[1]) - i32::from(b[0])
         };
-        assert!(less_green(0.6e-3, 2e-3) && less_green(2e-3, 4e-3) && less_green(4e-3, 9e-3));
+        assert!(less_green(0.6e-3, 1e-3) && less_green(1e-3, 1.5e-3) && less_green(1.5e-3, 2.4e-3));
     }
 }

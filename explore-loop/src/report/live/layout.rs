@@ -10,14 +10,18 @@ use re_sdk::external::re_log_types::BlueprintActivationCommand;
 use re_sdk::log::LogMsg;
 use re_sdk::{RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId, StoreKind};
 use re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
-    ViewContents, ViewportBlueprint,
+    ContainerBlueprint, EyeControls3D, PanelBlueprint, TextLogColumns, TimePanelBlueprint,
+    ViewBlueprint, ViewContents, ViewportBlueprint,
 };
 use re_sdk_types::blueprint::components::{ContainerKind, PanelState};
+use re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind, TimelineColumn};
 use re_sdk_types::external::uuid::Uuid;
 
 /// Distance of the eye from the object in its size.
-const AWAY: f64 = 1.5;
+const AWAY: f64 = 1.0;
+
+/// Class of a view that lists texts.
+const EVENTS: &str = "TextLog";
 
 /// What is sent to the viewer.
 pub(super) struct Layout {
@@ -70,6 +74,28 @@ fn eye(middle: &Point3<f64>, size: f64, table: &Plane) -> EyeControls3D {
         .with_eye_up(single(up))
 }
 
+/// When something happened, how serious it is, and what it was.
+fn event_columns() -> TextLogColumns {
+    let times = [
+        ("frame", true),
+        ("time", true),
+        ("log_tick", false),
+        ("log_time", false),
+    ];
+    let times = times.map(|(timeline, visible)| TimelineColumn {
+        timeline: timeline.into(),
+        visible: visible.into(),
+    });
+    let texts = [TextLogColumnKind::LogLevel, TextLogColumnKind::Body];
+    let texts = texts.map(|kind| TextLogColumn {
+        kind,
+        visible: true.into(),
+    });
+    TextLogColumns::new()
+        .with_timeline_columns(times)
+        .with_text_log_columns(texts)
+}
+
 /// A view, or several side by side or one below the other.
 enum Part {
     View {
@@ -103,7 +129,7 @@ fn parts(eye: &EyeControls3D) -> Part {
         view("TimeSeries", "Share", "curves/share"),
         view("TimeSeries", "Millimetres", "curves/mm"),
         view("TimeSeries", "Milliseconds", "curves/ms"),
-        view("TextLog", "Events", "events"),
+        view(EVENTS, "Events", "events"),
     ];
     Part::Several {
         kind: ContainerKind::Vertical,
@@ -116,7 +142,7 @@ fn parts(eye: &EyeControls3D) -> Part {
             },
             Part::Several {
                 kind: ContainerKind::Horizontal,
-                shares: vec![1.0, 1.0, 1.0, 1.4],
+                shares: vec![1.0, 1.0, 1.0, 1.6],
                 parts: below,
             },
         ],
@@ -147,6 +173,11 @@ impl Writer {
                 let all = ViewContents::new([format!("/{origin}/**")]);
                 self.stream.log(path.as_str(), &view)?;
                 self.stream.log(format!("{path}/ViewContents"), &all)?;
+                if *class == EVENTS {
+                    let columns = event_columns();
+                    self.stream
+                        .log(format!("{path}/TextLogColumns"), &columns)?;
+                }
                 if let Some(eye) = eye {
                     self.stream.log(format!("{path}/EyeControls3D"), eye)?;
                 }

@@ -3,7 +3,7 @@
 //! | entity | what it shows |
 //! |---|---|
 //! | `live/cloud` | points that the camera sees, in its colours where it has some |
-//! | `live/model` | the model where it is now: each vertex green where its place is known to half a millimetre, over yellow to red where it is not known to a centimetre (one standard deviation) |
+//! | `live/model` | the model where it is now: each vertex green where its place is known to 0.5 mm, yellow where to 1.1 mm, red where not to 2.5 mm (one standard deviation), grey where that is not known |
 //! | `live/table` | the table below the object |
 //! | `live/arms/NAME` | a tool with its jaws, red while they hold something |
 //! | `live/grips` | where something is held |
