@@ -295,7 +295,9 @@ impl<'a> Recorder<'a> {
     /// Closes the session file; what was recorded stays readable whatever happened before.
     pub fn finish(mut self) -> Result<Self, Failure> {
         self.bar.finish_and_clear();
-        self.live.finish().iter().for_each(|remark| warn(remark));
+        for remark in self.live.finish() {
+            warn(&remark);
+        }
         if let Some(session) = self.session.take() {
             session.finish()?;
         }

@@ -39,7 +39,9 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     replay.out.metrics(&metrics)?;
     let rows = rows(&topology, &metrics);
     replay.report(&topology, &mesh, &metrics, &rows)?;
-    replay.live.finish().iter().for_each(|remark| warn(remark));
+    for remark in replay.live.finish() {
+        warn(&remark);
+    }
     if !args.results.quiet {
         table(args.results.output(), &rows)?;
     }
@@ -166,8 +168,9 @@ impl<'a> Replay<'a> {
     /// Shows what happened in the live view.
     fn show(&mut self, event: Event<'_>) {
         let model = self.reconstructor.model();
-        let remarks = self.live.show(event, model);
-        remarks.iter().for_each(|remark| warn(remark));
+        for remark in self.live.show(event, model) {
+            warn(&remark);
+        }
     }
 
     /// Fails where the object is in none of the frames; otherwise says what of the recording could not be read.
