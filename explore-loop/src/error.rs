@@ -64,6 +64,13 @@ pub enum Error {
     /// A session could not be read or written.
     #[error("session: {0}")]
     Session(#[from] dvrk_io::Error),
+    /// The live view cannot be opened.
+    #[cfg(feature = "rerun")]
+    #[error("live view: {reason}")]
+    LiveView {
+        /// Why not.
+        reason: String,
+    },
     /// A run cannot go on from what was saved of it.
     #[error("cannot resume: {reason}")]
     Resume {

@@ -105,6 +105,19 @@ fn a_wrong_command_line_is_refused() {
     );
 }
 
+/// Without the feature `rerun` the option is known, and says what is missing; with it see the test `live`.
+#[cfg(not(feature = "rerun"))]
+#[test]
+fn a_live_view_that_was_not_built_says_how_to_build_it() {
+    for arguments in [
+        &["run", "--live"][..],
+        &["run", "--live=file"],
+        &["replay", "a.mcap", "--live=127.0.0.1:9876"],
+    ] {
+        refuses(arguments, 2, &["--live", "--features rerun"]);
+    }
+}
+
 #[test]
 fn an_unknown_scene_is_refused() {
     let names = [&["teapot"][..], &explore_loop::cell::sim::SCENES].concat();

@@ -445,3 +445,27 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
         assert!(followed || model.live == before.live, "{jump} m");
     }
 }
+
+/// A body that is turned half way: what the last frame measured is known better than what has turned away, and asking changes nothing.
+#[test]
+fn what_is_seen_is_known_better_than_what_is_hidden() {
+    let (mut asked, mut left_alone) = (reconstructor(), reconstructor());
+    assert!(asked.uncertainty().is_none(), "nothing was seen yet");
+    let mut measured = Vec::new();
+    for (_, observation) in film() {
+        measured = asked.process(&observation, &table()).unwrap().measured;
+        left_alone.process(&observation, &table()).unwrap();
+        let sigmas = asked.uncertainty().unwrap();
+        assert_eq!(sigmas.len(), asked.model().len());
+        assert!(sigmas.iter().all(|s| *s > 0.0), "a deviation is positive");
+    }
+    assert!(same(asked.model(), left_alone.model()));
+    let sigmas = asked.uncertainty().unwrap();
+    let of = |seen: bool| {
+        let chosen = sigmas.iter().zip(&measured).filter(|(_, m)| **m == seen);
+        mean(chosen.map(|(s, _)| *s))
+    };
+    let [seen, hidden] = [true, false].map(of);
+    assert!(seen.is_finite() && hidden.is_finite());
+    assert!(hidden > 1.05 * seen, "{seen} m and {hidden} m");
+}

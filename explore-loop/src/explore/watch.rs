@@ -25,6 +25,9 @@ pub enum Event<'a> {
     Phase(Phase),
     /// A frame came, as the cell gave it: what is to be recorded.
     Observed(&'a Observation),
+    /// How well the places of the vertices are known after the frame that is told next: standard deviations, m, infinite where nothing is known. Told
+    /// only to a watcher that [wants](Watcher::wants_uncertainty) it, where the reconstruction estimates it.
+    Uncertainty(&'a [f64]),
     /// A frame was processed: what was left of the observation when it was cleaned, and what became of it.
     Frame(&'a Observation, &'a FrameReport),
     /// Something was wrong with a frame.
@@ -57,6 +60,11 @@ pub trait Watcher {
 
     /// Whether [`Event::State`] is to be told after every manipulation. By default not: it takes some milliseconds.
     fn wants_state(&self) -> bool {
+        false
+    }
+
+    /// Whether [`Event::Uncertainty`] is to be told with every frame. By default not: it may take as long as the frame.
+    fn wants_uncertainty(&self) -> bool {
         false
     }
 }
@@ -107,6 +115,11 @@ impl Explorer<'_> {
         }
         if let Some(report) = &report {
             let model = self.reconstructor.model();
+            if self.watcher.wants_uncertainty()
+                && let Some(sigmas) = self.reconstructor.uncertainty()
+            {
+                self.watcher.event(Event::Uncertainty(&sigmas), model)?;
+            }
             self.watcher
                 .event(Event::Frame(&judged.observation, report), model)?;
             self.latest = Some(judged.observation);

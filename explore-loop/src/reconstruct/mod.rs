@@ -21,6 +21,7 @@
 //! | `keyframe` | which frames are kept? |
 //! | `relocate` | what if it was lost and found again? |
 //! | `fuse` | what do all of them say of the rest shape? |
+//! | `uncertainty` | how well is each place known? |
 //! | `report` | what happened in the frame? |
 //! | `stage` | what does the loop ask of any reconstruction? |
 
@@ -50,6 +51,7 @@ mod relocate;
 mod report;
 mod stage;
 mod track;
+mod uncertainty;
 mod view;
 
 /// Frames of rest after which the shape is fused.

@@ -46,6 +46,12 @@ pub trait Reconstruct {
         visible(self.model(), observation, spacing)
     }
 
+    /// Standard deviation of the place of every vertex of the model now, metres, infinite where nothing is known of it; `None` (the default) if it is
+    /// not estimated.
+    fn uncertainty(&self) -> Option<Vec<f64>> {
+        None
+    }
+
     /// Stiffness over weight `E / (ρ g)` of the object, metres, if it is estimated.
     fn stiffness_over_weight(&self) -> Option<f64> {
         None
@@ -92,6 +98,10 @@ impl<R: Reconstruct + ?Sized> Reconstruct for Box<R> {
         (**self).visible_now(observation, spacing)
     }
 
+    fn uncertainty(&self) -> Option<Vec<f64>> {
+        (**self).uncertainty()
+    }
+
     fn stiffness_over_weight(&self) -> Option<f64> {
         (**self).stiffness_over_weight()
     }
@@ -120,6 +130,10 @@ impl Reconstruct for Reconstructor {
 
     fn consolidate(&mut self, table: &Plane) {
         Self::consolidate(self, table);
+    }
+
+    fn uncertainty(&self) -> Option<Vec<f64>> {
+        Self::uncertainty(self)
     }
 
     fn stiffness_over_weight(&self) -> Option<f64> {

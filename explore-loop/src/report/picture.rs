@@ -3,12 +3,10 @@
 //! A look at the model after every manipulation shows at once what numbers hide: doubled sheets, strips that bend
 //! away, holes. Views are orthographic along ±x, ±y, ±z of the given points, in one image of 3 × 2 panels.
 
+pub use super::colour::Rgb;
 use nalgebra::{Point3, Vector3};
 use std::io;
 use std::path::Path;
-
-/// An RGB colour, 0 to 255.
-pub type Rgb = [u8; 3];
 
 /// A coloured mesh or cloud to draw.
 #[derive(Debug, Clone, Copy)]

@@ -4,6 +4,7 @@
 //! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command
 //! line is wrong; 3 the surface closed but for a part that is held to the table (`run`, `robot`). Errors are one line on standard error.
 
+mod live;
 mod object;
 mod output;
 mod pace;
@@ -20,6 +21,7 @@ mod tables;
 mod view;
 mod without;
 
+use crate::live::LiveArgs;
 use crate::object::ObjectArgs;
 use crate::tables::Shard;
 use crate::without::Part;
@@ -43,6 +45,8 @@ struct ResultArgs {
     /// Also write the model as canonical.obj, .glb, .stl, .off, .pcd, .xyz or .npy
     #[arg(long, value_name = "ENDINGS", value_delimiter = ',')]
     export: Vec<Format>,
+    #[command(flatten)]
+    live: LiveArgs,
     /// Print the metrics as one JSON object
     #[arg(long)]
     json: bool,
@@ -64,6 +68,7 @@ impl Default for ResultArgs {
         Self {
             out: "explored".into(),
             export: Vec::new(),
+            live: LiveArgs::default(),
             json: false,
             quiet: false,
         }

@@ -13,7 +13,7 @@ use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::reconstruct::RestSurface;
 use explore_loop::report::html::{self, AgainstTruth, Closing, Report};
 use explore_loop::report::metrics::{Metrics, UnseenPlace};
-use explore_loop::report::{frames, picture};
+use explore_loop::report::{colour, frames, picture};
 use mesh_io::program::{Output, unless_closed};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -111,8 +111,8 @@ impl OutputFolder {
                 .filter(|b| b.is_finite())
                 .unwrap_or(0.0)
         };
-        let colours: Vec<picture::Rgb> = (0..mesh.vertices.len())
-            .map(|i| mix(at(i) / last))
+        let colours: Vec<colour::Rgb> = (0..mesh.vertices.len())
+            .map(|i| colour::first_seen(at(i) / last))
             .collect();
         let drawing = picture::Drawing {
             points: &mesh.vertices,
@@ -392,18 +392,15 @@ fn known(
     ]
 }
 
-/// First seen early: blue; late: yellow.
-fn mix(share: f64) -> picture::Rgb {
-    let early = [60.0, 110.0, 200.0];
-    let late = [250.0, 200.0, 60.0];
-    std::array::from_fn(|c| (early[c] + share * (late[c] - early[c])) as u8)
-}
-
 /// Colours of the vertices of a model by when they were first seen.
-fn colours(model: &CanonicalModel) -> Vec<picture::Rgb> {
+fn colours(model: &CanonicalModel) -> Vec<colour::Rgb> {
     let last = model.born.iter().copied().max().unwrap_or(0).max(1);
     let share = |b: &u32| f64::from(*b) / f64::from(last);
-    model.born.iter().map(|b| mix(share(b))).collect()
+    model
+        .born
+        .iter()
+        .map(|b| colour::first_seen(share(b)))
+        .collect()
 }
 
 /// Prints the closing table: a name and a value a line. Nobody may be there to read it any more: what was written to the folder counts.

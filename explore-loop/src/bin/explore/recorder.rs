@@ -1,5 +1,6 @@
 //! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
+use crate::live::Live;
 use crate::output::{FinalMesh, OutputFolder, command_line, mm};
 use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
@@ -18,6 +19,7 @@ use explore_loop::report::frames;
 use explore_loop::report::html::About;
 use explore_loop::report::metrics::{Cut, Metrics, Timing, UnseenPlace};
 use grip_planner::Plan;
+use mesh_io::program::warn;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -50,6 +52,7 @@ pub(crate) struct Recorder<'a> {
     simulated: Option<Simulated>,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
+    live: Live,
     doing: &'static str,
     pace: Pace,
     started: Instant,
@@ -66,6 +69,9 @@ impl<'a> Recorder<'a> {
         simulated: Option<Simulated>,
         interrupted: Arc<AtomicBool>,
     ) -> Result<Self, Failure> {
+        let results = &args.results;
+        let spacing = args.aim.spacing * 1e-3;
+        let live = Live::open(&results.live, out, args.resume, subject, info, spacing)?;
         // A run that goes on keeps the old recording until the new one has caught up with it.
         let mut session = SessionWriter::create(out.file(if args.resume {
             "session.mcap.part"
@@ -73,7 +79,7 @@ impl<'a> Recorder<'a> {
             "session.mcap"
         }))?;
         session.table(0.0, &info.table.normal, info.table.offset)?;
-        let bar = if args.results.quiet {
+        let bar = if results.quiet {
             indicatif::ProgressBar::hidden()
         } else {
             indicatif::ProgressBar::no_length()
@@ -90,6 +96,7 @@ impl<'a> Recorder<'a> {
             simulated,
             measurer: None,
             bar,
+            live,
             doing: "",
             pace: Pace::default(),
             started: Instant::now(),
@@ -245,6 +252,9 @@ impl<'a> Recorder<'a> {
     fn topology(&mut self, topology: &Topology, model: &CanonicalModel) -> Result<(), Error> {
         let spacing = self.args.aim.spacing * 1e-3;
         let shape = self.measurer.as_ref().map(|m| m.shape(model, spacing));
+        if let Some(shape) = &shape {
+            self.live.explored(shape.explored);
+        }
         self.so_far.shapes.push(shape.unwrap_or_default());
         self.so_far.betti.push(topology.persistent);
         self.say(&format!(
@@ -294,6 +304,9 @@ impl<'a> Recorder<'a> {
     /// Closes the session file; what was recorded stays readable whatever happened before.
     pub fn finish(mut self) -> Result<Self, Failure> {
         self.bar.finish_and_clear();
+        for remark in self.live.finish() {
+            warn(&remark);
+        }
         if let Some(session) = self.session.take() {
             session.finish()?;
         }
@@ -378,6 +391,9 @@ impl<'a> Recorder<'a> {
 impl Watcher for Recorder<'_> {
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error> {
         self.stop_if_asked()?;
+        for remark in self.live.show(event, model) {
+            self.bar.suspend(|| warn(&remark));
+        }
         match event {
             Event::Phase(phase) => {
                 self.bar.set_message(phase_words(phase));
@@ -432,6 +448,10 @@ impl Watcher for Recorder<'_> {
 
     fn wants_state(&self) -> bool {
         true
+    }
+
+    fn wants_uncertainty(&self) -> bool {
+        self.live.wants_uncertainty()
     }
 }
 

@@ -1,5 +1,6 @@
 //! `explore replay`: the canonical model from a recording.
 
+use crate::live::Live;
 use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, mm, table};
 use crate::recording::Recording;
 use crate::without::{Part, names, refuse};
@@ -9,6 +10,7 @@ use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::topology::{self, Topology};
 use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
+use explore_loop::explore::Event;
 use explore_loop::measure::{
     Measurer, MeshReport, PixelTracks, TrackComparison, TrackErrors, TrueSurface,
 };
@@ -16,7 +18,7 @@ use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, Recons
 use explore_loop::report::frames;
 use explore_loop::report::html::{About, Report};
 use explore_loop::report::metrics::{ConstraintMeasures, Cut, Metrics, Timing, UnseenPlace};
-use mesh_io::program::{Output, of_file, unless_closed};
+use mesh_io::program::{Output, of_file, unless_closed, warn};
 use std::path::Path;
 use std::time::Instant;
 
@@ -33,12 +35,16 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     replay.reconstructor.consolidate(&replay.cell.info().table);
     let topology = topology::analyse(replay.model(), replay.spacing())
         .map_err(|error| of_file(&args.session, &error))?;
+    replay.show(Event::Topology(&topology));
     let mesh = replay.mesh(&topology);
     replay.write(&mesh)?;
     let metrics = replay.metrics(&topology, &mesh)?;
     replay.out.metrics(&metrics)?;
     let rows = rows(&topology, &metrics);
     replay.report(&topology, &mesh, &metrics, &rows)?;
+    for remark in replay.live.finish() {
+        warn(&remark);
+    }
     if !args.results.quiet {
         table(args.results.output(), &rows)?;
     }
@@ -56,6 +62,7 @@ struct Replay<'a> {
     tracks: Option<TrackComparison>,
     reconstructor: Box<dyn Reconstruct>,
     log: Log,
+    live: Live,
     started: Instant,
 }
 
@@ -72,7 +79,16 @@ impl<'a> Replay<'a> {
         remark(args.results.output(), &cell);
         let truth =
             Truth::read(&reader, &args.session, args.results.output()).map_err(|e| wrong(&e))?;
+        let (title, spacing) = (args.session.display().to_string(), args.spacing * 1e-3);
         Ok(Self {
+            live: Live::open(
+                &args.results.live,
+                &out,
+                false,
+                &title,
+                cell.info(),
+                spacing,
+            )?,
             args,
             out,
             truth,
@@ -130,6 +146,12 @@ impl<'a> Replay<'a> {
             Some(truth) => truth.frame(observation, &*self.reconstructor, &report.measured)?,
             None => Vec::new(),
         };
+        if self.live.wants_uncertainty()
+            && let Some(sigmas) = self.reconstructor.uncertainty()
+        {
+            self.show(Event::Uncertainty(&sigmas));
+        }
+        self.show(Event::Frame(observation, &report));
         let model = self.reconstructor.model();
         if let Some(tracks) = &mut self.tracks {
             tracks.frame(report.frame as usize, observation, &report.measured, model)?;
@@ -145,6 +167,14 @@ impl<'a> Replay<'a> {
             out.live_picture(&format!("live_{k:04}.png"), model, spacing)?;
         }
         Ok(())
+    }
+
+    /// Shows what happened in the live view.
+    fn show(&mut self, event: Event<'_>) {
+        let model = self.reconstructor.model();
+        for remark in self.live.show(event, model) {
+            warn(&remark);
+        }
     }
 
     /// Fails where the object is in none of the frames; otherwise says what of the recording could not be read.
