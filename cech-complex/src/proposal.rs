@@ -70,7 +70,7 @@ pub struct Proposal {
 /// flatter than they are, not for more curved.
 ///
 /// # Guarantees
-/// None: a sample is not its surface. On the surfaces of [`manifolds`](crate::manifolds) sampled as nets, voxel grids and at random, with noise of up
+/// None: a sample is not its surface. On the surfaces of the module `manifolds` sampled as nets, voxel grids and at random, with noise of up
 /// to a fifth of the spacing, `cargo run --release -p cech-complex --features manifolds --example proposals` counts how often the Betti numbers come out right.
 ///
 /// # Errors
