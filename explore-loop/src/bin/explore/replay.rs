@@ -72,10 +72,12 @@ impl<'a> Replay<'a> {
         let wrong = |error: &dyn std::fmt::Display| of_file(&args.session, error);
         let recording = Recording::of(args)?;
         let reader = recording.reader(args);
-        let out = OutputFolder::create(&args.results.out)?;
         let started = Instant::now();
         let cell = recording.cell(&reader, &args.session);
         let cell = cell.map_err(|e| wrong(&e))?;
+        let tracks = tracks(args)?;
+        // What cannot be read leaves no folder behind.
+        let out = OutputFolder::create(&args.results.out)?;
         remark(args.results.output(), &cell);
         let truth =
             Truth::read(&reader, &args.session, args.results.output()).map_err(|e| wrong(&e))?;
@@ -92,7 +94,7 @@ impl<'a> Replay<'a> {
             args,
             out,
             truth,
-            tracks: tracks(args)?,
+            tracks,
             reconstructor: reconstructor(args)?,
             log: Log::new(args, &cell),
             cell,
