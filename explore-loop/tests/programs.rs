@@ -84,6 +84,7 @@ const PROGRAMS: &[Program] = &[
     program("pairs", &["pairs", "none"]).reads(),
     program("partly_seen", &[]),
     program("projections", &[]).takes_long(),
+    program("proposals", &["1"]).takes_long(),
     program("psm_reach", &[]),
     program("register", &["before.ply", "after.ply", "--out", "OUT.ply"]).reads(),
     program("serve_arm", &[]).takes_long().with_feature("ros2"),

@@ -73,6 +73,32 @@ fn expected(row: &str, m: &Value) -> Option<Vec<f64>> {
         }
         "slide" => vec![1e3 * at("slide_m")],
         "stiffness over weight" => vec![at("stiffness_over_weight")],
+        "never seen" => {
+            let places = m["unseen"].as_array()?;
+            let share: f64 = places.iter().filter_map(|p| p["share"].as_f64()).sum();
+            let vector = |v: &Value| -> Vec<f64> {
+                v.as_array()
+                    .into_iter()
+                    .flatten()
+                    .filter_map(Value::as_f64)
+                    .collect()
+            };
+            let named = places.iter().take(3).flat_map(|p| {
+                let area = 1e4 * p["area_m2"].as_f64().unwrap_or(f64::NAN);
+                [vec![area], vector(&p["middle_m"]), vector(&p["facing"])].concat()
+            });
+            let more = (places.len() > 3).then(|| (places.len() - 3) as f64);
+            let first = std::iter::once(100.0 * share);
+            first.chain(named).chain(more).collect()
+        }
+        "pixel tracks" => vec![
+            1e3 * at("tracks.error_m.mean"),
+            1e3 * at("tracks.error_m.p95"),
+            95.0,
+            1e3 * at("tracks.slide_m"),
+            at("tracks.tied"),
+            at("tracks.tracks"),
+        ],
         "registration" => timing("registration_ms"),
         "frame time" => timing("frame_ms"),
         "robot time" => vec![at("robot_time_s")],

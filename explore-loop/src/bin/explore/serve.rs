@@ -23,6 +23,7 @@ use explore_loop::cell::dvrk::{
 };
 use explore_loop::cell::sim::{ArmModel, PsmStand, SimCell};
 use explore_loop::cell::{Cell, CellError};
+use mesh_io::program::{Output, unless_closed};
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -65,9 +66,8 @@ pub(crate) struct ServeArgs {
     /// Stop after this long, seconds; otherwise Ctrl-C does
     #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
     seconds: Option<f64>,
-    /// Print nothing but errors and when it cannot keep up
-    #[arg(long)]
-    quiet: bool,
+    #[command(flatten)]
+    output: Output,
 }
 
 /// Topics and frame of the camera, as a `RealSense` has them.
@@ -164,9 +164,10 @@ pub(crate) fn serve(args: &ServeArgs) -> Result<ExitCode, Failure> {
     }
     let intrinsics = cell.intrinsics()?;
     let camera = DepthServer::new(&participant, TOPICS, FRAME, &intrinsics, true)?;
-    if !args.quiet {
+    if !args.output.quiet {
         tell(args, &stands, &network)?;
     }
+    unless_closed(args.output.object(&served(&stands, &network)))?;
     let ended = Arc::new(AtomicBool::new(false));
     let arms = {
         let (ended, transport) = (Arc::clone(&ended), participant.clone());
@@ -340,9 +341,27 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
     Ok(file)
 }
 
+/// What is served, for programs.
+fn served(stands: &[PsmStand], network: &Network) -> serde_json::Value {
+    let arms = stands.iter().map(|stand| {
+        let centre = stand.camera_from_rcm;
+        serde_json::json!({
+            "name": stand.name,
+            "remote_centre_m": <[f64; 3]>::from(centre.translation.vector),
+            "quaternion_xyzw": <[f64; 4]>::from(centre.rotation.coords),
+        })
+    });
+    serde_json::json!({
+        "domain": network.domain(),
+        "arms": arms.collect::<Vec<_>>(),
+        "depth_image": TOPICS[0],
+        "camera_info": TOPICS[1],
+    })
+}
+
 /// What a client has to know.
 fn tell(args: &ServeArgs, stands: &[PsmStand], network: &Network) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
+    let mut out = args.output.words();
     let machine = if *network.interfaces() == Interfaces::Loopback {
         ", this machine only"
     } else {
