@@ -134,7 +134,7 @@ fn without_times(csv: &str) -> String {
     let kept = |line: &str| -> String {
         let cells = line.split(',').zip(&header);
         let kept = cells.filter(|(_, name)| !name.ends_with("_ms"));
-        kept.map(|(cell, _)| format!("{cell},")).collect()
+        kept.map(|(cell, _)| cell).collect::<Vec<_>>().join(",")
     };
     csv.lines().map(|line| kept(line) + "\n").collect()
 }
@@ -240,7 +240,7 @@ fn is_drawn_whole(rows: &Rows, count: i64) {
     assert_eq!(anew, at_rest);
     assert_eq!(anew.first(), Some(&rows["/live/model"][0].at));
     assert!(
-        (anew.len() as i64) < count,
+        i64::try_from(anew.len()).unwrap() < count,
         "some frames only move the mesh"
     );
     // Something was gripped, and let go.

@@ -102,7 +102,7 @@ enum Part {
         class: &'static str,
         name: &'static str,
         origin: &'static str,
-        eye: Option<EyeControls3D>,
+        eye: Option<Box<EyeControls3D>>,
     },
     Several {
         kind: ContainerKind,
@@ -122,7 +122,7 @@ fn parts(eye: &EyeControls3D) -> Part {
         class: "3D",
         name,
         origin,
-        eye: Some(eye.clone()),
+        eye: Some(Box::new(eye.clone())),
     };
     let spaces = vec![space("Now", "live"), space("Model at rest", "rest")];
     let below = vec![
@@ -179,7 +179,8 @@ impl Writer {
                         .log(format!("{path}/TextLogColumns"), &columns)?;
                 }
                 if let Some(eye) = eye {
-                    self.stream.log(format!("{path}/EyeControls3D"), eye)?;
+                    self.stream
+                        .log(format!("{path}/EyeControls3D"), eye.as_ref())?;
                 }
             }
             Part::Several {
