@@ -289,6 +289,8 @@ fn ctrl_c_opens_nothing_and_drops_nothing() {
     let next = explore()
         .arg("robot")
         .arg(served.slow_cell())
+        .arg("--out")
+        .arg(served.folder.path().join("next"))
         .output()
         .unwrap();
     assert_eq!(next.status.code(), Some(1));

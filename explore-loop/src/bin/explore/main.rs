@@ -4,6 +4,8 @@
 //! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command
 //! line is wrong; 3 the surface closed but for a part that is held to the table (`run`, `robot`). Errors are one line on standard error.
 
+mod closing;
+mod final_mesh;
 mod live;
 mod object;
 mod output;
@@ -20,6 +22,7 @@ mod serve;
 mod tables;
 mod view;
 mod without;
+mod words;
 
 use crate::live::LiveArgs;
 use crate::object::ObjectArgs;

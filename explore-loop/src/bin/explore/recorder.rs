@@ -1,10 +1,13 @@
 //! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
 
+use crate::closing::mm;
+use crate::final_mesh::FinalMesh;
 use crate::live::Live;
-use crate::output::{FinalMesh, OutputFolder, command_line, mm};
+use crate::output::{OutputFolder, command_line};
 use crate::pace::Pace;
 use crate::saved::{CHECKPOINT, Saved, SoFar};
 use crate::without::names;
+use crate::words;
 use crate::{Failure, Grips, RunArgs};
 use dvrk_io::session::SessionWriter;
 use explore_loop::Error;
@@ -13,12 +16,11 @@ use explore_loop::canonical::topology::Topology;
 use explore_loop::cell::sim::{Journal, SimCell, Truth};
 use explore_loop::cell::{Cell, CellInfo, Observation};
 use explore_loop::checkpoint;
-use explore_loop::explore::{Event, Outcome, Phase, SavedState, Watcher};
+use explore_loop::explore::{Event, Outcome, SavedState, Watcher};
 use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::report::frames;
 use explore_loop::report::html::About;
 use explore_loop::report::metrics::{Cut, Metrics, Timing, UnseenPlace};
-use grip_planner::Plan;
 use mesh_io::program::warn;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::sync::Arc;
@@ -396,9 +398,9 @@ impl Watcher for Recorder<'_> {
         }
         match event {
             Event::Phase(phase) => {
-                self.bar.set_message(phase_words(phase));
+                self.bar.set_message(words::of_phase(phase));
                 self.pace.phase(phase, self.so_far.last_stamp);
-                self.doing = phase_words(phase);
+                self.doing = words::of_phase(phase);
                 self.so_far.report.phase(phase);
             }
             Event::Observed(observation) => self.record(observation)?,
@@ -431,7 +433,7 @@ impl Watcher for Recorder<'_> {
             }
             Event::Missed(arm) => self.note(format!("arm {arm} closed on nothing")),
             Event::Planned(plan) => {
-                let what = words(plan);
+                let what = words::of_plan(plan);
                 self.pace.planned(plan);
                 self.say(&format!("        {what}"));
                 self.so_far.report.planned(what, plan, model);
@@ -460,40 +462,5 @@ fn surface(truth: &Truth, vertices: Vec<explore_loop::nalgebra::Point3<f64>>) ->
     TrueSurface {
         vertices,
         triangles: triangles.iter().map(|t| t.map(|i| i as u32)).collect(),
-    }
-}
-
-/// A plan in a line.
-fn words(plan: &Plan) -> String {
-    let arms: Vec<String> = plan
-        .grips
-        .iter()
-        .map(|g| format!("arm {} at vertex {}", g.arm, g.vertex))
-        .collect();
-    let action = match (plan.turn.is_some(), plan.across.is_some()) {
-        (true, true) => "turn over and stretch",
-        (false, _) => "stretch",
-        (true, false) => "turn over",
-    };
-    format!(
-        "{action}: {}; coverage {:.2}, score {:.2}, at most {:.0} mm/s, {:.1} s",
-        arms.join(", "),
-        plan.coverage,
-        plan.score,
-        1e3 * plan.speed_limit,
-        plan.motion.duration
-    )
-}
-
-fn phase_words(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Home => "arms go home",
-        Phase::Look => "looking",
-        Phase::Decide => "topology and plan",
-        Phase::Reach => "reaching for the grips",
-        Phase::Grasp => "closing the jaws",
-        Phase::Manipulate => "lifting and turning",
-        Phase::Lower => "lowering",
-        Phase::Release => "letting go",
     }
 }

@@ -1,7 +1,9 @@
 //! `explore replay`: the canonical model from a recording.
 
+use crate::closing::{measure_rows, mm, table};
+use crate::final_mesh::FinalMesh;
 use crate::live::Live;
-use crate::output::{FinalMesh, OutputFolder, command_line, measure_rows, mm, table};
+use crate::output::{OutputFolder, command_line};
 use crate::recording::Recording;
 use crate::without::{Part, names, refuse};
 use crate::{Failure, Features, ReplayArgs};

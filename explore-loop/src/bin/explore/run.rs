@@ -1,7 +1,9 @@
 //! `explore run`: an exploration in the simulated cell.
 
+use crate::closing::{measure_rows, table};
+use crate::final_mesh::FinalMesh;
 use crate::object::ObjectArgs;
-use crate::output::{FinalMesh, OutputFolder, measure_rows, table};
+use crate::output::OutputFolder;
 use crate::recorder::{Recorder, Simulated, interruption};
 use crate::saved::Saved;
 use crate::without::{Part, planner_without, refuse};

@@ -1,0 +1,40 @@
+//! Plans and phases of an exploration, in words.
+
+use explore_loop::explore::Phase;
+use grip_planner::Plan;
+
+/// A plan in a line.
+pub fn of_plan(plan: &Plan) -> String {
+    let arms: Vec<String> = plan
+        .grips
+        .iter()
+        .map(|g| format!("arm {} at vertex {}", g.arm, g.vertex))
+        .collect();
+    let action = match (plan.turn.is_some(), plan.across.is_some()) {
+        (true, true) => "turn over and stretch",
+        (false, _) => "stretch",
+        (true, false) => "turn over",
+    };
+    format!(
+        "{action}: {}; coverage {:.2}, score {:.2}, at most {:.0} mm/s, {:.1} s",
+        arms.join(", "),
+        plan.coverage,
+        plan.score,
+        1e3 * plan.speed_limit,
+        plan.motion.duration
+    )
+}
+
+/// What the arms are doing.
+pub fn of_phase(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Home => "arms go home",
+        Phase::Look => "looking",
+        Phase::Decide => "topology and plan",
+        Phase::Reach => "reaching for the grips",
+        Phase::Grasp => "closing the jaws",
+        Phase::Manipulate => "lifting and turning",
+        Phase::Lower => "lowering",
+        Phase::Release => "letting go",
+    }
+}
