@@ -16,7 +16,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::OnceLock;
 
-/// The compiled example. Cargo does not name it to tests as it does programs, so it is built here (at once if it is there already).
+/// The compiled example. Cargo does not name it to tests as it does programs, so it is built here: of the whole workspace, whose features its
+/// dependencies are built with already when all tests are run.
 fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -24,7 +25,14 @@ fn program() -> &'static Path {
         let here = std::env::current_exe().unwrap();
         let profile = here.ancestors().nth(2).unwrap();
         let mut cargo = Command::new(env!("CARGO"));
-        cargo.args(["build", "--quiet", "--example", "betti", "--target-dir"]);
+        cargo.args([
+            "build",
+            "--quiet",
+            "--workspace",
+            "--example",
+            "betti",
+            "--target-dir",
+        ]);
         cargo
             .arg(profile.parent().unwrap())
             .current_dir(env!("CARGO_MANIFEST_DIR"));

@@ -708,7 +708,7 @@ fn any_fault() -> impl Strategy<Value = Fault> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { max_shrink_iters: 0, failure_persistence: None, ..ProptestConfig::with_cases(usual(6)) })]
+    #![proptest_config(ProptestConfig { max_shrink_iters: 0, failure_persistence: None, ..ProptestConfig::with_cases(usual(4)) })]
 
     /// Whatever happens together: an end, no set-point beyond the limits, no arm left moving unless the cell itself failed.
     #[test]

@@ -770,7 +770,7 @@ fn killed(scene: &str, times: u32, seed: u64) {
 
 #[test]
 fn a_killed_run_goes_on_to_the_same_end() {
-    killed("ellipsoid", 3, 0);
+    killed("ellipsoid", 2, 0);
 }
 
 /// The tube is turned over twice: some kills come before the first checkpoint after a manipulation, some after it.

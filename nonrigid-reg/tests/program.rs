@@ -12,7 +12,8 @@ use std::sync::OnceLock;
 use generator::{Case, Motion, Pair, Shape, error_mm};
 use nalgebra::Point3;
 
-/// The program as its source now stands: cargo builds examples for `cargo test`, but not for `cargo test --test program`.
+/// The program as its source now stands: cargo builds examples for `cargo test`, but not for `cargo test --test program`. With the features of the
+/// whole workspace, which its dependencies are built with already when all tests are run.
 fn program() -> &'static Path {
     static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
     PROGRAM.get_or_init(|| {
@@ -21,7 +22,8 @@ fn program() -> &'static Path {
         let release = profile.ends_with("release").then_some("--release");
         let built = Command::new(env!("CARGO"))
             .current_dir(env!("CARGO_MANIFEST_DIR"))
-            .args(["build", "--quiet", "--example", "register", "--target-dir"])
+            .args(["build", "--quiet", "--workspace", "--example", "register"])
+            .arg("--target-dir")
             .arg(profile.parent().unwrap())
             .args(release)
             .status();
