@@ -4,6 +4,8 @@
 //!
 //! Distances are in covering radii ε of the net; the cylinder is at least as wide as ε, so that it covers the surface.
 
+mod surfaces;
+
 use cech_complex::manifolds::Manifold;
 use cech_complex::nalgebra::Point3;
 use cech_complex::{Complex, Cylinder, Error, Options, VertexKind};
@@ -11,6 +13,7 @@ use mesh_io::program::{self, Failure, Output};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::ExitCode;
+use surfaces::ROUND;
 
 /// Counts how often vertices of sampled surfaces are called what they are not
 #[derive(Debug, clap::Parser)]
@@ -30,21 +33,8 @@ struct Arguments {
     output: Output,
 }
 
-const SURFACES: [(Manifold, usize); 12] = [
-    (Manifold::Sphere { radius: 1.0 }, 800),
-    (
-        Manifold::Ellipsoid {
-            axes: [1.0, 0.8, 0.6],
-        },
-        800,
-    ),
-    (
-        Manifold::Torus {
-            major: 1.0,
-            minor: 0.4,
-        },
-        1000,
-    ),
+/// Beside the round ones.
+const SURFACES: [(Manifold, usize); 9] = [
     (
         Manifold::Genus2 {
             hole: 0.8,
@@ -134,10 +124,11 @@ fn kinds(arguments: &Arguments) -> Result<ExitCode, Failure> {
         "surface, height/radius: vertices, false NM, boundary up to, interior from (ε), missed within 1.5 ε, NM within ε of a junction"
     )?;
     let heights = [0.5, 1.0];
-    let rows = SURFACES.len() * heights.len();
+    let surfaces = ROUND.into_iter().chain(SURFACES);
+    let rows = surfaces.clone().count() * heights.len();
     let bar = output.progress(rows as u64 * arguments.nets, "nets");
     let mut found = Vec::new();
-    for (surface, count) in SURFACES {
+    for (surface, count) in surfaces {
         for height in heights {
             let mut tally = Tally::default();
             for seed in 0..arguments.nets {

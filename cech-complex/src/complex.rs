@@ -2,7 +2,6 @@
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
-use crate::filtration::check_cloud;
 use crate::nerve::{self, Vertices};
 use crate::options::Options;
 use crate::persistence::{self, Barcode};
@@ -95,21 +94,15 @@ impl Complex {
         cylinder: Cylinder,
         options: &Options,
     ) -> Result<Self, Error> {
-        options.check()?;
-        let cloud = check_cloud(points, normals)?;
-        let present = vec![true; points.len()];
-        let vertices = Vertices {
-            cloud: &cloud,
-            present: &present,
-            changed: &present,
-        };
-        let (skeleton, _) = nerve::build(&vertices, &Skeleton::default(), cylinder, options)?;
+        let (skeleton, _) = Vertices::of_cloud(points, normals, options, |vertices| {
+            nerve::build(vertices, &Skeleton::default(), cylinder, options)
+        })??;
         Ok(Self {
             points: points.to_vec(),
             normals: normals.to_vec(),
             cylinder,
             options: *options,
-            present,
+            present: vec![true; points.len()],
             adjacency: Adjacency::new(&skeleton.edges, points.len()),
             skeleton,
             barcode: OnceLock::new(),

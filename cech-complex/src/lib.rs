@@ -29,6 +29,7 @@ mod size;
 mod skeleton;
 mod union_find;
 mod update;
+mod valuation;
 
 pub use complex::Complex;
 pub use cut::{DistortionLimits, Removed, displacement_cosine, displacement_difference};

@@ -4,34 +4,28 @@
 //!    all of those that will not be edges, the solver values the rest.
 //! 2. **Triangles.** Triples of mutually joined vertices, **tetrahedra** quadruples whose four triangles exist: by Helly no larger
 //!    simplex carries information.
-//! 3. **Facet shortcut.** If the cylinder opposite the latest facet contains the minimiser of that facet, the simplex has exactly the
-//!    value of the facet: nothing to solve. This settles more than nine tetrahedra in ten and half of the triangles.
-//!
-//! A value below that of a facet can only be rounding, so the larger of the two is taken, and the value of the facet whenever the
-//! certified bracket contains it: monotone to the last bit, and equal to the last bit where the truth is a tie.
+//! 3. **Values** of what was found, see [`crate::valuation`].
 //!
 //! A value depends on the cylinders of its own simplex alone, taken in the order of their indices. So after a change the simplices without a
 //! changed vertex are kept with their values, those with one are found anew, and the outcome is that of a fresh build to the
 //! last bit. A fresh build is the case in which every vertex has changed.
 
-use crate::cylinder::{Cylinder, gauge};
+use crate::cylinder::Cylinder;
 use crate::error::Error;
-use crate::filtration::{pair_lower_bound, solve};
+use crate::filtration::check_cloud;
 use crate::options::Options;
 use crate::problem::Oriented;
 use crate::size;
 use crate::skeleton::{Layer, Skeleton, run};
+use crate::valuation::{Candidate, Facets, Valuation};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::Vector3;
+use nalgebra::{Point3, UnitVector3};
 
 /// Candidates valued at a time: enough to share among threads, little enough to stop soon after the limit.
 const BATCH: usize = 1 << 12;
 
 /// Standard errors of an estimate that are taken for certain.
 const CERTAIN: f64 = 4.0;
-
-/// A value and a point where it is attained.
-type Valued = (f64, Vector3<f64>);
 
 /// Which vertices there are, and which of them are new or have moved.
 pub(crate) struct Vertices<'a> {
@@ -41,6 +35,23 @@ pub(crate) struct Vertices<'a> {
 }
 
 impl Vertices<'_> {
+    /// Hands all points of a cloud to `work`, each of them new, once they and the options are known to be usable.
+    pub(crate) fn of_cloud<T>(
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        options: &Options,
+        work: impl FnOnce(&Vertices) -> T,
+    ) -> Result<T, Error> {
+        options.check()?;
+        let cloud = check_cloud(points, normals)?;
+        let all = vec![true; points.len()];
+        Ok(work(&Vertices {
+            cloud: &cloud,
+            present: &all,
+            changed: &all,
+        }))
+    }
+
     fn any_changed(&self, simplex: &[u32]) -> bool {
         simplex.iter().any(|&v| self.changed[v as usize])
     }
@@ -56,15 +67,8 @@ impl Vertices<'_> {
 /// What all stages share.
 struct Builder<'a> {
     vertices: &'a Vertices<'a>,
-    cylinder: Cylinder,
-    options: &'a Options,
+    valuation: Valuation<'a>,
     total: usize,
-}
-
-/// Candidate of dimension `N − 1` with the indices of its facets.
-struct Candidate<const N: usize> {
-    vertices: [u32; N],
-    facets: [u32; N],
 }
 
 /// The filtered 3-skeleton of the nerve of the vertices that are present, given the skeleton `old` of an earlier state. Also says how
@@ -77,8 +81,11 @@ pub(crate) fn build(
 ) -> Result<(Skeleton, [usize; 3]), Error> {
     let mut builder = Builder {
         vertices,
-        cylinder,
-        options,
+        valuation: Valuation {
+            cloud: vertices.cloud,
+            cylinder,
+            options,
+        },
         total: 0,
     };
     builder.count(vertices.present.iter().filter(|p| **p).count())?;
@@ -113,7 +120,7 @@ impl Builder<'_> {
     /// Adds to the number of simplices, or refuses.
     fn count(&mut self, more: usize) -> Result<(), Error> {
         self.total += more;
-        let limit = self.options.max_simplices;
+        let limit = self.valuation.options.max_simplices;
         if self.total > limit {
             return Err(self.too_many(self.total));
         }
@@ -121,12 +128,16 @@ impl Builder<'_> {
     }
 
     fn too_many(&self, count: usize) -> Error {
-        let limit = self.options.max_simplices;
-        let size = size::estimate(self.vertices, self.cylinder, self.options);
+        let limit = self.valuation.options.max_simplices;
+        let size = size::estimate(
+            self.vertices,
+            self.valuation.cylinder,
+            self.valuation.options,
+        );
         Error::TooManySimplices {
             count,
             limit,
-            max_scale: self.options.max_scale,
+            max_scale: self.valuation.options.max_scale,
             fitting_scale: size.largest_scale(limit),
         }
     }
@@ -139,12 +150,17 @@ impl Builder<'_> {
             degrees[vertex as usize] += 1.0;
         }
         let most = |d: &f64| d * (d - 1.0) / 6.0 + d * (d - 1.0) * (d - 2.0).max(0.0) / 24.0;
-        let limit = self.options.max_simplices as f64;
+        let limit = self.valuation.options.max_simplices as f64;
         if self.total as f64 + degrees.iter().map(most).sum::<f64>() <= limit {
             return Ok(());
         }
-        let size = size::estimate(self.vertices, self.cylinder, self.options);
-        let least = size.simplices(self.options.max_scale) - CERTAIN * size.standard_error();
+        let size = size::estimate(
+            self.vertices,
+            self.valuation.cylinder,
+            self.valuation.options,
+        );
+        let least =
+            size.simplices(self.valuation.options.max_scale) - CERTAIN * size.standard_error();
         if least > limit {
             return Err(self.too_many(least as usize));
         }
@@ -172,7 +188,7 @@ impl Builder<'_> {
         // The tree refuses only what the checks at the door have refused already.
         let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates)
             .map_err(|_| self.too_many(self.total))?;
-        let reach = 2.0 * self.cylinder.circumradius() * self.options.max_scale;
+        let reach = 2.0 * self.valuation.cylinder.circumradius() * self.valuation.options.max_scale;
         // A little more than the exact bound, so that rounding in the tree loses no pair.
         let squared = reach * reach * (1.0 + 1e-9);
         let mut pairs = Vec::new();
@@ -201,7 +217,7 @@ impl Builder<'_> {
     fn value_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
         // A vertex in a crowd may have more neighbours than the limit allows edges.
         for pairs in pairs.chunks(BATCH) {
-            let valued = map(pairs, |pair| self.value_edge(*pair));
+            let valued = map(pairs, |pair| self.valuation.edge(*pair));
             for (pair, valued) in pairs.iter().zip(valued) {
                 if let Some((value, minimiser)) = valued {
                     self.count(1)?;
@@ -210,20 +226,6 @@ impl Builder<'_> {
             }
         }
         Ok(())
-    }
-
-    fn value_edge(&self, [i, j]: [u32; 2]) -> Option<Valued> {
-        let cloud = self.vertices.cloud;
-        let (a, b) = (cloud[i as usize], cloud[j as usize]);
-        if self.options.orientation.separates(&a.normal, &b.normal) {
-            return None;
-        }
-        let cutoff = self.options.max_scale;
-        if pair_lower_bound(&a, &b, self.cylinder) > cutoff {
-            return None;
-        }
-        let solved = solve(&[a, b], self.cylinder, None, cutoff);
-        (solved.value <= cutoff).then_some((solved.value, solved.minimiser.coords))
     }
 
     /// Vertices that can be the first of a simplex with a changed vertex: changed themselves, or joined to a later one that is.
@@ -239,6 +241,7 @@ impl Builder<'_> {
     /// All triangles with a changed vertex, in order.
     fn triangles(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<3>, Error> {
         let mut layer = Layer::default();
+        let facets = (&skeleton.edge_values[..], &skeleton.edge_points[..]);
         let mut batch: Vec<Candidate<3>> = Vec::new();
         // Edge from the current first vertex to a given one.
         let mut edge_to = vec![u32::MAX; self.vertices.cloud.len()];
@@ -264,27 +267,28 @@ impl Builder<'_> {
                 edge_to[skeleton.edges[e][1] as usize] = u32::MAX;
             }
             if batch.len() >= BATCH {
-                self.value_triangles(&batch, skeleton, &mut layer)?;
+                self.value_simplices(&batch, facets, &mut layer)?;
                 batch.clear();
             }
         }
-        self.value_triangles(&batch, skeleton, &mut layer)?;
+        self.value_simplices(&batch, facets, &mut layer)?;
         Ok(layer)
     }
 
-    fn value_triangles(
+    fn value_simplices<const N: usize>(
         &mut self,
-        batch: &[Candidate<3>],
-        skeleton: &Skeleton,
-        layer: &mut Layer<3>,
+        batch: &[Candidate<N>],
+        facets: Facets<'_>,
+        layer: &mut Layer<N>,
     ) -> Result<(), Error> {
-        let facets = (&skeleton.edge_values[..], &skeleton.edge_points[..]);
         for batch in batch.chunks(BATCH) {
-            let valued = map(batch, |candidate| self.value(candidate, facets));
+            let valued = map(batch, |candidate| self.valuation.simplex(candidate, facets));
             for (candidate, valued) in batch.iter().zip(valued) {
                 if let Some((value, minimiser)) = valued {
                     self.count(1)?;
-                    layer.push(candidate.vertices, candidate.facets, value, Some(minimiser));
+                    // Nothing stands on a tetrahedron.
+                    let minimiser = (N < 4).then_some(minimiser);
+                    layer.push(candidate.vertices, candidate.facets, value, minimiser);
                 }
             }
         }
@@ -294,37 +298,21 @@ impl Builder<'_> {
     /// All tetrahedra with a changed vertex, in order.
     fn tetrahedra(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<4>, Error> {
         let mut layer = Layer::default();
+        let facets = (&skeleton.triangle_values[..], &skeleton.triangle_points[..]);
         let mut batch: Vec<Candidate<4>> = Vec::new();
         for &i in affected {
             for ij in run(&skeleton.edge_runs, i) {
                 for ijk in run(&skeleton.triangle_runs, ij as u32) {
                     self.push_tetrahedra(skeleton, ijk, &mut batch);
                     if batch.len() >= BATCH {
-                        self.value_tetrahedra(&batch, skeleton, &mut layer)?;
+                        self.value_simplices(&batch, facets, &mut layer)?;
                         batch.clear();
                     }
                 }
             }
         }
-        self.value_tetrahedra(&batch, skeleton, &mut layer)?;
+        self.value_simplices(&batch, facets, &mut layer)?;
         Ok(layer)
-    }
-
-    fn value_tetrahedra(
-        &mut self,
-        batch: &[Candidate<4>],
-        skeleton: &Skeleton,
-        layer: &mut Layer<4>,
-    ) -> Result<(), Error> {
-        let facets = (&skeleton.triangle_values[..], &skeleton.triangle_points[..]);
-        let valued = map(batch, |candidate| self.value(candidate, facets));
-        for (candidate, valued) in batch.iter().zip(valued) {
-            if let Some((value, _)) = valued {
-                self.count(1)?;
-                layer.push(candidate.vertices, candidate.facets, value, None);
-            }
-        }
-        Ok(())
     }
 
     /// Candidates whose first triangle is `ijk`: the fourth vertex closes a triangle with each of its three edges.
@@ -358,65 +346,6 @@ impl Builder<'_> {
                 });
             }
         }
-    }
-
-    /// Value of a triangle or tetrahedron from the values and minimisers of its facets.
-    fn value<const N: usize>(
-        &self,
-        candidate: &Candidate<N>,
-        (facet_values, facet_points): (&[f64], &[Vector3<f64>]),
-    ) -> Option<Valued> {
-        let mut latest = 0;
-        for f in 1..N {
-            if facet_values[candidate.facets[f] as usize]
-                > facet_values[candidate.facets[latest] as usize]
-            {
-                latest = f;
-            }
-        }
-        let facet = candidate.facets[latest] as usize;
-        let (floor, minimiser) = (facet_values[facet], facet_points[facet]);
-        // Facet `f` leaves out the vertex `N − 1 − f`.
-        let opposite = &self.vertices.cloud[candidate.vertices[N - 1 - latest] as usize];
-        let (half, radius) = (self.cylinder.half_height(), self.cylinder.radius());
-        let inside = gauge(
-            &(minimiser - opposite.point),
-            &opposite.normal,
-            half,
-            radius,
-        ) <= floor;
-        if inside {
-            return Some((floor, minimiser));
-        }
-        let cutoff = self.options.max_scale;
-        let simplex = candidate.vertices.map(|v| self.vertices.cloud[v as usize]);
-        let start = match simplex.as_slice() {
-            [a, b, c] => triple_start(a, b, c, minimiser),
-            _ => minimiser,
-        };
-        let solved = solve(&simplex, self.cylinder, Some(&start), cutoff);
-        let value = if solved.lower <= floor {
-            floor
-        } else {
-            solved.value
-        };
-        (value <= cutoff).then_some((value, solved.minimiser.coords))
-    }
-}
-
-/// Near the minimiser of a triple on a surface: the centre of the circle through the points, as high as the minimiser of the latest facet.
-/// It saves a Newton step in three or four. Long triangles, whose centre is far, stay with the facet.
-fn triple_start(a: &Oriented, b: &Oriented, c: &Oriented, facet: Vector3<f64>) -> Vector3<f64> {
-    let (u, v) = (b.point - a.point, c.point - a.point);
-    let (uu, vv, uv) = (u.norm_squared(), v.norm_squared(), u.dot(&v));
-    let normal = u.cross(&v);
-    let squared = normal.norm_squared();
-    // Also false for coincident points.
-    if squared > 0.01 * uu * vv {
-        let centre = a.point + (u * (vv * (uu - uv)) + v * (uu * (vv - uv))) / (2.0 * squared);
-        centre + normal * (normal.dot(&(facet - centre)) / squared)
-    } else {
-        facet
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
-use crate::filtration::{check_cloud, pair_lower_bound, solve};
+use crate::filtration::{pair_lower_bound, solve};
 use crate::nerve::Vertices;
 use crate::options::Options;
 use crate::problem::Oriented;
@@ -91,15 +91,9 @@ pub fn estimate_size(
     cylinder: Cylinder,
     options: &Options,
 ) -> Result<SizeEstimate, Error> {
-    options.check()?;
-    let cloud = check_cloud(points, normals)?;
-    let present = vec![true; points.len()];
-    let vertices = Vertices {
-        cloud: &cloud,
-        present: &present,
-        changed: &present,
-    };
-    Ok(estimate(&vertices, cylinder, options))
+    Vertices::of_cloud(points, normals, options, |vertices| {
+        estimate(vertices, cylinder, options)
+    })
 }
 
 /// The estimate for the vertices that are present.

@@ -219,8 +219,8 @@ fn outcome(
     let (vertices, triangles) = match topology::analyse(model, SPACING)?.surface {
         Some(surface) => (surface.vertices, surface.triangles),
         None => (
-            model.rest.clone(),
-            surface::triangulate(&model.rest, &model.rest_normals, SPACING),
+            model.rest().to_vec(),
+            surface::triangulate(model.rest(), model.rest_normals(), SPACING),
         ),
     };
     let truth = measurer.surface();
@@ -229,7 +229,7 @@ fn outcome(
         let of = MeshMeasures::of(
             vertices,
             triangles,
-            &model.rest,
+            model.rest(),
             SPACING,
             Some(truth),
             sampling,

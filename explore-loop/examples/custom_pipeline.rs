@@ -9,7 +9,7 @@
 mod egg;
 
 use explore_loop::Error;
-use explore_loop::canonical::{CanonicalModel, NewVertex, graph::surface_edges};
+use explore_loop::canonical::{CanonicalModel, NewVertex};
 use explore_loop::cell::{ArmState, Observation, Plane};
 use explore_loop::explore::{ExploreOptions, Explorer};
 use explore_loop::nalgebra::{Isometry3, Point3};
@@ -53,13 +53,15 @@ impl Reconstruct for ByArms {
         let normals = nonrigid_reg::estimate_normals(&seen.points, 16, &Point3::origin())?;
         for (p, n) in seen.points.iter().zip(normals) {
             let rest = back * p;
-            if self.model.rest.iter().all(|q| (q - rest).norm() > 4e-3) {
+            if self.model.rest().iter().all(|q| (q - rest).norm() > 4e-3) {
                 self.model.push(NewVertex::new(rest, back.rotation * n), 0);
             }
         }
-        self.model.live = self.model.rest.iter().map(|p| pose * p).collect();
-        self.model.rotations.fill(turn);
-        self.model.edges = surface_edges(&self.model, 5e-3);
+        for i in 0..self.model.len() {
+            self.model.live_mut()[i] = pose * self.model.rest()[i];
+        }
+        self.model.rotations_mut().fill(turn);
+        self.model.join(5e-3);
         Ok(FrameReport::measured(self.model.len()))
     }
 

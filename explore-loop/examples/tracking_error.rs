@@ -172,7 +172,7 @@ fn session(path: &Path, output: Output) -> Result<Session, Failure> {
         let errors = measurer.live_errors(model, &now);
         for (i, error) in errors.into_iter().enumerate() {
             if report.measured[i] {
-                phase.seen.add(surface.distance(&model.live[i]));
+                phase.seen.add(surface.distance(&model.live()[i]));
                 phase.slide.add(error);
             } else {
                 phase.hidden.add(error);

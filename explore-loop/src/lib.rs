@@ -61,6 +61,8 @@ pub mod measure;
 pub mod plan;
 pub mod reconstruct;
 pub mod report;
+#[cfg(feature = "sim")]
+mod setters;
 pub mod visibility;
 
 pub use error::Error;

@@ -196,8 +196,8 @@ pub fn visible(model: &CanonicalModel, seen: &Observation, spacing: f64) -> Vec<
     let (near, eye) = (2.0 * spacing, seen.eye());
     (0..model.len())
         .map(|i| {
-            let sight = grid.as_ref().map(|g| g.sight(&model.live[i], near, near));
-            facing(&model.live[i], &model.live_normal(i), &eye) > 0.1
+            let sight = grid.as_ref().map(|g| g.sight(&model.live()[i], near, near));
+            facing(&model.live()[i], &model.live_normal(i), &eye) > 0.1
                 && matches!(sight, Some(Sight::Supported { .. }))
         })
         .collect()

@@ -96,7 +96,7 @@ fn error(
     let model = fusion.model();
     let far: Vec<f64> = (0..model.len())
         .filter(|i| only[*i])
-        .map(|i| (motion(&model.rest[i]) - model.live[i]).norm())
+        .map(|i| (motion(&model.rest()[i]) - model.live()[i]).norm())
         .collect();
     [
         far.iter().sum::<f64>() / far.len() as f64,
@@ -205,7 +205,7 @@ fn it_is_deterministic() -> Tested {
         Ok(fusion)
     };
     let (first, second) = (run()?, run()?);
-    assert_eq!(first.model().live, second.model().live);
+    assert_eq!(first.model().live(), second.model().live());
     assert_eq!(first.surface(), second.surface());
     Ok(())
 }
@@ -216,13 +216,13 @@ fn what_cannot_be_used_is_said() -> Tested {
     let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;
     let body = body();
     fusion.process(&seen(&body, |p| *p), &table())?;
-    let before = fusion.model().live.clone();
+    let before = fusion.model().live().to_vec();
     let mut empty = seen(&body, |p| *p);
     empty.points.truncate(3);
     empty.points.push(Point3::new(f64::NAN, 0.0, 1.0));
     let report = fusion.process(&empty, &table())?;
     assert!(report.failure.is_some());
-    assert_eq!(fusion.model().live, before);
+    assert_eq!(fusion.model().live(), before);
     let good = DynamicFusionOptions::new(0.005);
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let options = [

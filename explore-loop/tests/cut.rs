@@ -6,7 +6,6 @@ mod common;
 use common::{SPACING, at_rest, rotation};
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::canonical::cut::distorted;
-use explore_loop::canonical::graph::surface_edges;
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 
@@ -18,23 +17,23 @@ fn touching() -> CanonicalModel {
         .collect();
     let normals = vec![-Vector3::z_axis(); points.len()];
     let mut model = at_rest(&points, &normals);
-    model.edges = surface_edges(&model, SPACING);
+    model.join(SPACING);
     model
 }
 
 fn glue(model: &CanonicalModel) -> Vec<[u32; 2]> {
-    let right = |i: u32| model.rest[i as usize].x > 0.0;
+    let right = |i: u32| model.rest()[i as usize].x > 0.0;
     let crosses = |e: &&[u32; 2]| right(e[0]) != right(e[1]);
-    model.edges.iter().filter(crosses).copied().collect()
+    model.edges().iter().filter(crosses).copied().collect()
 }
 
 /// Opens the sheets by `gap` and moves everything rigidly.
 fn open(model: &mut CanonicalModel, gap: f64, turn: &Rotation3<f64>, shift: Vector3<f64>) {
     for i in 0..model.len() {
-        let mut p = model.rest[i];
+        let mut p = model.rest()[i];
         p.x += if p.x > 0.0 { gap } else { 0.0 };
-        model.live[i] = turn * p + shift;
-        model.rotations[i] = *turn.matrix();
+        model.live_mut()[i] = turn * p + shift;
+        model.rotations_mut()[i] = *turn.matrix();
     }
 }
 
@@ -71,7 +70,7 @@ fn unseen_ends_are_not_cut() {
         &Rotation3::identity(),
         Vector3::zeros(),
     );
-    let left: Vec<bool> = model.rest.iter().map(|p| p.x < 0.0).collect();
+    let left: Vec<bool> = model.rest().iter().map(|p| p.x < 0.0).collect();
     assert!(distorted(&model, &left, SPACING).is_empty());
 }
 
@@ -80,7 +79,7 @@ fn unseen_ends_are_not_cut() {
 fn one_wrong_rotation_cuts_nothing() {
     let mut model = touching();
     let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), std::f64::consts::PI);
-    model.rotations[100] = *turned.matrix();
+    model.rotations_mut()[100] = *turned.matrix();
     let seen = vec![true; model.len()];
     assert!(distorted(&model, &seen, SPACING).is_empty());
 }
@@ -101,12 +100,12 @@ fn a_cut_is_for_good() {
     assert!(!found.is_empty());
     assert_eq!(model.cut(&found), found.len());
     assert_eq!(model.cut(&found), 0);
-    model.edges = surface_edges(&model, SPACING);
+    model.join(SPACING);
     assert!(glue(&model).is_empty());
     let keep: Vec<bool> = (0..model.len()).map(|i| i % 7 != 3).collect();
     let stays = model.retain(&keep);
-    model.edges = surface_edges(&model, SPACING);
-    assert!(model.edges.iter().all(|e| !model.is_cut(*e)));
+    model.join(SPACING);
+    assert!(model.edges().iter().all(|e| !model.is_cut(*e)));
     let left = found.iter().filter(|e| e.iter().all(|i| keep[*i as usize]));
     let mut renumbered: Vec<[u32; 2]> = left
         .map(|e| e.map(|i| stays.binary_search(&i).unwrap() as u32))

@@ -111,12 +111,15 @@ fn after_turning(features: ColourFeatures) -> (f64, f64, Vec<[u64; 3]>) {
     }
     let model = reconstructor.model();
     let (mut error, mut moved) = (0.0, 0.0);
-    for (rest, live) in model.rest.iter().zip(&model.live) {
+    for (rest, live) in model.rest().iter().zip(model.live()) {
         error += (turned(rest, angle) - live).norm();
         moved += (turned(rest, angle) - rest).norm();
     }
     let count = model.len() as f64;
-    let bits = model.live.iter().map(|p| [p.x, p.y, p.z].map(f64::to_bits));
+    let bits = model
+        .live()
+        .iter()
+        .map(|p| [p.x, p.y, p.z].map(f64::to_bits));
     (error / count, moved / count, bits.collect())
 }
 
@@ -159,9 +162,9 @@ fn features_leave_what_rests_at_rest() {
     }
     let model = reconstructor.model();
     let moved = model
-        .rest
+        .rest()
         .iter()
-        .zip(&model.live)
+        .zip(model.live())
         .map(|(a, b)| (a - b).norm());
     let mean = moved.sum::<f64>() / model.len() as f64;
     assert!(mean < 0.0005, "{mean} m");

@@ -672,7 +672,7 @@ fn slide_is_the_tangential_error() {
     let mut measurer = Measurer::new(truth.clone()).unwrap();
     let seen = [true, true, true, false, false];
     measurer.frame(&model, &seen, false, &truth).unwrap();
-    for (k, live) in model.live.iter_mut().enumerate() {
+    for (k, live) in model.live_mut().iter_mut().enumerate() {
         *live += if seen[k] {
             Vector3::new(0.003, 0.0, 0.002)
         } else {

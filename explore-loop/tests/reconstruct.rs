@@ -154,11 +154,11 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn same(a: &CanonicalModel, b: &CanonicalModel) -> bool {
-    a.ids == b.ids
-        && a.rest == b.rest
-        && a.live == b.live
-        && a.rotations == b.rotations
-        && a.edges == b.edges
+    a.ids() == b.ids()
+        && a.rest() == b.rest()
+        && a.live() == b.live()
+        && a.rotations() == b.rotations()
+        && a.edges() == b.edges()
 }
 
 fn usable(report: &FrameReport) -> bool {
@@ -183,7 +183,7 @@ fn a_camera_that_moves_is_told_from_a_body_that_does() {
         let report = reconstructor.process(&seen, &table()).unwrap();
         assert!(usable(&report), "{report:?}");
         let model = reconstructor.model();
-        let moved = mean((0..model.len()).map(|i| (model.live[i] - model.rest[i]).norm()));
+        let moved = mean((0..model.len()).map(|i| (model.live()[i] - model.rest()[i]).norm()));
         assert!(moved < 5e-4, "{moved} m");
         let visible = reconstructor.visible_now(&seen);
         let measured = report.measured.iter().zip(&visible).filter(|(m, _)| **m);
@@ -209,16 +209,16 @@ fn followed(film: Vec<(u32, Observation)>) {
         let body_from_camera = motion(turned).inverse();
         let seen = (0..model.len()).filter(|&i| report.measured[i]);
         worst = worst.max(mean(
-            seen.map(|i| off_surface(&(body_from_camera * model.live[i]))),
+            seen.map(|i| off_surface(&(body_from_camera * model.live()[i]))),
         ));
     }
     let model = reconstructor.model();
     let moved = motion(TURNING) * motion(0).inverse();
-    let early = (0..model.len()).filter(|&i| model.born[i] == 0);
-    let slid = mean(early.map(|i| (model.live[i] - moved * model.rest[i]).norm()));
+    let early = (0..model.len()).filter(|&i| model.born()[i] == 0);
+    let slid = mean(early.map(|i| (model.live()[i] - moved * model.rest()[i]).norm()));
     let rest = mean(
         model
-            .rest
+            .rest()
             .iter()
             .map(|p| off_surface(&(motion(0).inverse() * p))),
     );
@@ -338,9 +338,9 @@ fn a_grip_that_is_no_pose_does_not_spoil_the_model() {
                 let model = reconstructor.model();
                 assert!(
                     model
-                        .live
+                        .live()
                         .iter()
-                        .chain(&model.rest)
+                        .chain(model.rest())
                         .all(|p| p.coords.iter().all(|c| c.is_finite()))
                 );
             }
@@ -368,8 +368,8 @@ fn empty_first_frames_are_skipped() {
         assert!(usable(&late.process(&observation, &table()).unwrap()));
         assert!(usable(&prompt.process(&observation, &table()).unwrap()));
     }
-    assert_eq!(late.model().rest, prompt.model().rest);
-    assert_eq!(late.model().live, prompt.model().live);
+    assert_eq!(late.model().rest(), prompt.model().rest());
+    assert_eq!(late.model().live(), prompt.model().live());
 }
 
 #[test]
@@ -406,7 +406,7 @@ fn a_hypothesis_and_the_fusion_can_be_left_out() {
         let reports: Vec<FrameReport> = reports.collect();
         let before = reconstructor.model().clone();
         reconstructor.consolidate(&table());
-        (reports, before.rest == reconstructor.model().rest)
+        (reports, before.rest() == reconstructor.model().rest())
     };
     let (reports, as_it_grew) = follow(without);
     assert!(
@@ -441,8 +441,8 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
         let report = reconstructor.process(&moved, &table()).unwrap();
         assert_eq!(report.failure.is_none(), followed, "{jump} m: {report:?}");
         let model = reconstructor.model();
-        assert!(followed || model.rest == before.rest, "{jump} m");
-        assert!(followed || model.live == before.live, "{jump} m");
+        assert!(followed || model.rest() == before.rest(), "{jump} m");
+        assert!(followed || model.live() == before.live(), "{jump} m");
     }
 }
 

@@ -327,10 +327,8 @@ fn a_browser_shows_a_run_that_failed_at_once() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("report.html");
     let mut empty = Report::new(About::default());
-    let closing = Closing {
-        rows: vec![("stop", "error: <b>nothing</b> was seen".into())],
-        metrics: serde_json::json!({}),
-    };
+    let rows = vec![("stop", "error: <b>nothing</b> was seen".into())];
+    let closing = Closing::new(rows, &serde_json::json!({})).unwrap();
     empty.note("</script><img src=x onerror=alert(1)>".into());
     std::fs::write(&path, empty.page(&closing)).unwrap();
     let Some(browser) = browser() else { return };

@@ -109,7 +109,7 @@ proptest! {
         };
         let seen: Vec<bool> = (0..COUNT).map(|i| i % 3 == 0).collect();
         for i in 0..COUNT {
-            model.live[i] = now.vertices[i] + if seen[i] { Vector3::zeros() } else { offset };
+            model.live_mut()[i] = now.vertices[i] + if seen[i] { Vector3::zeros() } else { offset };
         }
         let error = measurer.prediction_error(&model, &seen, &now).unwrap();
         // Anchors are projections onto triangles in double precision.

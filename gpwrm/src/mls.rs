@@ -253,8 +253,15 @@ struct LocalFit {
     surface_normal: UnitVector3<f64>,
 }
 
-/// Two unit vectors that complete `normal` to an orthonormal frame.
-fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+/// Two unit vectors that complete `normal` to an orthonormal frame: any two, and not continuous in `normal`.
+///
+/// ```
+/// use gpwrm::mls::tangents;
+/// use gpwrm::nalgebra::Vector3;
+/// let (s, t) = tangents(&Vector3::z_axis());
+/// assert!((s.cross(&t) - Vector3::z()).norm() < 1e-15);
+/// ```
+pub fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let axis = if normal.x.abs() < 0.6 {
         Vector3::x()
     } else {

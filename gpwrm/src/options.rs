@@ -18,10 +18,11 @@ pub enum Support {
 ///
 /// ```
 /// use gpwrm::{FieldOptions, Support};
-/// let options = FieldOptions { support: Support::Radius(0.03), ..FieldOptions::default() };
+/// let options = FieldOptions::default().with_support(Support::Radius(0.03));
 /// assert_eq!(options.shrinkage, 0.003);
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FieldOptions {
     /// Reach of a node. Default: its 16 nearest, which on a surface is 2.3 spacings.
@@ -45,6 +46,24 @@ impl Default for FieldOptions {
 }
 
 impl FieldOptions {
+    /// Sets the reach of a node.
+    #[must_use]
+    pub fn with_support(self, support: Support) -> Self {
+        Self { support, ..self }
+    }
+
+    /// Sets the radial weight.
+    #[must_use]
+    pub fn with_weight(self, weight: Weight) -> Self {
+        Self { weight, ..self }
+    }
+
+    /// Sets how strongly a gradient is drawn to the local rotation.
+    #[must_use]
+    pub fn with_shrinkage(self, shrinkage: f64) -> Self {
+        Self { shrinkage, ..self }
+    }
+
     pub(crate) fn check(&self) -> Result<(), Error> {
         match self.support {
             Support::Radius(radius) if !(radius > 0.0 && radius <= 1e60) => {

@@ -10,6 +10,7 @@ use crate::error::{Error, check_coordinates, is_sound};
 
 /// A point of a [`Tree`] and how far it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neighbour {
     /// Index of the point in the slice the tree was built from.
     pub index: usize,
@@ -18,6 +19,13 @@ pub struct Neighbour {
 }
 
 impl Neighbour {
+    fn new(item: u32, squared: f64) -> Self {
+        Self {
+            index: item as usize,
+            squared,
+        }
+    }
+
     /// Distance, in m.
     pub fn distance(&self) -> f64 {
         self.squared.sqrt()
@@ -76,10 +84,7 @@ impl Tree {
             .query(&finite(p)?)
             .nearest_one::<SquaredEuclidean<f64>>()
             .execute();
-        Some(Neighbour {
-            index: hit.item as usize,
-            squared: hit.distance,
-        })
+        Some(Neighbour::new(hit.item, hit.distance))
     }
 
     /// The `count` nearest, nearest first; none if `p` is not finite.
@@ -93,10 +98,7 @@ impl Tree {
             .nearest_n::<SquaredEuclidean<f64>>(count)
             .execute();
         hits.iter()
-            .map(|hit| Neighbour {
-                index: hit.item as usize,
-                squared: hit.distance,
-            })
+            .map(|hit| Neighbour::new(hit.item, hit.distance))
             .collect()
     }
 
@@ -112,10 +114,7 @@ impl Tree {
             .unsorted()
             .execute();
         hits.iter()
-            .map(|hit| Neighbour {
-                index: hit.item as usize,
-                squared: hit.distance,
-            })
+            .map(|hit| Neighbour::new(hit.item, hit.distance))
             .collect()
     }
 }

@@ -19,11 +19,9 @@ fn block(jitter: &[f64]) -> Vec<Point3<f64>> {
 /// Largest error, relative to the strain times the way to the nodes in reach, of the affine motion with gradient `g`.
 fn error(nodes: &[Point3<f64>], g: &Matrix3<f64>, shrinkage: f64, probes: &[Point3<f64>]) -> f64 {
     let motion: Vec<_> = nodes.iter().map(|x| g * x.coords).collect();
-    let options = FieldOptions {
-        support: Support::Radius(0.025),
-        shrinkage,
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default()
+        .with_support(Support::Radius(0.025))
+        .with_shrinkage(shrinkage);
     let field = Field::new(nodes, &motion, &options).unwrap();
     probes
         .iter()

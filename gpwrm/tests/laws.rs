@@ -70,7 +70,7 @@ proptest! {
     ) {
         let nodes = sheet(k);
         let support = radius.map_or(Support::Nearest(16), Support::Radius);
-        let options = FieldOptions { support, ..FieldOptions::default() };
+        let options = FieldOptions::default().with_support(support);
         let field = Field::new(&nodes, &rigid(&nodes, &r, &t), &options).unwrap();
         let p = Point3::new(0.035, 0.035, 0.0) + q;
         let sample = field.evaluate(&p);
@@ -132,7 +132,7 @@ proptest! {
         let grid = |k: usize| Vector3::new((k % 4) as f64, (k / 4 % 4) as f64, (k / 16) as f64) * 0.015;
         let nodes: Vec<Point3<f64>> = jitter.iter().enumerate().map(|(k, d)| Point3::from(grid(k) + d)).collect();
         let motion: Vec<_> = nodes.iter().map(|p| 0.1 * Vector3::new(p.y, p.z * p.z, p.x)).collect();
-        let options = FieldOptions { support: Support::Radius(radius), ..FieldOptions::default() };
+        let options = FieldOptions::default().with_support(Support::Radius(radius));
         let field = Field::new(&nodes, &motion, &options).unwrap();
         let p = Point3::from(q);
         let reach = radius + nodes.iter().map(|x| (p - x).norm()).fold(f64::INFINITY, f64::min);

@@ -71,10 +71,7 @@ fn normals_stay_normal_to_what_they_were_normal_to() {
         .map(|k| Point3::new(f64::from(k % 5), f64::from(k / 5 % 5), f64::from(k / 25)) * 0.01)
         .collect();
     let moved: Vec<_> = nodes.iter().map(|p| strain * p.coords - p.coords).collect();
-    let options = FieldOptions {
-        shrinkage: 1e-9,
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default().with_shrinkage(1e-9);
     let field = Field::new(&nodes, &moved, &options).unwrap();
     let normal = UnitVector3::new_normalize(Vector3::new(0.3, -0.5, 0.8));
     let p = Point3::new(0.018, 0.023, 0.021);
@@ -126,10 +123,7 @@ fn determinacy_follows_the_spread_of_the_nodes() {
 fn extrapolation_is_told_by_distance_and_support() {
     let nodes = saddle();
     let still = vec![Vector3::zeros(); nodes.len()];
-    let options = FieldOptions {
-        support: Support::Radius(0.02),
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default().with_support(Support::Radius(0.02));
     let field = Field::new(&nodes, &still, &options).unwrap();
     for k in 0..200 {
         let p = Point3::new(0.0, 0.0, 0.0005 * f64::from(k)) + Vector3::new(0.013, 0.002, -0.03);
@@ -215,19 +209,13 @@ fn wrong_input_is_named() {
         Support::Radius(f64::NAN),
         Support::Nearest(0),
     ] {
-        let options = FieldOptions {
-            support,
-            ..FieldOptions::default()
-        };
+        let options = FieldOptions::default().with_support(support);
         assert!(matches!(
             build(&nodes, &still, &options),
             Err(Error::BadOption { .. })
         ));
     }
-    let options = FieldOptions {
-        shrinkage: -1.0,
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default().with_shrinkage(-1.0);
     assert!(matches!(
         build(&nodes, &still, &options),
         Err(Error::BadOption {
@@ -274,10 +262,7 @@ fn duplicate_nodes_are_averaged() {
     let mut moved = vec![Vector3::zeros(); nodes.len()];
     nodes.push(nodes[60]);
     moved.push(Vector3::new(0.002, 0.0, 0.0));
-    let options = FieldOptions {
-        support: Support::Radius(0.005),
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default().with_support(Support::Radius(0.005));
     let field = Field::new(&nodes, &moved, &options).unwrap();
     let there = field.displacement(&nodes[60]);
     assert!(

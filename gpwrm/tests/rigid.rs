@@ -76,7 +76,7 @@ proptest! {
         let nodes: Vec<_> = cloud.iter().map(|v| Point3::from(v + Vector3::new(0.0, 0.0, 0.5))).collect();
         let area = (nodes[1] - nodes[0]).cross(&(nodes[2] - nodes[0])).norm();
         prop_assume!(area > 1e-4);
-        let options = FieldOptions { support, weight, shrinkage };
+        let options = FieldOptions::default().with_support(support).with_weight(weight).with_shrinkage(shrinkage);
         prop_assert!(error(&nodes, (&r, &t), &options, &probes(&nodes, &aside)) < PROMISE);
     }
 
@@ -90,7 +90,7 @@ proptest! {
             .map(|i| (f64::from(i % 8) * 0.01, f64::from(i / 8) * 0.01))
             .map(|(x, y)| Point3::new(x, y, bend * (x * x + y * y) / 2.0))
             .collect();
-        let options = FieldOptions { support, weight, shrinkage };
+        let options = FieldOptions::default().with_support(support).with_weight(weight).with_shrinkage(shrinkage);
         prop_assert!(error(&nodes, (&r, &t), &options, &probes(&nodes, &aside)) < PROMISE);
     }
 
@@ -105,7 +105,7 @@ proptest! {
             .iter()
             .map(|&(x, y)| tilt * Point3::new(x, y, 0.0) + Vector3::new(0.0, 0.0, 0.3))
             .collect();
-        let options = FieldOptions { support, weight, ..FieldOptions::default() };
+        let options = FieldOptions::default().with_support(support).with_weight(weight);
         prop_assert!(error(&nodes, (&r, &t), &options, &probes(&nodes, &aside)) < PROMISE);
     }
 
@@ -121,7 +121,7 @@ proptest! {
             .chain(along(Vector3::x()))
             .chain(along(Vector3::y()))
             .collect();
-        let options = FieldOptions { support, weight, ..FieldOptions::default() };
+        let options = FieldOptions::default().with_support(support).with_weight(weight);
         prop_assert!(error(&nodes, (&r, &t), &options, &probes(&nodes, &aside)) < PROMISE);
     }
 }
@@ -163,10 +163,7 @@ fn a_lonely_node_turns_with_its_neighbours() {
     nodes.push(Point3::new(0.2, 0.0, 0.0));
     let turn = Rotation3::new(Vector3::new(0.0, 1.3, 0.4));
     let motion: Vec<_> = nodes.iter().map(|p| turn * p - p).collect();
-    let options = FieldOptions {
-        support: Support::Radius(0.023),
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default().with_support(Support::Radius(0.023));
     let field = Field::new(&nodes, &motion, &options).unwrap();
     let p = Point3::new(0.2, 0.01, 0.005);
     let sample = field.evaluate(&p);

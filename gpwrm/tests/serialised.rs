@@ -7,11 +7,9 @@ use gpwrm::{Field, FieldOptions, Sample, Support, Weight};
 
 #[test]
 fn options_and_samples_come_back() {
-    let options = FieldOptions {
-        support: Support::Nearest(9),
-        weight: Weight::Quartic,
-        ..FieldOptions::default()
-    };
+    let options = FieldOptions::default()
+        .with_support(Support::Nearest(9))
+        .with_weight(Weight::Quartic);
     let text = serde_json::to_string(&options).unwrap();
     assert_eq!(
         serde_json::from_str::<FieldOptions>(&text).unwrap(),

@@ -34,7 +34,7 @@ proptest! {
     ) {
         let nodes = bowl();
         let u = motion(&nodes, &turn, &shake);
-        let options = FieldOptions { support: Support::Nearest(count), ..FieldOptions::default() };
+        let options = FieldOptions::default().with_support(Support::Nearest(count));
         let field = Field::new(&nodes, &u, &options).unwrap();
         let p = Point3::new(0.065, 0.065, 0.025) + q;
         let shape = field.shape(&p);

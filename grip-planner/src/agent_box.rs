@@ -12,6 +12,7 @@ use crate::{Error, Plane};
 
 /// A box with one axis along the table normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AgentBox {
     /// Centre.
     pub center: Point3<f64>,

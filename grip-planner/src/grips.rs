@@ -171,6 +171,7 @@ impl GripSet {
 
 /// Sets of grips, and what they were chosen from.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Ranked {
     /// Sets for turning the body over, best first, different from one another.
     pub sets: Vec<GripSet>,

@@ -54,6 +54,7 @@ mod reason;
 mod refusal;
 mod scene;
 mod select;
+mod setters;
 mod speed;
 mod stiffness;
 mod stretch;

@@ -29,6 +29,7 @@ pub(crate) const REPEATED: f64 = 1e-12;
 
 /// Solved covariance columns of the candidates.
 #[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Coverage {
     pub(crate) size: usize,
     pub(crate) candidates: Vec<u32>,

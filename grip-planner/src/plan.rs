@@ -14,6 +14,7 @@ use crate::grips::rank;
 use crate::hole::Hole;
 use crate::reach::{reach, withdraw};
 use crate::scene::positive;
+use crate::setters::setters;
 use crate::stretch::{beside, grips, pull};
 use crate::turn_over::turn_in;
 use crate::{
@@ -40,6 +41,7 @@ pub enum Action<'a> {
 
 /// How fast the body may move and still be tracked.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracking {
     /// Farthest that a node may move between two frames, `ξ`, metres. Default 0.005.
@@ -57,8 +59,16 @@ impl Default for Tracking {
     }
 }
 
+setters! {
+    Tracking {
+        with_xi xi: f64,
+        with_frame_rate frame_rate: f64,
+    }
+}
+
 /// Settings of [`plan`].
 #[derive(Debug, Clone, PartialEq, Default)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlanOptions {
     /// Which grips.
@@ -71,6 +81,16 @@ pub struct PlanOptions {
     pub reach: ReachOptions,
     /// What limits the speed.
     pub tracking: Tracking,
+}
+
+setters! {
+    PlanOptions {
+        with_grips grips: Options,
+        with_turn turn: TurnOptions,
+        with_stretch stretch: StretchOptions,
+        with_reach reach: ReachOptions,
+        with_tracking tracking: Tracking,
+    }
 }
 
 /// A set of grips whose motion was refused.
@@ -130,20 +150,12 @@ pub fn plan(
     action: Action,
     options: &PlanOptions,
 ) -> Result<Plan, Refusal> {
-    model.check()?;
-    scene.check()?;
-    options.check()?;
+    let body = checked(model, scene, options)?;
     if scene.arms.len() < 2 {
         let count = scene.arms.len();
         return Err(Error::TooFewArms { count }.into());
     }
-    let body = Body::new(model.points, scene.tool_radius());
-    let planner = Planner {
-        model,
-        scene,
-        options,
-        around: Surroundings::new(scene, &body),
-    };
+    let planner = Planner::new(model, scene, options, &body);
     match action {
         Action::TurnOver => planner.turn(None),
         Action::Stretch { hole } => planner.stretch(hole),
@@ -162,17 +174,16 @@ pub fn plan_set(
     coverage: &Coverage,
     options: &PlanOptions,
 ) -> Result<Plan, Refusal> {
+    let body = checked(model, scene, options)?;
+    Planner::new(model, scene, options, &body).turn_with(set, coverage, None)
+}
+
+/// The body as an obstacle, once all of the input is known to be usable.
+fn checked(model: &Model, scene: &Scene, options: &PlanOptions) -> Result<Body, Error> {
     model.check()?;
     scene.check()?;
     options.check()?;
-    let body = Body::new(model.points, scene.tool_radius());
-    let planner = Planner {
-        model,
-        scene,
-        options,
-        around: Surroundings::new(scene, &body),
-    };
-    planner.turn_with(set, coverage, None)
+    Ok(Body::new(model.points, scene.tool_radius()))
 }
 
 impl PlanOptions {
@@ -200,6 +211,22 @@ struct Trial<'a> {
     coverage: &'a Coverage,
     turn: Option<Turn>,
     across: Option<UnitVector3<f64>>,
+}
+
+impl<'a> Planner<'a> {
+    fn new(
+        model: &'a Model<'a>,
+        scene: &'a Scene<'a>,
+        options: &'a PlanOptions,
+        body: &'a Body,
+    ) -> Self {
+        Self {
+            model,
+            scene,
+            options,
+            around: Surroundings::new(scene, body),
+        }
+    }
 }
 
 impl Planner<'_> {

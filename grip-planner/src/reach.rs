@@ -15,10 +15,12 @@ use crate::check::{Carried, Surroundings};
 use crate::motion::{Pace, assemble, between, times, travelled};
 use crate::orientation::retreat;
 use crate::scene::positive;
+use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, Refusal, Scene, Stage};
 
 /// How empty arms go.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReachOptions {
     /// Largest speed of an empty tip, m/s; an arm's own limit counts too. Default 0.1.
@@ -36,6 +38,14 @@ impl Default for ReachOptions {
             acceleration: 0.2,
             turn_rate: 1.5,
         }
+    }
+}
+
+setters! {
+    ReachOptions {
+        with_speed speed: f64,
+        with_acceleration acceleration: f64,
+        with_turn_rate turn_rate: f64,
     }
 }
 

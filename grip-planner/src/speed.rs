@@ -12,6 +12,7 @@ use nalgebra::Vector3;
 
 use crate::Error;
 use crate::scene::{positive, within};
+use crate::setters::setters;
 
 /// Largest grip speed at which no node moves more than `xi` metres between frames, m/s.
 ///
@@ -46,6 +47,7 @@ pub fn speed_limit(field: &[Vector3<f64>], xi: f64, frame_rate: f64) -> Result<f
 
 /// Settings of a [`SpeedGovernor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GovernorOptions {
     /// Speed when all is well, m/s: what [`speed_limit`] gave, or less.
@@ -69,6 +71,16 @@ impl Default for GovernorOptions {
             calm: 0.001,
             alarm: 0.004,
         }
+    }
+}
+
+setters! {
+    GovernorOptions {
+        with_cruise cruise: f64,
+        with_least least: f64,
+        with_acceleration acceleration: f64,
+        with_calm calm: f64,
+        with_alarm alarm: f64,
     }
 }
 

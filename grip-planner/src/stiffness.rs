@@ -16,10 +16,12 @@ use nalgebra::Point3;
 
 use crate::model::Adjacency;
 use crate::scene::{not_negative, positive};
+use crate::setters::setters;
 use crate::{Error, Model, Plane};
 
 /// Settings of the stiffness and of the target weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CoverageOptions {
     /// Length over which a pull dies away, `ℓ`, metres. Default 0.08: a soft body of 0.2 m follows a grip with about half its length.
@@ -43,6 +45,16 @@ impl Default for CoverageOptions {
             boundary_weight: 3.0,
             boundary_length: 0.02,
         }
+    }
+}
+
+setters! {
+    CoverageOptions {
+        with_decay_length decay_length: f64,
+        with_friction friction: f64,
+        with_contact_height contact_height: f64,
+        with_boundary_weight boundary_weight: f64,
+        with_boundary_length boundary_length: f64,
     }
 }
 

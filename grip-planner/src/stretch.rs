@@ -20,6 +20,7 @@ use crate::motion::{Pace, assemble, times};
 use crate::options::Support;
 use crate::orientation::retreat;
 use crate::scene::{not_negative, positive, within};
+use crate::setters::setters;
 use crate::{
     Candidate, Candidates, Error, Grip, Leg, Model, Motion, Options, Refusal, Role, Scene, Stage,
     candidates_among,
@@ -27,6 +28,7 @@ use crate::{
 
 /// Settings of a stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StretchOptions {
     /// How much farther apart the grips get, metres. Default 0.04.
@@ -59,6 +61,19 @@ impl Default for StretchOptions {
             acceleration: 0.02,
             retreat_distance: 0.05,
         }
+    }
+}
+
+setters! {
+    StretchOptions {
+        with_distance distance: f64,
+        with_lift lift: f64,
+        with_reach reach: f64,
+        with_hold hold: f64,
+        with_keep keep: f64,
+        with_speed speed: f64,
+        with_acceleration acceleration: f64,
+        with_retreat_distance retreat_distance: f64,
     }
 }
 

@@ -17,6 +17,7 @@ use crate::check::{Carried, Surroundings};
 use crate::motion::{assemble, times};
 use crate::reach::{dense, withdraw_from};
 use crate::scene::{not_negative, positive};
+use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, ReachOptions, Refusal, Role, Scene, Stage};
 
 /// A tool somewhere.
@@ -33,6 +34,7 @@ pub struct Tip {
 
 /// How the body is carried where no plan says it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CarryOptions {
     /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.02.
@@ -53,6 +55,15 @@ impl Default for CarryOptions {
             turn_rate: 1.0,
             release_height: 0.012,
         }
+    }
+}
+
+setters! {
+    CarryOptions {
+        with_speed speed: f64,
+        with_acceleration acceleration: f64,
+        with_turn_rate turn_rate: f64,
+        with_release_height release_height: f64,
     }
 }
 

@@ -8,13 +8,14 @@ use grip_planner::nalgebra::{DMatrix, Isometry3, Translation3, UnitQuaternion, V
 use grip_planner::{Coverage, CoverageOptions, Plane, Stiffness, target_weights};
 use proptest::prelude::*;
 
-const OPTIONS: CoverageOptions = CoverageOptions {
-    decay_length: 0.08,
-    friction: 4.0,
-    contact_height: 0.02,
-    boundary_weight: 3.0,
-    boundary_length: 0.02,
-};
+fn options() -> CoverageOptions {
+    CoverageOptions::default()
+        .with_decay_length(0.08)
+        .with_friction(4.0)
+        .with_contact_height(0.02)
+        .with_boundary_weight(3.0)
+        .with_boundary_length(0.02)
+}
 
 fn table() -> Plane {
     Plane {
@@ -76,8 +77,8 @@ proptest! {
     #[test]
     fn pairs_and_triples_equal_the_dense_definition(body in small()) {
         let grips = some(&body);
-        let stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
-        let s = target_weights(&body.model(), &OPTIONS).unwrap();
+        let stiffness = Stiffness::membrane(&body.model(), &table(), &options()).unwrap();
+        let s = target_weights(&body.model(), &options()).unwrap();
         let k = dense(&stiffness);
         let coverage = Coverage::with_stiffness(&stiffness, &s, &grips).unwrap();
         let mut best: f64 = 0.0;
@@ -102,7 +103,7 @@ proptest! {
     #[test]
     fn between_nothing_and_all_growing_with_every_grip(body in small()) {
         let everything: Vec<u32> = (0..body.points.len() as u32).collect();
-        let coverage = Coverage::new(&body.model(), &table(), &everything, &OPTIONS).unwrap();
+        let coverage = Coverage::new(&body.model(), &table(), &everything, &options()).unwrap();
         prop_assert!(coverage.score(&[]).unwrap().abs() < f64::MIN_POSITIVE);
         let mut last = 0.0;
         for count in [1, 2, 3, 5, 9, everything.len() - 1, everything.len()] {
@@ -117,7 +118,7 @@ proptest! {
     fn a_grip_more_never_commands_less(body in small(), picks in prop::collection::vec(0usize..1000, 1..8), extra in 0usize..1000) {
         let n = body.points.len();
         let everything: Vec<u32> = (0..n as u32).collect();
-        let coverage = Coverage::new(&body.model(), &table(), &everything, &OPTIONS).unwrap();
+        let coverage = Coverage::new(&body.model(), &table(), &everything, &options()).unwrap();
         let set: Vec<u32> = picks.iter().map(|p| (p % n) as u32).collect();
         let mut more = set.clone();
         more.push((extra % n) as u32);
@@ -130,8 +131,8 @@ proptest! {
     #[test]
     fn the_map_is_the_definition_vertex_by_vertex(body in small()) {
         let g = &some(&body)[..3];
-        let stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
-        let s = target_weights(&body.model(), &OPTIONS).unwrap();
+        let stiffness = Stiffness::membrane(&body.model(), &table(), &options()).unwrap();
+        let s = target_weights(&body.model(), &options()).unwrap();
         let coverage = Coverage::with_stiffness(&stiffness, &s, g).unwrap();
         let map = coverage.map(&[g[0], g[1], g[2], g[1]]).unwrap();
         let k = dense(&stiffness);
@@ -152,8 +153,8 @@ proptest! {
     #[test]
     fn what_grips_leave_free_is_a_projection_onto_their_null_space(body in small(), count in 1usize..6) {
         let g = &some(&body)[..count];
-        let stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
-        let s = target_weights(&body.model(), &OPTIONS).unwrap();
+        let stiffness = Stiffness::membrane(&body.model(), &table(), &options()).unwrap();
+        let s = target_weights(&body.model(), &options()).unwrap();
         let coverage = Coverage::with_stiffness(&stiffness, &s, g).unwrap();
         let n = s.len();
         let mut p = DMatrix::zeros(n, n);
@@ -177,7 +178,7 @@ proptest! {
     #[test]
     fn blind_to_the_order_of_grips_and_to_repeats(body in small()) {
         let g = some(&body);
-        let coverage = Coverage::new(&body.model(), &table(), &g, &OPTIONS).unwrap();
+        let coverage = Coverage::new(&body.model(), &table(), &g, &options()).unwrap();
         let score = coverage.score(&[g[0], g[3], g[5]]).unwrap();
         prop_assert!((score - coverage.score(&[g[5], g[0], g[3]]).unwrap()).abs() < CLOSE);
         prop_assert!((score - coverage.score(&[g[5], g[0], g[3], g[0], g[5]]).unwrap()).abs() < CLOSE);
@@ -192,8 +193,8 @@ proptest! {
         let shuffled = permuted(&body, &new_of);
         let g = some(&body);
         let renamed: Vec<u32> = g.iter().map(|&v| new_of[v as usize] as u32).collect();
-        let a = Coverage::new(&body.model(), &table(), &g, &OPTIONS).unwrap();
-        let b = Coverage::new(&shuffled.model(), &table(), &renamed, &OPTIONS).unwrap();
+        let a = Coverage::new(&body.model(), &table(), &g, &options()).unwrap();
+        let b = Coverage::new(&shuffled.model(), &table(), &renamed, &options()).unwrap();
         for k in 1..g.len() {
             prop_assert!((a.score(&g[..k]).unwrap() - b.score(&renamed[..k]).unwrap()).abs() < CLOSE);
         }
@@ -209,15 +210,15 @@ proptest! {
         // n·x + c of the old point equals n'·x' + c' of the moved one.
         let plane = Plane { normal, offset: table().offset - normal.dot(&Vector3::from(shift)) };
         let g = some(&body);
-        let a = Coverage::new(&body.model(), &table(), &g, &OPTIONS).unwrap();
-        let b = Coverage::new(&moved.model(), &plane, &g, &OPTIONS).unwrap();
+        let a = Coverage::new(&body.model(), &table(), &g, &options()).unwrap();
+        let b = Coverage::new(&moved.model(), &plane, &g, &options()).unwrap();
         prop_assert!((a.score(&g[..3]).unwrap() - b.score(&g[..3]).unwrap()).abs() < CLOSE);
     }
 
     #[test]
     fn the_field_is_a_projection_and_in_balance(body in small(), v in prop::array::uniform6(-1.0..1.0)) {
         let g = some(&body);
-        let coverage = Coverage::new(&body.model(), &table(), &g, &OPTIONS).unwrap();
+        let coverage = Coverage::new(&body.model(), &table(), &g, &options()).unwrap();
         let held = [(g[1], Vector3::new(v[0], v[1], v[2])), (g[6], Vector3::new(v[3], v[4], v[5]))];
         let field = coverage.field(&held).unwrap();
         for (vertex, velocity) in held {
@@ -229,7 +230,7 @@ proptest! {
             prop_assert!((a - b).norm() < CLOSE);
         }
         // No force anywhere but at the grips.
-        let k = dense(&Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap());
+        let k = dense(&Stiffness::membrane(&body.model(), &table(), &options()).unwrap());
         let u = DMatrix::from_fn(field.len(), 3, |i, c| field[i][c]);
         let force = &k * u;
         for i in (0..field.len()).filter(|i| ![g[1], g[6]].contains(&(*i as u32))) {
@@ -243,7 +244,7 @@ fn a_spring_across_the_body_carries_the_pull_through() {
     // Two pieces without an edge between them: only the added spring lets the grip on one command the other.
     let mut body = Body::ellipsoid([0.1, 0.06, 0.025], 60, 0.0, 0.0);
     body.edges.clear();
-    let mut stiffness = Stiffness::membrane(&body.model(), &table(), &OPTIONS).unwrap();
+    let mut stiffness = Stiffness::membrane(&body.model(), &table(), &options()).unwrap();
     let mut targets = vec![0.0; body.points.len()];
     targets[7] = 1.0;
     let apart = Coverage::with_stiffness(&stiffness, &targets, &[0])
@@ -262,7 +263,7 @@ fn a_spring_across_the_body_carries_the_pull_through() {
 #[test]
 fn what_is_next_to_the_hidden_surface_weighs_more() {
     let body = fixture::usual(400);
-    let weights = target_weights(&body.model(), &OPTIONS).unwrap();
+    let weights = target_weights(&body.model(), &options()).unwrap();
     let share = |v: usize| weights[v] / body.areas[v];
     let top = 0;
     let rim = body.boundary.iter().position(|&b| b).unwrap();

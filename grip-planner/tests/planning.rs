@@ -248,7 +248,7 @@ proptest! {
         let scene = fixture::scene(&arms);
         let mut options = PlanOptions::default();
         options.turn.speed = speed;
-        options.tracking = Tracking { xi, frame_rate };
+        options.tracking = Tracking::default().with_xi(xi).with_frame_rate(frame_rate);
         let plan = match plan(&body.model(), &scene, Action::TurnOver, &options) {
             Ok(plan) => plan,
             // A tight workspace may leave nothing; then every set has its reason.
@@ -299,7 +299,7 @@ proptest! {
         let scene = fixture::scene(&arms);
         let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
         // Without slack, floor and shift the tips go like points of a rigid block.
-        let options = TurnOptions { angle: Some(angle), slack: 0.0, retract: 0.0, release_height: 0.0, recentre: Recentre::Tumble, ..Default::default() };
+        let options = TurnOptions::default().with_angle(Some(angle)).with_slack(0.0).with_retract(0.0).with_release_height(0.0).with_recentre(Recentre::Tumble);
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
         let t = set.turn;
         let edge = t.point(&Vector3::new(0.0, -t.thickness, 0.0));
@@ -321,7 +321,7 @@ proptest! {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
         let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
-        let options = TurnOptions { angle: Some(PI), retract: 0.0, ..Default::default() };
+        let options = TurnOptions::default().with_angle(Some(PI)).with_retract(0.0);
         let Ok(motion) = turn_over(&body.model(), &scene, &set, &options) else { return Ok(()) };
         for (grip, path) in set.grips.iter().zip(&motion.arms) {
             let start = set.turn.local(&grip.tip());
@@ -342,7 +342,7 @@ proptest! {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
         let set = plan_grips(&body.model(), &scene, &Options::default()).unwrap().sets.remove(0).without_support();
-        let Ok(motion) = turn_over(&body.model(), &scene, &set, &TurnOptions { stretch, ..Default::default() }) else { return Ok(()) };
+        let Ok(motion) = turn_over(&body.model(), &scene, &set, &TurnOptions::default().with_stretch(stretch)) else { return Ok(()) };
         let apart = |time: f64| set.turn.axis.dot(&(motion.arms[0].at(time).unwrap().translation.vector - motion.arms[1].at(time).unwrap().translation.vector)).abs();
         prop_assert!((apart(motion.duration) - apart(0.0) - stretch).abs() < 1e-9);
     }
@@ -458,10 +458,7 @@ fn a_wanted_side_is_lifted() {
         Vector3::y_axis(),
         -Vector3::y_axis(),
     ] {
-        let options = Options {
-            lift: Some(side),
-            ..Default::default()
-        };
+        let options = Options::default().with_lift(Some(side));
         for set in plan_grips(&body.model(), &fixture::scene(&arms), &options)
             .unwrap()
             .sets
@@ -474,11 +471,9 @@ fn a_wanted_side_is_lifted() {
 #[test]
 fn weight_zero_is_the_order_of_coverage() {
     let (body, arms) = (fixture::usual(800), fixture::arms(2));
-    let options = Options {
-        turning_weight: 0.0,
-        outline_weight: 1.0,
-        ..Default::default()
-    };
+    let options = Options::default()
+        .with_turning_weight(0.0)
+        .with_outline_weight(1.0);
     let sets = plan_grips(&body.model(), &fixture::scene(&arms), &options)
         .unwrap()
         .sets;
@@ -491,13 +486,8 @@ fn weight_zero_is_the_order_of_coverage() {
 #[test]
 fn a_third_arm_holds_at_the_pivot_and_lets_go_early() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(3));
-    let options = PlanOptions {
-        grips: Options {
-            lift: Some(Vector3::y_axis()),
-            ..Default::default()
-        },
-        ..Default::default()
-    };
+    let options =
+        PlanOptions::default().with_grips(Options::default().with_lift(Some(Vector3::y_axis())));
     let plan = plan(
         &body.model(),
         &fixture::scene(&arms),
@@ -534,11 +524,9 @@ fn every_reason_for_a_rejection_occurs() {
     body.points[rim[2]].z = DEPTH + 0.02;
     body.points[rim[3]].x = 3.0;
     // A lone point above the middle of the way of a tool.
-    let options = Options {
-        source: CandidateSource::Boundary,
-        max_candidates: 60,
-        ..Default::default()
-    };
+    let options = Options::default()
+        .with_source(CandidateSource::Boundary)
+        .with_max_candidates(60);
     let tool = candidates(&body.model(), &scene, &options)
         .unwrap()
         .accepted[5]
@@ -573,15 +561,7 @@ fn every_reason_for_a_rejection_occurs() {
             .any(|r| matches!(r.1, Reason::Blocked { by: 0, .. }))
     );
     scene.jaw_separation = 0.01;
-    let few = candidates(
-        &body.model(),
-        &scene,
-        &Options {
-            max_candidates: 4,
-            ..options
-        },
-    )
-    .unwrap();
+    let few = candidates(&body.model(), &scene, &options.with_max_candidates(4)).unwrap();
     assert_eq!(few.accepted.len(), 4);
     assert!(
         few.rejected
@@ -673,13 +653,8 @@ fn a_body_whose_boundary_is_hidden_is_held_at_its_outline() {
         )
         .is_ok()
     );
-    let strict = PlanOptions {
-        grips: Options {
-            source: CandidateSource::Boundary,
-            ..Default::default()
-        },
-        ..Default::default()
-    };
+    let strict = PlanOptions::default()
+        .with_grips(Options::default().with_source(CandidateSource::Boundary));
     assert!(matches!(
         plan(&body.model(), &scene, Action::TurnOver, &strict),
         Err(Refusal::NoGrips { accepted: 0, .. })
@@ -737,10 +712,7 @@ fn tools_that_would_go_through_the_body_are_refused() {
     // Arms low on the far side of the table: the lines from their wrists to their bases run through the body.
     let mut low = fixture::arms(2);
     let free = fixture::arms(2);
-    let lift = Options {
-        lift: Some(Vector3::y_axis()),
-        ..Default::default()
-    };
+    let lift = Options::default().with_lift(Some(Vector3::y_axis()));
     for arm in &mut low {
         arm.base = Point3::new(0.14 * arm.base.x, -0.25, DEPTH - 0.005);
     }
@@ -847,18 +819,12 @@ fn bad_input_is_named() {
         alone,
         Err(Refusal::Input(Error::TooFewArms { count: 1 }))
     ));
-    let turn = TurnOptions {
-        speed: -1.0,
-        ..Default::default()
-    };
+    let turn = TurnOptions::default().with_speed(-1.0);
     let slow = plan(
         &good.model(),
         &scene,
         Action::TurnOver,
-        &PlanOptions {
-            turn,
-            ..Default::default()
-        },
+        &PlanOptions::default().with_turn(turn),
     );
     assert!(matches!(
         slow,
@@ -876,10 +842,7 @@ fn a_tilt_that_is_none_is_named() {
         set.turn.tilt = tilt;
         let refused = turn_over(&body.model(), &scene, &set, &TurnOptions::default()).unwrap_err();
         assert!(refused.to_string().starts_with("tilt is"), "{refused}");
-        let options = Options {
-            tilt,
-            ..Options::default()
-        };
+        let options = Options::default().with_tilt(tilt);
         let refused = plan_grips(&body.model(), &scene, &options).unwrap_err();
         assert!(refused.to_string().starts_with("tilt is"), "{refused}");
     }

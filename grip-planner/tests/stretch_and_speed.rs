@@ -48,8 +48,8 @@ proptest! {
         let (body, rim) = slit(angle);
         let arms = fixture::arms(3);
         let scene = fixture::scene(&arms);
-        let stretch = StretchOptions { distance, lift, ..Default::default() };
-        let options = PlanOptions { stretch, ..Default::default() };
+        let stretch = StretchOptions::default().with_distance(distance).with_lift(lift);
+        let options = PlanOptions::default().with_stretch(stretch);
         let done = match plan(&body.model(), &scene, Action::Stretch { hole: &rim }, &options) {
             Ok(done) => done,
             // Two tools that cannot stand this close together is an honest answer, for every pair that was tried.
@@ -88,8 +88,8 @@ proptest! {
         let (body, rim) = slit(angle);
         let arms = fixture::arms(3);
         let scene = fixture::scene(&arms);
-        let stretch = StretchOptions { distance, ..Default::default() };
-        let options = PlanOptions { stretch, ..Default::default() };
+        let stretch = StretchOptions::default().with_distance(distance);
+        let options = PlanOptions::default().with_stretch(stretch);
         let done = plan(&body.model(), &scene, Action::TurnAndStretch { hole: &rim }, &options).unwrap();
         let (turn, across) = (done.turn.unwrap(), done.across.unwrap());
         prop_assert!(turn.axis.dot(&across).abs() > 0.9);

@@ -40,7 +40,7 @@ proptest! {
     fn what_is_held_is_lowered_along_the_normal(x in -0.05..0.05, y in -0.05..0.05, h in 0.005..0.15, apart in 0.06..0.12, speed in 0.005..0.05) {
         let arms = fixture::arms(2);
         let scene = fixture::scene(&arms);
-        let options = CarryOptions { speed, ..Default::default() };
+        let options = CarryOptions::default().with_speed(speed);
         let held = tips([x, y, h], apart);
         let motion = lower(&scene, &held, &options).unwrap();
         keeps_its_pace(&motion, speed)?;
@@ -167,7 +167,7 @@ fn input_that_cannot_be_used_is_named() {
         Error::BadArm { arm: 1, .. }
     ));
     for speed in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        let options = CarryOptions { speed, ..options };
+        let options = options.with_speed(speed);
         assert!(matches!(
             input(lower(&scene, &held, &options)),
             Error::BadSetting { .. }

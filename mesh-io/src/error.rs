@@ -7,6 +7,7 @@ use crate::Format;
 
 /// Where in a file, counted as an editor or a hex viewer counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Place {
     /// A line of text, from 1.
     Line(usize),

@@ -9,6 +9,7 @@ use crate::Error;
 /// A format of files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Format {
     /// PLY, the Stanford polygon format: text, or binary of either byte order.
     Ply,

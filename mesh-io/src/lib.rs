@@ -20,6 +20,8 @@ mod polygon;
 pub mod program;
 mod raw;
 mod scalar;
+#[cfg(feature = "serde")]
+mod serialised;
 mod stl;
 mod table;
 mod text;

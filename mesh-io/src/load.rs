@@ -7,6 +7,7 @@ use crate::{Error, Format, Mesh, Units, Up};
 /// What to make of the numbers in a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Load {
     /// Unit of the coordinates.
     pub units: Units,
@@ -24,6 +25,7 @@ pub struct Load {
 
 /// What becomes of vertices that are repeated or not used by any triangle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Vertices {
     /// One for each place, see [`Mesh::welded`].
     #[default]

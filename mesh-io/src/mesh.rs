@@ -9,6 +9,7 @@ use crate::Error;
 
 /// A number for every vertex, under the name that a file gives it, such as `confidence`.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Property {
     name: String,
     values: Vec<f64>,
@@ -37,6 +38,7 @@ impl Property {
 
 /// A triangle mesh, or a cloud of points if it has no triangles.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Mesh {
     pub(crate) points: Vec<Point3<f64>>,
     pub(crate) normals: Vec<Vector3<f64>>,

@@ -19,6 +19,7 @@ const MAGIC: &[u8] = b"\x93NUMPY";
 /// An array of numbers of any shape.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Array {
     /// How many there are along each axis.
     pub shape: Vec<usize>,

@@ -8,8 +8,41 @@ use crate::{Error, Mesh};
 
 /// Unit of the coordinates in a file.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(into = "f64", try_from = "f64")
+)]
 pub struct Units {
     metres: f64,
+}
+
+impl From<Units> for f64 {
+    /// Length of one unit, m.
+    fn from(units: Units) -> Self {
+        units.metres
+    }
+}
+
+impl TryFrom<f64> for Units {
+    type Error = Error;
+
+    /// The unit of a length in metres, which has to be finite and positive.
+    fn try_from(metres: f64) -> Result<Self, Error> {
+        if metres.is_finite() && metres > 0.0 {
+            Ok(Self { metres })
+        } else {
+            Err(not_a_unit(&metres.to_string()))
+        }
+    }
+}
+
+fn not_a_unit(value: &str) -> Error {
+    Error::BadOption {
+        option: "--units",
+        value: value.to_owned(),
+        expected: "m, cm, mm or the length of a unit in metres",
+    }
 }
 
 impl Units {
@@ -37,25 +70,22 @@ impl FromStr for Units {
     type Err = Error;
 
     fn from_str(text: &str) -> Result<Self, Error> {
-        let length = match text {
-            "m" => return Ok(Self::METRES),
-            "cm" => return Ok(Self::CENTIMETRES),
-            "mm" => return Ok(Self::MILLIMETRES),
-            other => other.parse().ok(),
-        };
-        let length = length.filter(|metres: &f64| metres.is_finite() && *metres > 0.0);
-        length
-            .map(|metres| Self { metres })
-            .ok_or_else(|| Error::BadOption {
-                option: "--units",
-                value: text.to_owned(),
-                expected: "m, cm, mm or the length of a unit in metres",
-            })
+        match text {
+            "m" => Ok(Self::METRES),
+            "cm" => Ok(Self::CENTIMETRES),
+            "mm" => Ok(Self::MILLIMETRES),
+            other => {
+                let metres: Result<f64, _> = other.parse();
+                let unit = metres.ok().and_then(|metres| Self::try_from(metres).ok());
+                unit.ok_or_else(|| not_a_unit(other))
+            }
+        }
     }
 }
 
 /// The axis of a file that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Up {
     /// x.
     X,

@@ -3,11 +3,18 @@
 //! Commas, semicolons, tabs or blanks stand between the numbers. The first line may name the columns; empty lines and lines that begin with `#`
 //! are passed over, and so is a separator at the end of a line. Whatever else stands there is an error that names line, column and text.
 
+#[cfg(feature = "serde")]
+use crate::serialised::Written;
 use crate::text::{Lines, number, shown};
 use crate::{Error, Format};
 
 /// Rows of `N` numbers, and whether the file named its columns.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(into = "Written", try_from = "Written")
+)]
 pub struct Table<const N: usize> {
     /// The numbers.
     pub rows: Vec<[f64; N]>,

@@ -7,6 +7,7 @@ use crate::{Error, Format, Mesh, glb, npy, obj, off, pcd, ply, stl, xyz};
 
 /// Text, or bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Encoding {
     /// Lines that people can read.
     Text,
@@ -17,6 +18,7 @@ pub enum Encoding {
 
 /// Digits of every number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Precision {
     /// 32 bits: a micrometre in ten metres.
     Single,
@@ -38,12 +40,14 @@ impl Precision {
 /// How a mesh is written. STL and GLB hold 32 bits in binary whatever is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options<'a> {
     /// Binary unless told otherwise; OBJ, OFF and XYZ are text, GLB and NPY binary.
     pub encoding: Encoding,
     /// Double unless told otherwise.
     pub precision: Precision,
     /// A remark for the header, where the format has a place for one.
+    #[cfg_attr(feature = "serde", serde(borrow))]
     pub comment: Option<&'a str>,
 }
 

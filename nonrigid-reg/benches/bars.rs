@@ -100,11 +100,9 @@ fn score(pair: &Pair, mode: &str) -> [f64; 4] {
         &pair.truth,
     );
     // Registered nodes carry some noise, and what is hidden is far from them: wide supports, more shrinkage.
-    let options = gpwrm::FieldOptions {
-        support: gpwrm::Support::Nearest(64),
-        shrinkage: 0.03,
-        ..Default::default()
-    };
+    let options = gpwrm::FieldOptions::default()
+        .with_support(gpwrm::Support::Nearest(64))
+        .with_shrinkage(0.03);
     let field =
         gpwrm::Field::new(&result.node_positions, &result.node_displacements, &options).unwrap();
     let (hidden, _) = error_mm(&field.warp(&pair.hidden), &pair.hidden_truth);

@@ -242,11 +242,9 @@ impl Pair {
 
     /// Registered nodes carry some noise, and what is hidden is far from them: wide supports, more shrinkage.
     fn hidden_error(&self, result: &Registration) -> f64 {
-        let options = gpwrm::FieldOptions {
-            support: gpwrm::Support::Nearest(64),
-            shrinkage: 0.03,
-            ..Default::default()
-        };
+        let options = gpwrm::FieldOptions::default()
+            .with_support(gpwrm::Support::Nearest(64))
+            .with_shrinkage(0.03);
         let field = gpwrm::Field::new(&result.node_positions, &result.node_displacements, &options);
         let (Some([hidden, truth]), Ok(field)) = (&self.hidden, field) else {
             return f64::NAN;

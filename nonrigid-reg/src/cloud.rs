@@ -7,6 +7,7 @@
 //! boundary      neighbours seen along n, sorted by angle: a gap wider than the bound means that the surface ends there
 //! ```
 
+use gpwrm::mls::tangents;
 use gpwrm::{Neighbour, Tree};
 use nalgebra::{Matrix3, Point3, Unit, UnitVector3, Vector3};
 
@@ -266,15 +267,4 @@ pub(crate) fn denoise(cloud: &Cloud, k: usize) -> Vec<Point3<f64>> {
     each(cloud.points.len(), |i| {
         denoised(cloud, i, &tree.nearest_n(&cloud.points[i], count))
     })
-}
-
-/// Two unit vectors that complete `normal` to an orthonormal frame.
-fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
-    let axis = if normal.x.abs() < 0.6 {
-        Vector3::x()
-    } else {
-        Vector3::y()
-    };
-    let s = normal.cross(&axis).normalize();
-    (s, normal.cross(&s))
 }

@@ -14,6 +14,7 @@ mod prior;
 mod register;
 mod registration;
 mod report;
+mod setters;
 mod slippage;
 mod system;
 mod target;

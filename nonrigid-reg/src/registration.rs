@@ -63,6 +63,7 @@ pub enum Status {
 
 /// What the landmarks alone say of the motion.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LandmarkField {
     /// Deformation nodes on the source, landmarks first.
     pub node_positions: Vec<Point3<f64>>,
@@ -74,6 +75,7 @@ pub struct LandmarkField {
 
 /// The motion from source to target.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Registration {
     /// Deformation nodes on the source, landmarks first.
     pub node_positions: Vec<Point3<f64>>,

@@ -12,10 +12,7 @@ use proptest::prelude::*;
 use shapes::{Oriented, bend, bent, mean_error, potato, seen};
 
 fn coarse() -> Options {
-    Options {
-        node_spacing: 0.02,
-        ..Options::default()
-    }
+    Options::default().with_node_spacing(0.02)
 }
 
 fn pair(size: f64) -> (Oriented, Oriented) {
@@ -141,34 +138,13 @@ fn wrong_input_is_named() {
         })
     ));
     for options in [
-        Options {
-            node_spacing: f64::NAN,
-            ..coarse()
-        },
-        Options {
-            gates: vec![],
-            ..coarse()
-        },
-        Options {
-            gates: vec![0.01, -1.0],
-            ..coarse()
-        },
-        Options {
-            iterations: 0,
-            ..coarse()
-        },
-        Options {
-            strain: f64::INFINITY,
-            ..coarse()
-        },
-        Options {
-            align_below: 1.5,
-            ..coarse()
-        },
-        Options {
-            denoise: 1000,
-            ..coarse()
-        },
+        coarse().with_node_spacing(f64::NAN),
+        coarse().with_gates(vec![]),
+        coarse().with_gates(vec![0.01, -1.0]),
+        coarse().with_iterations(0),
+        coarse().with_strain(f64::INFINITY),
+        coarse().with_align_below(1.5),
+        coarse().with_denoise(1000),
     ] {
         assert!(
             matches!(with(&options), Err(Error::BadOption { .. })),
@@ -177,10 +153,7 @@ fn wrong_input_is_named() {
     }
     // Every source point a cell of its own, 1.2 mm apart at most.
     let dense = seen(&potato(20_000, 0.0));
-    let fine = Options {
-        node_spacing: 1e-4,
-        ..coarse()
-    };
+    let fine = coarse().with_node_spacing(1e-4);
     let result = register(&dense.cloud(), &target.cloud(), &[], &[], &fine);
     assert!(matches!(result, Err(Error::TooManyNodes { .. })));
     let negative = Landmark {

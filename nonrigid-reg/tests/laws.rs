@@ -12,10 +12,7 @@ use proptest::prelude::*;
 use shapes::{Oriented, bent, mean_error, potato, seen};
 
 fn coarse() -> Options {
-    Options {
-        node_spacing: 0.02,
-        ..Options::default()
-    }
+    Options::default().with_node_spacing(0.02)
 }
 
 fn pair(size: f64) -> (Oriented, Oriented) {
@@ -155,7 +152,7 @@ proptest! {
         let grip = Landmark { source: points[0], target: points[0] + pull, sigma: 0.0 };
         let rest = vec![Vector3::zeros(); points.len()];
         let run = |prediction: f64, initial: Option<&[Vector3<f64>]>| {
-            let options = Options { prediction, ..coarse() };
+            let options = coarse().with_prediction(prediction);
             Registrar::new(options).register(&sheet, &sheet, &[grip], &[], initial).unwrap()
         };
         let far = |displacements: &[Vector3<f64>]| {
@@ -188,7 +185,7 @@ proptest! {
         let normals = vec![Vector3::z_axis(); points.len()];
         let cloud = Cloud { points: &points, normals: &normals };
         let landmarks: Vec<_> = landmark.then_some(Landmark { source: points[0], target: points[0] + Vector3::x() * size, sigma: 0.0 }).into_iter().collect();
-        let options = Options { node_spacing: 0.3 * size, ..Options::default() };
+        let options = Options::default().with_node_spacing(0.3 * size);
         let result = register(&cloud, &cloud, &landmarks, &[], &options).unwrap();
         prop_assert!(result.displacements.iter().all(|u| u.iter().all(|c| c.is_finite())));
         prop_assert!(result.confidence.iter().all(|c| (0.0..=1.0).contains(c)));

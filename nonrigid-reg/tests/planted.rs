@@ -189,10 +189,7 @@ fn new_surface_does_not_attract() {
 /// result, and new clouds are sampled afresh.
 #[test]
 fn a_half_turn_over_many_frames_is_followed() {
-    let options = Options {
-        node_spacing: 0.018,
-        ..Options::default()
-    };
+    let options = Options::default().with_node_spacing(0.018);
     let mut registrar = Registrar::new(options);
     let model = potato(2000, 0.0);
     let step = Rotation3::from_axis_angle(&Vector3::x_axis(), 3_f64.to_radians());

@@ -2,7 +2,8 @@
 #![cfg(feature = "serde")]
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
-use nonrigid_reg::{Options, Settled, Status};
+use nonrigid_reg::nalgebra::{Point3, Vector3};
+use nonrigid_reg::{Cloud, Options, Registration, Settled, Status, register};
 
 #[test]
 fn options_come_back() {
@@ -20,4 +21,18 @@ fn options_come_back() {
         serde_json::from_str::<Status>(&text).unwrap(),
         Status::Converged
     );
+}
+
+#[test]
+fn results_come_back() {
+    let at = |k: i32| Point3::new(f64::from(k % 8), f64::from(k / 8), 0.0) * 0.01;
+    let points: Vec<_> = (0..64).map(at).collect();
+    let normals = vec![Vector3::z_axis(); points.len()];
+    let cloud = Cloud {
+        points: &points,
+        normals: &normals,
+    };
+    let result = register(&cloud, &cloud, &[], &[], &Options::default()).unwrap();
+    let text = serde_json::to_string(&result).unwrap();
+    assert_eq!(serde_json::from_str::<Registration>(&text).unwrap(), result);
 }

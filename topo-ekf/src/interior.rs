@@ -8,19 +8,15 @@
 //! because the constant of the other form swallows the solver's relative gap. Seconds at 2,000 vertices; it always ends.
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
-};
 
 use crate::Error;
 use crate::pattern::Pattern;
 use crate::plane_contact::PlaneContact;
 use crate::problem::Problem;
+use crate::quadratic_program::minimise;
 use crate::rows::Stack;
 use crate::system::System;
 
-/// Tolerance of the cost, relative to that of the deepest violation squared.
-const GAP: f64 = 1e-11;
 /// Tolerance of feasibility, relative to the deepest violation. What is reached is near rounding; demanded near rounding, a residual
 /// that grows from 1e-14 to 1e-10 makes clarabel stop where the cost is still wrong by per cents (seen at 1e-12).
 const FEASIBILITY: f64 = 1e-9;
@@ -56,19 +52,8 @@ pub(crate) fn interior_point(
                 .map(|h| h / deepest),
         )
         .collect();
-    let cone = [SupportedConeT::NonnegativeConeT(right.len())];
     let zero = vec![0.0; 3 * size + rows];
-    let mut solver = DefaultSolver::new(&quadratic, &zero, &bounds, &right, &cone, settings()?)
-        .map_err(|_| Error::Factorisation)?;
-    solver.solve();
-    let found = &solver.solution;
-    let usable = matches!(
-        found.status,
-        SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress
-    );
-    if !usable || !found.x.iter().all(|v| v.is_finite()) {
-        return Err(Error::Factorisation);
-    }
+    let found = minimise(&quadratic, &zero, &bounds, &right, FEASIBILITY)?;
     if problem.plane.is_some() {
         // Strict complementarity: who rests has the larger multiplier than distance.
         let rests = |i: usize| found.z[rows + i] > found.s[rows + i];
@@ -85,17 +70,6 @@ pub(crate) fn interior_point(
         })
         .collect();
     Ok((shift, forces))
-}
-
-fn settings() -> Result<DefaultSettings<f64>, Error> {
-    DefaultSettingsBuilder::default()
-        .verbose(false)
-        .max_threads(1)
-        .tol_gap_abs(GAP)
-        .tol_gap_rel(GAP)
-        .tol_feas(FEASIBILITY)
-        .build()
-        .map_err(|_| Error::Factorisation)
 }
 
 /// `diag(W, W, W, I/ς)`, upper triangle in compressed columns.

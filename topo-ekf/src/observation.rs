@@ -174,41 +174,58 @@ impl Plane {
 
 impl Inequality {
     fn check(&self, index: usize, vertices: usize) -> Result<(), Error> {
-        for &(vertex, a) in &self.terms {
-            check_vertex("inequality", index, vertex, vertices)?;
-            if !usable_point(&Point3::from(a)) {
-                return Err(Error::NonFinitePoint {
-                    what: "coefficient of inequality",
-                    index,
-                    value: a.into(),
-                });
-            }
-        }
-        let largest = self.largest();
-        if largest < 1e-9 {
-            return Err(Error::Value {
-                what: "largest coefficient of inequality",
-                index,
-                value: largest,
-                must: "at least 1e-9",
-            });
-        }
-        // A range, so that NaN is refused too.
-        if !(-FARTHEST..=FARTHEST).contains(&self.bound) {
-            return Err(Error::Value {
-                what: "bound of inequality",
-                index,
-                value: self.bound,
-                must: "finite, at most 1e9 in size",
-            });
-        }
-        Ok(())
+        check_inequality(index, &self.terms, self.bound, |&vertex| {
+            check_vertex("inequality", index, vertex, vertices)
+        })
     }
 
     /// `max ‖a_v‖`.
     pub(crate) fn largest(&self) -> f64 {
-        self.terms.iter().map(|(_, a)| a.norm()).fold(0.0, f64::max)
+        largest(&self.terms)
     }
+}
+
+/// `max ‖a‖` over the coefficients of an inequality.
+pub(crate) fn largest<T>(terms: &[(T, Vector3<f64>)]) -> f64 {
+    terms.iter().map(|(_, a)| a.norm()).fold(0.0, f64::max)
+}
+
+/// Refuses an inequality with a term that `check_term` refuses, or with numbers that have no meaning.
+pub(crate) fn check_inequality<T>(
+    index: usize,
+    terms: &[(T, Vector3<f64>)],
+    bound: f64,
+    check_term: impl Fn(&T) -> Result<(), Error>,
+) -> Result<(), Error> {
+    for (term, a) in terms {
+        check_term(term)?;
+        if !usable_point(&Point3::from(*a)) {
+            return Err(Error::NonFinitePoint {
+                what: "coefficient of inequality",
+                index,
+                value: (*a).into(),
+            });
+        }
+    }
+    let largest = largest(terms);
+    if largest < 1e-9 {
+        return Err(Error::Value {
+            what: "largest coefficient of inequality",
+            index,
+            value: largest,
+            must: "at least 1e-9",
+        });
+    }
+    // A range, so that NaN is refused too.
+    if !(-FARTHEST..=FARTHEST).contains(&bound) {
+        return Err(Error::Value {
+            what: "bound of inequality",
+            index,
+            value: bound,
+            must: "finite, at most 1e9 in size",
+        });
+    }
+    Ok(())
 }
 
 /// The observations gathered by vertex: `r_i = Σ 1/σ²` and the weighted mean position.

@@ -1,6 +1,7 @@
 //! Settings of the filter, each with the reason for its default.
 
 use crate::Error;
+use crate::setters::setters;
 
 /// How stiff, how noisy, how many iterations. All lengths in metres, angles in radians.
 ///
@@ -111,36 +112,23 @@ impl Default for Options {
     }
 }
 
-macro_rules! setters {
-    ($($with:ident $field:ident: $kind:ty),* $(,)?) => {
-        impl Options {
-            $(
-                #[doc = concat!("Sets [`", stringify!($field), "`](Self::", stringify!($field), ").")]
-                #[must_use]
-                pub fn $with(mut self, $field: $kind) -> Self {
-                    self.$field = $field;
-                    self
-                }
-            )*
-        }
-    };
-}
-
 setters! {
-    with_edge_sigma edge_sigma: f64,
-    with_process_noise process_noise: f64,
-    with_motion_sigma motion_sigma: f64,
-    with_bend_sigma bend_sigma: f64,
-    with_rotation_iterations rotation_iterations: usize,
-    with_tolerance tolerance: f64,
-    with_rotation_memory rotation_memory: f64,
-    with_anchor_sigma anchor_sigma: f64,
-    with_initial_sigma initial_sigma: f64,
-    with_separation separation: f64,
-    with_contact_reach contact_reach: f64,
-    with_unseen unseen: Unseen,
-    with_motion motion: Motion,
-    with_projection projection: Projection,
+    Options {
+        with_edge_sigma edge_sigma: f64,
+        with_process_noise process_noise: f64,
+        with_motion_sigma motion_sigma: f64,
+        with_bend_sigma bend_sigma: f64,
+        with_rotation_iterations rotation_iterations: usize,
+        with_tolerance tolerance: f64,
+        with_rotation_memory rotation_memory: f64,
+        with_anchor_sigma anchor_sigma: f64,
+        with_initial_sigma initial_sigma: f64,
+        with_separation separation: f64,
+        with_contact_reach contact_reach: f64,
+        with_unseen unseen: Unseen,
+        with_motion motion: Motion,
+        with_projection projection: Projection,
+    }
 }
 
 /// Range in which a standard deviation squares and inverts without leaving `f64`'s comfortable part: the ratio of the

@@ -293,6 +293,32 @@ fn a_pushed_block_sticks_and_slides() {
     assert!(slid > 5e-3, "{held} {slid}");
 }
 
+/// Free is what a frame left unconstrained: something must have been measured or held in it. Rows without weight measure nothing.
+#[test]
+fn a_frame_without_observations_is_not_free() {
+    let high = Plane {
+        normal: UP,
+        offset: 1.0,
+    };
+    let lattice = block([2, 2, 2], H);
+    let at = Embedding::new(0, [0.5; 3]);
+    let here = Pose::at_rest(&lattice).position(&lattice, &at);
+    let status = |grips: &[(Embedding, Point3<f64>)], rows: &[Row]| {
+        let mut body = BodyFilter::new(lattice.clone(), high, &BodyOptions::default()).unwrap();
+        body.set_feet(vec![]);
+        let frame = BodyFrame::new(grips, &[]);
+        let report = body.step(&frame, &mut |_, _, _| rows.to_vec(), &mut |_, _| {});
+        report.unwrap().status
+    };
+    assert_eq!(status(&[], &[]), Status::Unobserved);
+    assert_eq!(
+        status(&[], &[Row::point(at, here, 0.0)]),
+        Status::Unobserved
+    );
+    assert_eq!(status(&[], &[Row::point(at, here, 1e6)]), Status::Free);
+    assert_eq!(status(&[(at, here)], &[]), Status::Free);
+}
+
 #[test]
 fn a_body_at_rest_stays() {
     let mut body = BodyFilter::new(block([4, 3, 2], H), TABLE, &BodyOptions::default()).unwrap();
@@ -302,7 +328,10 @@ fn a_body_at_rest_stays() {
         let report = body
             .step(&frame, &mut |_, _, _| vec![], &mut |_, _| {})
             .unwrap();
-        assert!(report.status != Status::Infeasible);
+        assert!(matches!(
+            report.status,
+            Status::Unobserved | Status::Constrained
+        ));
         assert!(report.violation[1] < 1e-6);
         // The table bears all of it.
         let borne = report.table_force / body.weight();

@@ -53,7 +53,7 @@ pub fn explored(seed: u64, slips: bool) -> Result<End, Error> {
     options.max_manipulations = 4;
     let mut explorer = Explorer::new(&mut cell, &mut planner, &mut count, options)?;
     let outcome = explorer.run()?;
-    let rest = &explorer.model().rest;
+    let rest = explorer.model().rest();
     let points = outcome
         .topology
         .surface

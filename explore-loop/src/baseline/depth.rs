@@ -7,7 +7,6 @@
 use crate::Error;
 use crate::canonical::graph;
 use crate::visibility::facing;
-use kiddo::ImmutableKdTree;
 use nalgebra::{Point2, Point3, UnitVector3, Vector3};
 use spade::{DelaunayTriangulation, HasPosition, Triangulation};
 
@@ -40,7 +39,7 @@ pub(crate) struct DepthMap {
     bin: f64,
     size: [usize; 2],
     cover: Vec<u32>,
-    tree: ImmutableKdTree<f64, 3>,
+    tree: graph::Tree,
 }
 
 struct Ray {

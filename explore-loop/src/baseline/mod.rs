@@ -43,7 +43,7 @@ mod warp;
 pub use options::{Association, DynamicFusionOptions};
 
 use crate::Error;
-use crate::canonical::{CanonicalModel, graph};
+use crate::canonical::CanonicalModel;
 use crate::cell::{ArmState, Observation, Plane};
 use crate::reconstruct::{FrameReport, Reconstruct, RestSurface};
 use depth::DepthMap;
@@ -171,17 +171,17 @@ impl DynamicFusion {
     /// Brings the vertices of the model up to date and says which of them the frame measured.
     fn report(&mut self, scene: &Scene, depth: &DepthMap, report: &mut FrameReport) {
         let spacing = self.options.spacing;
-        let before = self.model.live.clone();
+        let before = self.model.live().to_vec();
         let count = self.model.len();
         report.added =
             vertices::follow_surface(&mut self.model, &scene.surface, spacing, self.frame);
         vertices::pose(&mut self.model, &scene.warp);
         if report.added > 0 || self.model.len() != count {
-            self.model.edges = graph::surface_edges(&self.model, spacing);
+            self.model.join(spacing);
         } else {
             let moved = before
                 .iter()
-                .zip(&self.model.live)
+                .zip(self.model.live())
                 .map(|(a, b)| (b - a).norm());
             report.moved = moved.sum::<f64>() / count.max(1) as f64;
         }
@@ -190,7 +190,7 @@ impl DynamicFusion {
             held: &[],
             options: &self.options,
         };
-        let points = vertices::skinned(&self.model.rest, &self.model.rest_normals, &scene.warp);
+        let points = vertices::skinned(self.model.rest(), self.model.rest_normals(), &scene.warp);
         let pairs = frame.associate(&scene.warp, &points, self.options.tukey[1]);
         report.measured = vec![false; self.model.len()];
         for pair in &pairs {
@@ -199,10 +199,7 @@ impl DynamicFusion {
         }
         let seen = report.measured.iter().filter(|m| **m).count();
         report.overlap = seen as f64 / pairs.len().max(1) as f64;
-        for (i, _) in report.measured.iter().enumerate().filter(|(_, m)| **m) {
-            self.model.last_seen[i] = self.frame;
-            self.model.times_seen[i] += 1;
-        }
+        self.model.measured(&report.measured, self.frame);
     }
 
     /// The held points and where the arms have taken them.
@@ -229,7 +226,7 @@ impl DynamicFusion {
                 *grip = None;
             } else if grip.is_none() {
                 let tip_from_camera: Isometry3<f64> = arm.camera_from_tip.inverse();
-                let live = self.model.rest.iter().zip(&self.model.live);
+                let live = self.model.rest().iter().zip(self.model.live());
                 let in_tip = live.map(|(rest, live)| (*rest, tip_from_camera * live));
                 *grip = Some(Grip {
                     points: in_tip.filter(|(_, p)| p.coords.norm() < radius).collect(),

@@ -28,15 +28,15 @@ pub(super) fn follow_surface(
     };
     let mut stays = vec![false; model.len()];
     for i in 0..model.len() {
-        let normal = model.rest_normals[i];
-        let alike = graph::near(&tree, &model.rest[i], GONE * spacing, 16)
+        let normal = model.rest_normals()[i];
+        let alike = graph::near(&tree, &model.rest()[i], GONE * spacing, 16)
             .into_iter()
             .find(|(v, _)| surface.normals[*v].dot(&normal) > ALIKE);
         if let Some((v, _)) = alike {
             let onto = surface.normals[v];
-            let off = onto.dot(&(surface.vertices[v] - model.rest[i]));
-            model.rest[i] += onto.into_inner() * off;
-            model.rest_normals[i] = onto;
+            let off = onto.dot(&(surface.vertices[v] - model.rest()[i]));
+            let place = model.rest()[i] + onto.into_inner() * off;
+            model.move_at_rest(i, place, onto);
             stays[i] = true;
         }
     }
@@ -53,12 +53,12 @@ pub(super) fn follow_surface(
 
 /// Points of the surface that no vertex of their sheet is near, apart from each other.
 fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<NewVertex> {
-    let known = graph::tree(&model.rest);
+    let known = graph::tree(model.rest());
     let taken = |p: &Point3<f64>, n: &UnitVector3<f64>| {
         known.as_ref().is_some_and(|tree| {
             graph::near(tree, p, APART * spacing, 12)
                 .iter()
-                .any(|(i, _)| model.rest_normals[*i].dot(n) > ALIKE)
+                .any(|(i, _)| model.rest_normals()[*i].dot(n) > ALIKE)
         })
     };
     let mut fresh: Vec<NewVertex> = Vec::new();
@@ -75,10 +75,10 @@ fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<N
 /// Where the warp carries the vertices.
 pub(super) fn pose(model: &mut CanonicalModel, warp: &Warp) {
     for i in 0..model.len() {
-        if let Some(skin) = warp.skin(&model.rest[i]) {
+        if let Some(skin) = warp.skin(&model.rest()[i]) {
             let blend = warp.blend(&skin);
-            model.live[i] = blend.apply(&model.rest[i]);
-            model.rotations[i] = *blend.rotation().to_rotation_matrix().matrix();
+            model.live_mut()[i] = blend.apply(&model.rest()[i]);
+            model.rotations_mut()[i] = *blend.rotation().to_rotation_matrix().matrix();
         }
     }
 }

@@ -12,7 +12,6 @@
 //! and every node is joined to the nearest of the next level (Newcombe, Fox and Seitz 2015, section 3.3).
 
 use crate::canonical::graph;
-use kiddo::ImmutableKdTree;
 use nalgebra::{
     DualQuaternion, Isometry3, Matrix3x6, Point3, Quaternion, Translation3, UnitDualQuaternion,
     UnitQuaternion, Vector3, Vector6,
@@ -44,7 +43,7 @@ pub(super) struct Warp {
     pose: Vec<UnitDualQuaternion<f64>>,
     /// Pairs of nodes that should move alike.
     pub edges: Vec<[u32; 2]>,
-    tree: Option<ImmutableKdTree<f64, 3>>,
+    tree: Option<graph::Tree>,
 }
 
 impl Warp {

@@ -20,30 +20,26 @@ const COS_MIN: f64 = 0.25;
 /// Most neighbours a vertex chooses.
 const MOST: usize = 10;
 
-/// The points as kiddo wants them.
-pub fn arrays(points: &[Point3<f64>]) -> Vec<[f64; 3]> {
-    points.iter().map(|p| [p.x, p.y, p.z]).collect()
-}
+/// A k-d tree over points, for [`near`] and [`nearest`].
+#[derive(Debug)]
+pub struct Tree(ImmutableKdTree<f64, 3>);
 
-/// A kd-tree over `points`, or `None` when there are none (kiddo answers infinity then).
-pub fn tree(points: &[Point3<f64>]) -> Option<ImmutableKdTree<f64, 3>> {
+/// A search tree over `points`, or `None` when there are none (the library answers infinity then).
+pub fn tree(points: &[Point3<f64>]) -> Option<Tree> {
     if points.is_empty() {
         return None;
     }
-    ImmutableKdTree::new_from_slice(&arrays(points)).ok()
+    let coordinates: Vec<[f64; 3]> = points.iter().map(|p| [p.x, p.y, p.z]).collect();
+    ImmutableKdTree::new_from_slice(&coordinates).ok().map(Tree)
 }
 
 /// Indices and distances of the points within `radius` of `query`, nearest first, at most `most`.
-pub fn near(
-    tree: &ImmutableKdTree<f64, 3>,
-    query: &Point3<f64>,
-    radius: f64,
-    most: usize,
-) -> Vec<(usize, f64)> {
+pub fn near(tree: &Tree, query: &Point3<f64>, radius: f64, most: usize) -> Vec<(usize, f64)> {
     let Some(most) = NonZero::new(most) else {
         return Vec::new();
     };
-    tree.query(&[query.x, query.y, query.z])
+    tree.0
+        .query(&[query.x, query.y, query.z])
         .nearest_n::<SquaredEuclidean<f64>>(most)
         .execute()
         .into_iter()
@@ -53,8 +49,9 @@ pub fn near(
 }
 
 /// Index and distance of the point nearest to `query`.
-pub fn nearest(tree: &ImmutableKdTree<f64, 3>, query: &Point3<f64>) -> (usize, f64) {
+pub fn nearest(tree: &Tree, query: &Point3<f64>) -> (usize, f64) {
     let hit = tree
+        .0
         .query(&[query.x, query.y, query.z])
         .nearest_one::<SquaredEuclidean<f64>>()
         .execute();

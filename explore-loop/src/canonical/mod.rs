@@ -26,32 +26,45 @@ pub mod surface;
 pub mod tangent;
 pub mod topology;
 
-/// The canonical model of the object: parallel arrays, one entry a vertex.
+/// The canonical model of the object: what is known of each vertex, and which of them are neighbours.
+///
+/// # Guarantees
+/// All slices have one entry a vertex, in the same order, and edges join vertices that there are: also in a model that was read from somewhere.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
+// The derived functions are the inherent ones that the traits below call.
+#[serde(remote = "Self")]
 pub struct CanonicalModel {
-    /// Stable identity of each vertex: never reused, survives removals of others.
-    pub ids: Vec<u64>,
-    /// Positions in the frame of the first observation, metres.
-    pub rest: Vec<Point3<f64>>,
-    /// Outward normals at rest.
-    pub rest_normals: Vec<UnitVector3<f64>>,
-    /// Positions now, camera frame, metres.
-    pub live: Vec<Point3<f64>>,
-    /// Local rotation from rest to live.
-    pub rotations: Vec<Matrix3<f64>>,
-    /// Frame in which each vertex entered the model.
-    pub born: Vec<u32>,
-    /// Frame in which each vertex was last measured.
-    pub last_seen: Vec<u32>,
-    /// In how many frames each vertex was measured.
-    pub times_seen: Vec<u32>,
-    /// Neighbours on the surface, `i < j`.
-    pub edges: Vec<[u32; 2]>,
-    /// Colour at rest, where the camera gives one.
-    pub colours: colour::ColourMap,
+    ids: Vec<u64>,
+    rest: Vec<Point3<f64>>,
+    rest_normals: Vec<UnitVector3<f64>>,
+    live: Vec<Point3<f64>>,
+    rotations: Vec<Matrix3<f64>>,
+    born: Vec<u32>,
+    last_seen: Vec<u32>,
+    times_seen: Vec<u32>,
+    edges: Vec<[u32; 2]>,
+    colours: colour::ColourMap,
     /// Identities of the ends of edges that were cut (see [`cut`]).
     cuts: std::collections::BTreeSet<[u64; 2]>,
     next_id: u64,
+}
+
+impl serde::Serialize for CanonicalModel {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        Self::serialize(self, serializer)
+    }
+}
+
+impl<'de> serde::Deserialize<'de> for CanonicalModel {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let model = Self::deserialize(deserializer)?;
+        if model.is_consistent() {
+            Ok(model)
+        } else {
+            let reason = "a model whose lists are of different vertices";
+            Err(serde::de::Error::custom(reason))
+        }
+    }
 }
 
 /// A vertex about to enter the model.
@@ -90,8 +103,92 @@ impl CanonicalModel {
         self.rest.is_empty()
     }
 
+    /// Stable identity of each vertex: never reused, survives removals of others.
+    pub fn ids(&self) -> &[u64] {
+        &self.ids
+    }
+
+    /// Positions in the frame of the first observation, metres.
+    pub fn rest(&self) -> &[Point3<f64>] {
+        &self.rest
+    }
+
+    /// Outward normals at rest.
+    pub fn rest_normals(&self) -> &[UnitVector3<f64>] {
+        &self.rest_normals
+    }
+
+    /// Positions now, camera frame, metres.
+    pub fn live(&self) -> &[Point3<f64>] {
+        &self.live
+    }
+
+    /// Positions now, to be changed.
+    pub fn live_mut(&mut self) -> &mut [Point3<f64>] {
+        &mut self.live
+    }
+
+    /// Local rotation from rest to live.
+    pub fn rotations(&self) -> &[Matrix3<f64>] {
+        &self.rotations
+    }
+
+    /// Local rotations, to be changed.
+    pub fn rotations_mut(&mut self) -> &mut [Matrix3<f64>] {
+        &mut self.rotations
+    }
+
+    /// Frame in which each vertex entered the model.
+    pub fn born(&self) -> &[u32] {
+        &self.born
+    }
+
+    /// Frame in which each vertex was last measured.
+    pub fn last_seen(&self) -> &[u32] {
+        &self.last_seen
+    }
+
+    /// In how many frames each vertex was measured.
+    pub fn times_seen(&self) -> &[u32] {
+        &self.times_seen
+    }
+
+    /// Neighbours on the surface, `i < j`, as [`Self::join`] found them.
+    pub fn edges(&self) -> &[[u32; 2]] {
+        &self.edges
+    }
+
+    /// Colour at rest, where the camera gives one.
+    pub fn colours(&self) -> &colour::ColourMap {
+        &self.colours
+    }
+
+    /// Finds the neighbours anew ([`graph::surface_edges`]), metres: after vertices have come or moved at rest.
+    pub fn join(&mut self, spacing: f64) {
+        self.edges = graph::surface_edges(self, spacing);
+    }
+
+    /// Notes that the vertices with `measured[i]` were measured in a frame.
+    pub fn measured(&mut self, measured: &[bool], frame: u32) {
+        for i in (0..self.len().min(measured.len())).filter(|i| measured[*i]) {
+            self.last_seen[i] = frame;
+            self.times_seen[i] += 1;
+        }
+    }
+
+    /// Moves a vertex at rest.
+    pub(crate) fn move_at_rest(&mut self, i: usize, place: Point3<f64>, normal: UnitVector3<f64>) {
+        self.rest[i] = place;
+        self.rest_normals[i] = normal;
+    }
+
+    /// Has the colours of another model from now on.
+    pub(crate) fn take_colours_of(&mut self, other: &Self) {
+        self.colours.clone_from(&other.colours);
+    }
+
     /// Whether every list has an entry a vertex and every edge two vertices.
-    pub(crate) fn is_consistent(&self) -> bool {
+    fn is_consistent(&self) -> bool {
         let count = self.len();
         let lengths = [
             self.ids.len(),

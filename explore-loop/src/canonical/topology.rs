@@ -347,6 +347,7 @@ fn read(
 }
 
 /// A maximal subset of points that are at least `apart` from each other, or belong to sheets that face away from each other.
+// Not `cech_complex::epsilon_net`, which knows no normals and would thin two sheets into one.
 fn spread(points: &[Point3<f64>], normals: &[UnitVector3<f64>], apart: f64) -> Vec<usize> {
     let place = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c / apart).floor() as i64);
     let mut kept = Vec::new();

@@ -33,7 +33,7 @@ impl Explorer<'_> {
             match self.plan(&topology)? {
                 Ok(plan) => {
                     self.tell(Event::Planned(&plan))?;
-                    let rest = &self.reconstructor.model().rest;
+                    let rest = self.reconstructor.model().rest();
                     let at = |g: &grip_planner::Grip| rest.get(g.vertex as usize).copied();
                     let at_rest = plan
                         .grips
@@ -70,15 +70,15 @@ impl Explorer<'_> {
         let slippery = self.slips.slippery(model, self.options.spacing);
         let both = visible.iter_mut().zip(slippery);
         both.for_each(|(visible, slippery)| *visible &= !slippery);
-        let triangles = triangulate(&model.rest, &model.rest_normals, self.options.spacing);
+        let triangles = triangulate(model.rest(), model.rest_normals(), self.options.spacing);
         // A piece that was not seen turns with the nearest vertex.
-        let turned = |h: &topology::Hidden| model.rotations[h.vertex as usize] * h.area;
+        let turned = |h: &topology::Hidden| model.rotations()[h.vertex as usize] * h.area;
         let hidden: Vec<_> = topology.hidden.iter().map(turned).collect();
         let input = PlanInput {
-            points: &model.live,
+            points: model.live(),
             normals: &model.live_normals(),
-            areas: &vertex_areas(&model.live, &triangles),
-            edges: &model.edges,
+            areas: &vertex_areas(model.live(), &triangles),
+            edges: model.edges(),
             topology,
             visible: &visible,
             hidden: &hidden,

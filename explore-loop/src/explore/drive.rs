@@ -83,12 +83,10 @@ impl Explorer<'_> {
         if care == Care::Empty {
             return Ok(None);
         }
-        let options = GovernorOptions {
-            cruise: cruise.min(self.options.limits.holding.speed),
-            calm: CALM * self.options.spacing,
-            alarm: ALARM * self.options.spacing,
-            ..GovernorOptions::default()
-        };
+        let options = GovernorOptions::default()
+            .with_cruise(cruise.min(self.options.limits.holding.speed))
+            .with_calm(CALM * self.options.spacing)
+            .with_alarm(ALARM * self.options.spacing);
         Ok(Some(
             SpeedGovernor::new(options).map_err(crate::Error::from)?,
         ))
@@ -256,14 +254,14 @@ impl Explorer<'_> {
     pub(super) fn settle(&mut self) -> Followed {
         let mut still = 0;
         for _ in 0..self.options.settle_frames {
-            let before = self.reconstructor.model().live.clone();
+            let before = self.reconstructor.model().live().to_vec();
             let Some(report) = self.frame()? else {
                 continue;
             };
             let model = self.reconstructor.model();
             let moved: Vec<f64> = before
                 .iter()
-                .zip(&model.live)
+                .zip(model.live())
                 .zip(&report.measured)
                 .filter(|(_, seen)| **seen)
                 .map(|((a, b), _)| (a - b).norm())
@@ -287,12 +285,12 @@ impl Explorer<'_> {
         let Some(latest) = &self.latest else {
             return Ok(());
         };
-        let rest = &self.reconstructor.model().rest;
+        let rest = self.reconstructor.model().rest();
         let height = self.options.set_down;
         let goals = set_down::goals(manipulation, latest, rest, &table, height);
         let (arms, goals): (Vec<usize>, Vec<Isometry3<f64>>) = goals.into_iter().unzip();
         let (tips, options) = (self.tips(&arms), self.carrying(0.7));
-        let live = &self.reconstructor.model().live;
+        let live = self.reconstructor.model().live();
         let motion = self.with_scene(|scene| {
             carry(live, scene, &tips, &goals, &options)
                 // Where the body hangs is known least below the grips; it gives way.
@@ -351,7 +349,7 @@ impl Explorer<'_> {
             return Ok(());
         }
         let (tips, options) = (self.tips(&away), self.reaching());
-        let live = &self.reconstructor.model().live;
+        let live = self.reconstructor.model().live();
         let motion = self.with_scene(|scene| {
             go_home(live, scene, &tips, RETREAT, &options)
                 // What lies over an open jaw is drawn off it; a way that only the body is in is better than none.
@@ -384,21 +382,19 @@ impl Explorer<'_> {
 
     fn carrying(&self, share: f64) -> CarryOptions {
         let bounds = self.options.limits.holding;
-        CarryOptions {
-            speed: share * bounds.speed,
-            acceleration: bounds.acceleration,
-            turn_rate: bounds.turn_rate,
-            release_height: self.options.set_down,
-        }
+        CarryOptions::default()
+            .with_speed(share * bounds.speed)
+            .with_acceleration(bounds.acceleration)
+            .with_turn_rate(bounds.turn_rate)
+            .with_release_height(self.options.set_down)
     }
 
     fn reaching(&self) -> ReachOptions {
         let bounds = self.options.limits.empty;
-        ReachOptions {
-            speed: bounds.speed,
-            acceleration: bounds.acceleration,
-            turn_rate: bounds.turn_rate,
-        }
+        ReachOptions::default()
+            .with_speed(bounds.speed)
+            .with_acceleration(bounds.acceleration)
+            .with_turn_rate(bounds.turn_rate)
     }
 
     fn with_scene<T>(&self, work: impl FnOnce(&grip_planner::Scene<'_>) -> T) -> T {

@@ -333,7 +333,7 @@ impl Guard {
         if !observation.points.iter().any(suspect) {
             return;
         }
-        let Some(tree) = graph::tree(&model.live) else {
+        let Some(tree) = graph::tree(model.live()) else {
             return;
         };
         let away = AWAY * self.spacing;

@@ -65,7 +65,7 @@ pub(super) struct Moves {
 impl Moves {
     /// Takes in a frame in which a jaw is closed.
     pub fn add(&mut self, model: &CanonicalModel) {
-        for ((id, rest), live) in model.ids.iter().zip(&model.rest).zip(&model.live) {
+        for ((id, rest), live) in model.ids().iter().zip(model.rest()).zip(model.live()) {
             let entry = self.moved.entry(*id).or_insert((*rest, 0.0));
             entry.0 = *rest;
             entry.1 = entry.1.max((live - rest).norm());
@@ -109,7 +109,7 @@ impl Moves {
         let tree = graph::tree(&places)?;
         let (mut area, mut stayed, mut middle) = (0.0, 0.0, Vector3::zeros());
         for hidden in &topology.hidden {
-            let rest = model.rest.get(hidden.vertex as usize)?;
+            let rest = model.rest().get(hidden.vertex as usize)?;
             let size = hidden.area.norm();
             area += size;
             middle += rest.coords * size;
@@ -149,8 +149,8 @@ mod tests {
             model.push(NewVertex::new(rest, -Vector3::z_axis()), 0);
         }
         let mut moves = Moves::default();
-        for (live, rest) in model.live.iter_mut().zip(&model.rest) {
-            live.z -= lift(rest.x);
+        for live in model.live_mut() {
+            live.z -= lift(live.x);
         }
         moves.add(&model);
         let topology = Topology {
@@ -186,7 +186,7 @@ mod tests {
     fn what_stays_when_the_rest_is_lifted_is_held() {
         let (model, topology, moves) = strip(|x| x);
         let held = moves.held(&topology, &model, 0.005).unwrap();
-        assert!((held.middle - model.rest[1]).norm() < 1e-12);
+        assert!((held.middle - model.rest()[1]).norm() < 1e-12);
         assert!((held.area - 2e-4).abs() < 1e-12);
     }
 

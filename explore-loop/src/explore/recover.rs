@@ -55,10 +55,10 @@ impl Explorer<'_> {
     pub(super) fn aligned(&self, all: bool) -> Option<Isometry3<f64>> {
         let model = self.reconstructor.model();
         let latest = self.latest.as_ref()?;
-        let last = model.last_seen.iter().copied().max()?;
-        let lately = |i: &usize| all || model.last_seen[*i] + LATELY >= last;
+        let last = model.last_seen().iter().copied().max()?;
+        let lately = |i: &usize| all || model.last_seen()[*i] + LATELY >= last;
         let kept: Vec<usize> = (0..model.len()).filter(lately).collect();
-        let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live[i]).collect();
+        let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live()[i]).collect();
         let normals: Vec<UnitVector3<f64>> = kept.iter().map(|&i| model.live_normal(i)).collect();
         let seen_normals =
             nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &latest.eye()).ok()?;

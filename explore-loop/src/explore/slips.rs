@@ -35,7 +35,7 @@ impl Slips {
             let mut places = self.slipped.iter();
             places.any(|place| (p - place).norm() < SLIPPERY * spacing)
         };
-        model.rest.iter().map(near).collect()
+        model.rest().iter().map(near).collect()
     }
 }
 
@@ -53,7 +53,7 @@ mod tests {
             model.push(NewVertex::new(rest, -Vector3::z_axis()), 0);
         }
         let mut slips = Slips::default();
-        slips.grip(vec![(0, model.rest[0]), (1, model.rest[39])]);
+        slips.grip(vec![(0, model.rest()[0]), (1, model.rest()[39])]);
         assert!(!slips.slippery(&model, 0.005).contains(&true));
         slips.slip(1);
         let slippery = slips.slippery(&model, 0.005);

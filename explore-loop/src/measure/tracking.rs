@@ -137,7 +137,7 @@ impl Measurer {
 
     /// Explored shares and shape difference of a model at `spacing`.
     pub fn shape(&self, model: &CanonicalModel, spacing: f64) -> ShapeMeasures {
-        ShapeMeasures::of(&model.rest, &self.surface, spacing, Sampling::default())
+        ShapeMeasures::of(model.rest(), &self.surface, spacing, Sampling::default())
     }
 
     /// Takes a frame into the means of the run: the model after it, which vertices it measured, whether an arm held, and the true
@@ -186,11 +186,11 @@ impl Measurer {
                 found: now.vertices.len(),
             });
         }
-        if model.ids.iter().all(|id| self.anchors.contains_key(id)) {
+        if model.ids().iter().all(|id| self.anchors.contains_key(id)) {
             return Ok(());
         }
         let surface = Surface::new(&now.vertices, &self.rest.triangles)?;
-        for (id, live) in model.ids.iter().zip(&model.live) {
+        for (id, live) in model.ids().iter().zip(model.live()) {
             self.anchors.entry(*id).or_insert_with(|| {
                 let nearest = surface.nearest(live);
                 Anchor {
@@ -205,9 +205,9 @@ impl Measurer {
     /// Distance of each vertex's live position to where its material point is, metres.
     pub fn live_errors(&self, model: &CanonicalModel, now: &TrueSurface) -> Vec<f64> {
         model
-            .ids
+            .ids()
             .iter()
-            .zip(&model.live)
+            .zip(model.live())
             .map(|(id, live)| {
                 self.corners(*id, now).map_or(0.0, |(corners, weights)| {
                     (place(&corners, weights) - live).norm()
@@ -244,9 +244,9 @@ impl Measurer {
         };
         mean(
             model
-                .ids
+                .ids()
                 .iter()
-                .zip(&model.live)
+                .zip(model.live())
                 .zip(seen)
                 .filter(|(_, s)| **s)
                 .filter_map(|(vertex, _)| tangential(vertex)),

@@ -187,7 +187,7 @@ impl TrackComparison {
             .iter()
             .filter_map(|(track, pixel)| Some((*track, place(*pixel)?)))
             .collect();
-        let vertices: BTreeMap<u64, usize> = model.ids.iter().copied().zip(0..).collect();
+        let vertices: BTreeMap<u64, usize> = model.ids().iter().copied().zip(0..).collect();
         let mut fresh = Vec::new();
         for (track, (point, normal)) in seen {
             let Some(tie) = self.ties.get(&track) else {
@@ -196,7 +196,7 @@ impl TrackComparison {
             };
             // A vertex that was removed has no successor that is the same material.
             if let Some(&i) = vertices.get(&tie.id) {
-                let error = point - (model.live[i] + model.rotations[i] * tie.offset);
+                let error = point - (model.live()[i] + model.rotations()[i] * tie.offset);
                 self.errors.push(error.norm() as f32);
                 self.slide += (error - *normal * normal.dot(&error)).norm();
             }
@@ -210,7 +210,7 @@ impl TrackComparison {
         let measured: Vec<usize> = (0..model.len())
             .filter(|&i| measured.get(i) == Some(&true))
             .collect();
-        let places: Vec<Point3<f64>> = measured.iter().map(|&i| model.live[i]).collect();
+        let places: Vec<Point3<f64>> = measured.iter().map(|&i| model.live()[i]).collect();
         let Some(tree) = graph::tree(&places) else {
             return;
         };
@@ -218,8 +218,8 @@ impl TrackComparison {
             let (nearest, distance) = graph::nearest(&tree, point);
             if distance < self.spacing {
                 let i = measured[nearest];
-                let offset = model.rotations[i].transpose() * (point - model.live[i]);
-                let id = model.ids[i];
+                let offset = model.rotations()[i].transpose() * (point - model.live()[i]);
+                let id = model.ids()[i];
                 self.ties.insert(*track, Tie { id, offset });
             }
         }

@@ -127,11 +127,10 @@ fn paced(options: &PlanOptions, input: &PlanInput<'_>) -> PlanOptions {
     options.turn.turn_rate = holding.turn_rate;
     options.stretch.speed = options.stretch.speed.min(holding.speed);
     options.stretch.acceleration = options.stretch.acceleration.min(holding.acceleration);
-    options.reach = ReachOptions {
-        speed: empty.speed,
-        acceleration: empty.acceleration,
-        turn_rate: empty.turn_rate,
-    };
+    options.reach = ReachOptions::default()
+        .with_speed(empty.speed)
+        .with_acceleration(empty.acceleration)
+        .with_turn_rate(empty.turn_rate);
     options.tracking.frame_rate = input.cell.camera_rate;
     options
 }

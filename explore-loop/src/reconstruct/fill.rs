@@ -193,7 +193,7 @@ struct Local {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     /// Over the table.
-    flat: Option<kiddo::ImmutableKdTree<f64, 3>>,
+    flat: Option<graph::Tree>,
 }
 
 impl Local {

@@ -18,7 +18,6 @@ use crate::canonical::closed_surface::{ClosedSurfaceOptions, closed_surface};
 use crate::canonical::{NewVertex, graph, tangent};
 use crate::cell::Plane;
 use crate::visibility::{behind_arm, facing};
-use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
@@ -94,7 +93,7 @@ fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -
 fn refill(track: &mut Track, options: &ReconstructOptions) {
     let weights = vec![1.0; track.model.len()];
     let drawing = ClosedSurfaceOptions::new(options.spacing);
-    let (points, normals) = (&track.model.rest, &track.model.rest_normals);
+    let (points, normals) = (track.model.rest(), track.model.rest_normals());
     let Ok(surface) = closed_surface(points, normals, &weights, &drawing) else {
         return;
     };
@@ -172,7 +171,7 @@ fn fuse(samples: &[Sample], table: &Plane, spacing: f64) -> Vec<Fused> {
 fn peak(
     start: &Sample,
     samples: &[Sample],
-    tree: &ImmutableKdTree<f64, 3>,
+    tree: &graph::Tree,
     spacing: f64,
 ) -> Option<(Fused, u32)> {
     let mut vertex = Fused {
@@ -267,10 +266,10 @@ impl Shape {
 /// Puts the fused vertices into the model; the nearest old vertex of the same sheet hands on its identity and history.
 fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     let old = std::mem::take(&mut track.model);
-    let tree = graph::tree(&old.rest);
+    let tree = graph::tree(old.rest());
     let heir = |vertex: &Fused| -> Option<usize> {
         let near = graph::near(tree.as_ref()?, &vertex.place, 0.6 * spacing, 8);
-        let same = |i: usize| old.rest_normals[i].dot(&vertex.normal) > 0.3;
+        let same = |i: usize| old.rest_normals()[i].dot(&vertex.normal) > 0.3;
         near.into_iter().map(|(i, _)| i).find(|i| same(*i))
     };
     let mut taken = vec![false; old.len()];
@@ -286,9 +285,9 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
         let near = tree.as_ref().map_or_else(Vec::new, |tree| {
             graph::near(tree, &vertex.place, 1.5 * spacing, 12)
         });
-        let same = |i: &usize| old.rest_normals[*i].dot(&vertex.normal) > 0.3;
+        let same = |i: &usize| old.rest_normals()[*i].dot(&vertex.normal) > 0.3;
         let known = near.into_iter().map(|(i, _)| i).find(same);
-        known.map_or(track.frame(), |i| old.born[i])
+        known.map_or(track.frame(), |i| old.born()[i])
     };
     let order: Vec<(NewVertex, Option<usize>, u32)> = heirs
         .into_iter()
@@ -305,7 +304,7 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     track.model = old.inherited(&order, track.frame());
     track.embeddings = (0..track.model.len())
         .map(|i| {
-            let (rest, normal) = (track.model.rest[i], track.model.rest_normals[i]);
+            let (rest, normal) = (track.model.rest()[i], track.model.rest_normals()[i]);
             track.embed(&rest, &normal)
         })
         .collect();

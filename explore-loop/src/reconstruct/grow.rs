@@ -39,7 +39,7 @@ pub(crate) fn grown(
     spacing: f64,
 ) -> Vec<NewVertex> {
     let model = &track.model;
-    let (Some(live), Some(rest)) = (graph::tree(&model.live), graph::tree(&model.rest)) else {
+    let (Some(live), Some(rest)) = (graph::tree(model.live()), graph::tree(model.rest())) else {
         return Vec::new();
     };
     let normals = model.live_normals();
@@ -105,7 +105,7 @@ pub(crate) fn grown(
 /// Whether surface of the same sheet is known at a place at rest, or right before or behind it.
 fn known(
     track: &Track,
-    rest: &kiddo::ImmutableKdTree<f64, 3>,
+    rest: &graph::Tree,
     place: &Point3<f64>,
     normal: &UnitVector3<f64>,
     spacing: f64,
@@ -114,14 +114,14 @@ fn known(
     let close = graph::near(rest, place, BEFORE * spacing, 80);
     let directions: Vec<Vector3<f64>> = close
         .iter()
-        .filter(|(i, d)| *d < 2.0 * spacing && model.rest_normals[*i].dot(normal) > 0.0)
-        .map(|(i, _)| model.rest[*i] - place)
+        .filter(|(i, d)| *d < 2.0 * spacing && model.rest_normals()[*i].dot(normal) > 0.0)
+        .map(|(i, _)| model.rest()[*i] - place)
         .collect();
     let within = tangent::widest_gap(normal, directions.into_iter()) < WITHIN;
     let room = spacing * if within { APART_WITHIN } else { APART };
     close.iter().any(|(i, d)| {
-        let agree = model.rest_normals[*i].dot(normal);
-        let offset = model.rest[*i] - place;
+        let agree = model.rest_normals()[*i].dot(normal);
+        let offset = model.rest()[*i] - place;
         agree > 0.3
             && (*d < room
                 || (agree > 0.5

@@ -169,7 +169,7 @@ impl Landmarks {
             nearest.is_some_and(|away| away < CROWDED)
         };
         let vertices: Vec<usize> = (0..model.len()).filter(|&v| measured[v]).collect();
-        let places: Vec<Point3<f64>> = vertices.iter().map(|&v| model.live[v]).collect();
+        let places: Vec<Point3<f64>> = vertices.iter().map(|&v| model.live()[v]).collect();
         let Some(tree) = graph::tree(&places) else {
             return;
         };
@@ -180,10 +180,10 @@ impl Landmarks {
             if distance > spacing || turned_away || crowded(&feature.point) {
                 continue;
             }
-            let offset = feature.point - model.live[v];
+            let offset = feature.point - model.live()[v];
             self.all.push(Landmark {
-                rest: model.rest[v] + model.rotations[v].transpose() * offset,
-                normal: model.rest_normals[v],
+                rest: model.rest()[v] + model.rotations()[v].transpose() * offset,
+                normal: model.rest_normals()[v],
                 descriptor: feature.descriptor,
                 seen: Some(Seen {
                     feature: k,

@@ -102,7 +102,7 @@ impl Posed {
                 .collect(),
             normals: embeddings
                 .iter()
-                .zip(&model.rest_normals)
+                .zip(model.rest_normals())
                 .map(|(at, n)| pose.normal(lattice, at, n))
                 .collect(),
         }
@@ -172,7 +172,7 @@ impl<'a> Look<'a> {
         let relative = residual / gates.tukey;
         let share = (1.0 - relative * relative).max(0.0);
         let rim = if view.rim[point] { RIM } else { 1.0 };
-        let young = if self.model.times_seen[vertex] < YOUNG {
+        let young = if self.model.times_seen()[vertex] < YOUNG {
             YOUNG_WEIGHT
         } else {
             1.0

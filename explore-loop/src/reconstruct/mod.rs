@@ -195,7 +195,7 @@ impl Reconstructor {
                 .take_colours(observation, &report.measured, spacing);
         }
         self.frame += 1;
-        let heights = self.model().live.iter().map(|p| table.height(p));
+        let heights = self.model().live().iter().map(|p| table.height(p));
         report.constraints.below_table = -heights.fold(0.0, f64::min);
         report.parts.prepare = prepare;
         report.frame_ms = start.elapsed().as_secs_f64() * 1e3 - report.fusion_ms;

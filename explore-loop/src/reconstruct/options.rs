@@ -74,11 +74,10 @@ impl ReconstructOptions {
             min_facing: 0.12,
             rest_motion: 0.0006,
             keyframe_motion: 0.012,
-            limits: Limits {
-                motion: 0.015,
-                fall: 0.100,
-                pull: 5.0,
-            },
+            limits: Limits::default()
+                .with_motion(0.015)
+                .with_fall(0.100)
+                .with_pull(5.0),
             body: BodyOptions::default(),
             separation: Some(0.0005),
             material: Material::Connected,

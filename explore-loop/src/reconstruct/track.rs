@@ -10,7 +10,6 @@ use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
-use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, Rotation3, UnitVector3};
 use std::time::{Duration, Instant};
 use topo_ekf::body::{
@@ -126,7 +125,7 @@ impl Track {
             taken.push(*point);
             track.push(NewVertex::new(table.above(point), *normal));
         }
-        track.model.edges = graph::surface_edges(&track.model, options.spacing);
+        track.model.join(options.spacing);
         track.seen = vec![true; track.model.len()];
         track.renew_contact(options.spacing);
         Ok(track)
@@ -140,8 +139,7 @@ impl Track {
         let kept = self.keyframes.all().iter();
         let gripped = kept.flat_map(|k| k.grips.iter().map(|(at, _)| at));
         let mut places = self.embeddings.iter().chain(held).chain(gripped);
-        let whole = self.model.is_consistent()
-            && self.embeddings.len() == vertices
+        let whole = self.embeddings.len() == vertices
             && self.seen.len() == vertices
             && self.own_contact.is_of(vertices)
             && places.all(|at| (at.cell as usize) < cells);
@@ -281,14 +279,14 @@ impl Track {
     pub fn pose(&mut self) {
         let (lattice, pose) = (self.body.lattice(), self.body.pose());
         for (i, at) in self.embeddings.iter().enumerate() {
-            self.model.live[i] = pose.position(lattice, at);
-            let normal = pose.normal(lattice, at, &self.model.rest_normals[i]);
+            self.model.live_mut()[i] = pose.position(lattice, at);
+            let normal = pose.normal(lattice, at, &self.model.rest_normals()[i]);
             let turn = pose.turns[at.cell as usize];
             // The rotation that carries the rest normal to the live one and is otherwise the cell's.
             let correction =
-                Rotation3::rotation_between(&(turn * self.model.rest_normals[i]), &normal)
+                Rotation3::rotation_between(&(turn * self.model.rest_normals()[i]), &normal)
                     .unwrap_or_else(Rotation3::identity);
-            self.model.rotations[i] = *(correction * turn).matrix();
+            self.model.rotations_mut()[i] = *(correction * turn).matrix();
         }
     }
 
@@ -305,7 +303,7 @@ impl Track {
         self.residual = mean_residual(&found);
         let eye = view.eye();
         let visible = (0..self.model.len()).filter(|&i| {
-            let at = &self.model.live[i];
+            let at = &self.model.live()[i];
             facing(at, &self.model.live_normal(i), &eye) > 0.3
                 && !matches!(
                     view.depth.sight(at, f64::INFINITY, 3.0 * spacing),
@@ -314,12 +312,7 @@ impl Track {
         });
         let count = self.seen.iter().filter(|s| **s).count();
         self.share = count as f64 / visible.count().max(1) as f64;
-        for (i, seen) in self.seen.iter().enumerate() {
-            if *seen {
-                self.model.last_seen[i] = self.frame;
-                self.model.times_seen[i] += 1;
-            }
-        }
+        self.model.measured(&self.seen, self.frame);
     }
 
     /// Whether the frame fits well enough to learn from.
@@ -349,16 +342,12 @@ impl Track {
     }
 
     /// Search tree over the centres of the cells now.
-    pub fn cell_tree(&self) -> Option<ImmutableKdTree<f64, 3>> {
+    pub fn cell_tree(&self) -> Option<graph::Tree> {
         cell_tree(self.body.lattice(), &self.body.pose().live)
     }
 
     /// Carries a live point to rest.
-    pub fn to_rest(
-        &self,
-        point: &Point3<f64>,
-        cells: Option<&ImmutableKdTree<f64, 3>>,
-    ) -> Option<AtRest> {
+    pub fn to_rest(&self, point: &Point3<f64>, cells: Option<&graph::Tree>) -> Option<AtRest> {
         to_rest(self.body.lattice(), self.body.pose(), point, cells)
     }
 
@@ -375,7 +364,7 @@ impl Track {
     /// `other` has gathered, which are of places at rest.
     pub fn renamed_after(&mut self, other: &Self) {
         self.model.rename_after(&other.model);
-        self.model.colours.clone_from(&other.model.colours);
+        self.model.take_colours_of(&other.model);
     }
 
     /// Keeps the vertices marked.
@@ -387,15 +376,12 @@ impl Track {
 
     /// The surface graph of the vertices as they are.
     pub fn settle_edges(&mut self, spacing: f64) {
-        self.model.edges = graph::surface_edges(&self.model, spacing);
+        self.model.join(spacing);
     }
 }
 
 /// Search tree over the centres of all cells in a pose.
-pub(crate) fn cell_tree(
-    lattice: &Lattice,
-    live: &[Point3<f64>],
-) -> Option<ImmutableKdTree<f64, 3>> {
+pub(crate) fn cell_tree(lattice: &Lattice, live: &[Point3<f64>]) -> Option<graph::Tree> {
     let centres: Vec<Point3<f64>> = (0..lattice.cells().len() as u32)
         .map(|c| lattice.centre(live, c))
         .collect();
@@ -407,7 +393,7 @@ pub(crate) fn to_rest(
     lattice: &Lattice,
     pose: &topo_ekf::body::Pose,
     point: &Point3<f64>,
-    cells: Option<&ImmutableKdTree<f64, 3>>,
+    cells: Option<&graph::Tree>,
 ) -> Option<AtRest> {
     let near = graph::near(cells?, point, 3.0 * lattice.size(), CELLS_TRIED);
     let firm = near

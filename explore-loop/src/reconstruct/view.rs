@@ -4,7 +4,6 @@ use crate::Error;
 use crate::canonical::graph;
 use crate::cell::Observation;
 use crate::visibility::DepthGrid;
-use kiddo::ImmutableKdTree;
 use nalgebra::{Point3, UnitVector3};
 
 /// Fewest points that make a frame.
@@ -27,7 +26,7 @@ pub(crate) struct FrameView {
     pub rim: Vec<bool>,
     /// Depth image of the whole cloud.
     pub depth: DepthGrid,
-    pub tree: ImmutableKdTree<f64, 3>,
+    pub tree: graph::Tree,
 }
 
 impl FrameView {

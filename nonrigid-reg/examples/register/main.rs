@@ -89,10 +89,7 @@ impl Arguments {
         } else {
             None
         };
-        let options = Options {
-            node_spacing: self.spacing,
-            ..Options::default()
-        };
+        let options = Options::default().with_node_spacing(self.spacing);
         let (from, to) = (source.cloud(), target.cloud());
         let mut registrar = Registrar::new(options);
         let result = registrar.register(&from, &to, &landmarks, &features, initial.as_deref());

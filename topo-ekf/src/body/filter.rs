@@ -26,8 +26,8 @@ use super::pose::Pose;
 use super::row::{Row, check_unit};
 use super::spent::Spent;
 use super::weight::{Foot, WeightEstimate, loads};
-use crate::Error;
 use crate::observation::Plane;
+use crate::{Error, Status};
 
 mod certainty;
 mod constrain;
@@ -311,7 +311,14 @@ impl BodyFilter {
         let start = expected.iter().zip(&self.state.raised);
         self.state.pose.live = start.map(|(p, r)| p - r).collect();
         self.state.pose.fit_turns(&self.lattice);
-        let mut report = BodyReport::default();
+        let mut report = BodyReport {
+            status: if holding {
+                Status::Free
+            } else {
+                Status::Unobserved
+            },
+            ..BodyReport::default()
+        };
         if holding {
             for _ in 0..self.options.presteps {
                 let (_, solved) = self.advance(elastic, &setting, Vec::new(), 1.0)?;
@@ -374,6 +381,9 @@ impl BodyFilter {
             let rows = observe(&self.lattice, &self.state.pose, progress);
             for (index, row) in rows.iter().enumerate() {
                 row.check(index, &self.lattice)?;
+                if row.weight > 0.0 {
+                    report.status = Status::Free;
+                }
             }
             let (longest, solved) = self.advance(elastic, setting, rows, stiffer)?;
             report.last_step = longest;

@@ -5,10 +5,12 @@ use nalgebra::{Point3, Vector3};
 use super::lattice::{Embedding, Lattice};
 use super::row::BodyInequality;
 use crate::graph::usable_point;
+use crate::setters::setters;
 use crate::{Error, Status};
 
 /// How far along the steps of a frame are.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Progress {
     /// 0 at the first step, 1 at the last.
     pub share: f64,
@@ -18,6 +20,7 @@ pub struct Progress {
 
 /// What is believed of a frame at most; a step that goes beyond is undone and is an [`Error::Beyond`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Limits {
     /// How far 95 % of the surface may move in a frame, m.
@@ -37,6 +40,14 @@ impl Default for Limits {
             fall: f64::INFINITY,
             pull: f64::INFINITY,
         }
+    }
+}
+
+setters! {
+    Limits {
+        with_motion motion: f64,
+        with_fall fall: f64,
+        with_pull pull: f64,
     }
 }
 
@@ -104,6 +115,7 @@ impl<'a> BodyFrame<'a> {
 /// What one frame did.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyReport {
     /// Steps made, each one factorisation.
     pub solves: usize,
@@ -111,8 +123,9 @@ pub struct BodyReport {
     pub moved: f64,
     /// Longest move of a node in the last step, m.
     pub last_step: f64,
-    /// How the constraints ended: `Free` when nothing was violated, `Constrained` when all hold, `Infeasible` when they contradict
-    /// each other (they are then violated as little as possible, by least squares).
+    /// How the constraints ended: `Free` when nothing was violated, `Unobserved` when nothing was violated and nothing was held or measured
+    /// either, `Constrained` when all hold, `Infeasible` when they contradict each other (they are then violated as little as possible, by least
+    /// squares).
     pub status: Status,
     /// Constraints that push: points against the table and inequalities.
     pub pushing: usize,

@@ -1,6 +1,7 @@
 //! Settings of the body filter, each with the reason for its default.
 
 use crate::Error;
+use crate::setters::setters;
 
 /// How stiff, how heavy, how slippery, how many steps. Lengths in metres, weights in 1/m².
 ///
@@ -93,40 +94,27 @@ impl Default for BodyOptions {
     }
 }
 
-macro_rules! setters {
-    ($($with:ident $field:ident: $kind:ty),* $(,)?) => {
-        impl BodyOptions {
-            $(
-                #[doc = concat!("Sets [`", stringify!($field), "`](Self::", stringify!($field), ").")]
-                #[must_use]
-                pub fn $with(mut self, $field: $kind) -> Self {
-                    self.$field = $field;
-                    self
-                }
-            )*
-        }
-    };
-}
-
 setters! {
-    with_stiffness stiffness: f64,
-    with_poisson_ratio poisson_ratio: f64,
-    with_motion_sigma motion_sigma: f64,
-    with_momentum momentum: f64,
-    with_grip_sigma grip_sigma: f64,
-    with_contact_sigma contact_sigma: f64,
-    with_stick_sigma stick_sigma: f64,
-    with_friction friction: f64,
-    with_touch touch: f64,
-    with_table table: Table,
-    with_steps steps: usize,
-    with_presteps presteps: usize,
-    with_release_steps release_steps: usize,
-    with_release_frames release_frames: usize,
-    with_release_stiffness release_stiffness: f64,
-    with_tolerance tolerance: f64,
-    with_initial_weight initial_weight: f64,
-    with_initial_weight_sigma initial_weight_sigma: f64,
+    BodyOptions {
+        with_stiffness stiffness: f64,
+        with_poisson_ratio poisson_ratio: f64,
+        with_motion_sigma motion_sigma: f64,
+        with_momentum momentum: f64,
+        with_grip_sigma grip_sigma: f64,
+        with_contact_sigma contact_sigma: f64,
+        with_stick_sigma stick_sigma: f64,
+        with_friction friction: f64,
+        with_touch touch: f64,
+        with_table table: Table,
+        with_steps steps: usize,
+        with_presteps presteps: usize,
+        with_release_steps release_steps: usize,
+        with_release_frames release_frames: usize,
+        with_release_stiffness release_stiffness: f64,
+        with_tolerance tolerance: f64,
+        with_initial_weight initial_weight: f64,
+        with_initial_weight_sigma initial_weight_sigma: f64,
+    }
 }
 
 impl BodyOptions {

@@ -39,6 +39,7 @@ pub struct Pose {
 
 /// A live point carried back to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AtRest {
     /// Rest position.
     pub position: Point3<f64>,

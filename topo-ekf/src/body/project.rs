@@ -16,15 +16,13 @@
 //! The projected mean is kept, the active set never becomes information.
 
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettingsBuilder, DefaultSolver, IPSolver, SolverStatus, SupportedConeT,
-};
 use nalgebra::{DMatrix, DVector, Matrix3, Point3};
 
 use super::elastic::{Elastic, Solved, corners};
 use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 use super::row::BodyInequality;
+use crate::quadratic_program::minimise;
 use crate::{Error, Plane};
 
 /// A row violated by more than this is projected, m: a tenth of what is promised.
@@ -45,6 +43,8 @@ const STEPS: usize = 100;
 const JOINING: usize = 32;
 /// Times that what softness leaves is asked for again.
 const PASSES: usize = 20;
+/// Tolerance of feasibility in clarabel, relative to the largest gap.
+const FEASIBILITY: f64 = 1e-10;
 /// What is left of the gaps has come to rest when it changes by less than this, m.
 const STILL: f64 = 1e-2 * DEPTH;
 
@@ -390,27 +390,8 @@ fn interior_point(gram: &DMatrix<f64>, asked: &[f64], soft: f64) -> Result<Vec<f
         (0..count).collect(),
         vec![-1.0; count],
     );
-    let settings = DefaultSettingsBuilder::default()
-        .verbose(false)
-        .max_threads(1)
-        .tol_gap_abs(1e-11)
-        .tol_gap_rel(1e-11)
-        .tol_feas(1e-10)
-        .build()
-        .map_err(|_| Error::Factorisation)?;
-    let cone = [SupportedConeT::NonnegativeConeT(count)];
     let zero = vec![0.0; count];
-    let mut solver = DefaultSolver::new(&quadratic, &linear, &bounds, &zero, &cone, settings)
-        .map_err(|_| Error::Factorisation)?;
-    solver.solve();
-    let found = &solver.solution;
-    let usable = matches!(
-        found.status,
-        SolverStatus::Solved | SolverStatus::AlmostSolved | SolverStatus::InsufficientProgress
-    );
-    if !usable || !found.x.iter().all(|v| v.is_finite()) {
-        return Err(Error::Factorisation);
-    }
+    let found = minimise(&quadratic, &linear, &bounds, &zero, FEASIBILITY)?;
     // Strict complementarity: a row pushes where its force exceeds its multiplier.
     let forces = found.x.iter().zip(&found.z);
     Ok(forces

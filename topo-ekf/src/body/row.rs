@@ -9,13 +9,15 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 
 use super::lattice::{Embedding, Lattice};
 use crate::Error;
-use crate::graph::{FARTHEST, usable_point};
+use crate::graph::usable_point;
+use crate::observation::{check_inequality, largest};
 
 /// Largest weight of a row, 1/m²: a standard deviation of a nanometre.
 const HEAVIEST: f64 = 1e18;
 
 /// A linear equation on an embedded point: `direction · (x(at) − target) = 0`, or all three coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Row {
     /// The point.
     pub at: Embedding,
@@ -112,6 +114,7 @@ pub(crate) fn check_unit(
 /// assert_eq!(row.terms.len(), 4);
 /// ```
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyInequality {
     /// Points with their coefficient vectors `a_t`; a point named twice counts with the sum.
     pub terms: Vec<(Embedding, Vector3<f64>)>,
@@ -141,38 +144,13 @@ impl BodyInequality {
 
     /// Refuses what has no meaning on this lattice.
     pub(crate) fn check(&self, index: usize, lattice: &Lattice) -> Result<(), Error> {
-        for (at, a) in &self.terms {
-            lattice.check_embedding("inequality", index, at)?;
-            if !usable_point(&Point3::from(*a)) {
-                return Err(Error::NonFinitePoint {
-                    what: "coefficient of inequality",
-                    index,
-                    value: (*a).into(),
-                });
-            }
-        }
-        let largest = self.largest();
-        if largest < 1e-9 {
-            return Err(Error::Value {
-                what: "largest coefficient of inequality",
-                index,
-                value: largest,
-                must: "at least 1e-9",
-            });
-        }
-        if !(-FARTHEST..=FARTHEST).contains(&self.bound) {
-            return Err(Error::Value {
-                what: "bound of inequality",
-                index,
-                value: self.bound,
-                must: "finite, at most 1e9 in size",
-            });
-        }
-        Ok(())
+        check_inequality(index, &self.terms, self.bound, |at| {
+            lattice.check_embedding("inequality", index, at)
+        })
     }
 
     /// `max ‖a_t‖`.
     pub(crate) fn largest(&self) -> f64 {
-        self.terms.iter().map(|(_, a)| a.norm()).fold(0.0, f64::max)
+        largest(&self.terms)
     }
 }

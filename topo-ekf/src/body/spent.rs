@@ -6,6 +6,7 @@ use std::time::Duration;
 /// Time that was spent on the normal equations. It is no part of the result: two filters that are given the same differ in it.
 #[derive(Clone, Copy, Debug, Default)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Spent {
     /// Putting them together: elasticity of every cell, rows and loads.
     pub assembling: Duration,

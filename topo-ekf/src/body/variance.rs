@@ -21,6 +21,7 @@ const TOGETHER: usize = 8;
 /// Which embedded points the last frame, the elasticity and what was expected determine together.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyObservability {
     /// Standard deviation of every point, m (root mean of the variances of its three coordinates).
     pub sigmas: Vec<f64>,

@@ -57,9 +57,9 @@ impl FinalMesh {
         let mut mesh = Self::uncoloured(model, topology, spacing);
         let places = mesh.vertices.iter().zip(&mesh.normals);
         let colour = |(p, n): (&Point3<f64>, &UnitVector3<f64>)| {
-            model.colours.at(p, n, spacing).unwrap_or([128; 3])
+            model.colours().at(p, n, spacing).unwrap_or([128; 3])
         };
-        mesh.colours = (!model.colours.is_empty()).then(|| places.map(colour).collect());
+        mesh.colours = (!model.colours().is_empty()).then(|| places.map(colour).collect());
         mesh
     }
 
@@ -86,9 +86,9 @@ impl FinalMesh {
             },
             None => Self {
                 further: Vec::new(),
-                vertices: model.rest.clone(),
-                normals: model.rest_normals.clone(),
-                triangles: surface::triangulate(&model.rest, &model.rest_normals, spacing),
+                vertices: model.rest().to_vec(),
+                normals: model.rest_normals().to_vec(),
+                triangles: surface::triangulate(model.rest(), model.rest_normals(), spacing),
                 colours: None,
             },
         }
@@ -173,13 +173,13 @@ fn nearest_facing(
     surface: &RestSurface,
     spacing: f64,
 ) -> (Vec<u32>, Vec<f64>) {
-    let tree = graph::tree(&model.rest);
+    let tree = graph::tree(model.rest());
     let places = surface.vertices.iter().zip(&surface.normals);
     let found = places.map(|(p, n)| {
         let near = tree
             .as_ref()
             .map_or_else(Vec::new, |tree| graph::near(tree, p, 4.0 * spacing, 24));
-        let facing = |(i, _): &(usize, f64)| model.rest_normals[*i].dot(n) > 0.0;
+        let facing = |(i, _): &(usize, f64)| model.rest_normals()[*i].dot(n) > 0.0;
         near.into_iter()
             .find(facing)
             .map_or((u32::MAX, f64::INFINITY), |(i, d)| (i as u32, d))
@@ -200,7 +200,7 @@ fn known(
     let at = |v: &u32| (*v as usize) < model.len();
     let born = |v: &u32| {
         if at(v) {
-            f64::from(model.born[*v as usize])
+            f64::from(model.born()[*v as usize])
         } else {
             f64::NAN
         }
@@ -209,7 +209,7 @@ fn known(
         if !at(v) {
             return 0.0;
         }
-        let times = f64::from(model.times_seen[*v as usize]);
+        let times = f64::from(model.times_seen()[*v as usize]);
         (times / (times + OFTEN)) * (-(distance / spacing).powi(2)).exp()
     };
     vec![

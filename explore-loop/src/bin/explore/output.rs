@@ -73,8 +73,7 @@ impl OutputFolder {
         metrics: &Metrics,
         rows: Vec<(&'static str, String)>,
     ) -> Result<(), Failure> {
-        let metrics = serde_json::to_value(metrics)?;
-        let page = report.page(&Closing { rows, metrics });
+        let page = report.page(&Closing::new(rows, metrics)?);
         Ok(self.write("report.html", page.as_bytes())?)
     }
 
@@ -87,7 +86,7 @@ impl OutputFolder {
 
     /// Writes a picture of the model's vertices at rest from six sides, coloured by when each part was first seen.
     pub fn picture(&self, name: &str, model: &CanonicalModel, spacing: f64) -> Result<(), Error> {
-        self.draw(name, model, &model.rest, spacing)
+        self.draw(name, model, model.rest(), spacing)
     }
 
     /// The same of the surface that is written.
@@ -124,7 +123,7 @@ impl OutputFolder {
         model: &CanonicalModel,
         spacing: f64,
     ) -> Result<(), Error> {
-        self.draw(name, model, &model.live, spacing)
+        self.draw(name, model, model.live(), spacing)
     }
 
     /// Draws the mesh of the model with its vertices at `points`.
@@ -135,7 +134,7 @@ impl OutputFolder {
         points: &[Point3<f64>],
         spacing: f64,
     ) -> Result<(), Error> {
-        let triangles = surface::triangulate(&model.rest, &model.rest_normals, spacing);
+        let triangles = surface::triangulate(model.rest(), model.rest_normals(), spacing);
         let colours = colours(model);
         let drawing = picture::Drawing {
             points,
@@ -176,10 +175,10 @@ pub fn command_line() -> String {
 
 /// Colours of the vertices of a model by when they were first seen.
 fn colours(model: &CanonicalModel) -> Vec<colour::Rgb> {
-    let last = model.born.iter().copied().max().unwrap_or(0).max(1);
+    let last = model.born().iter().copied().max().unwrap_or(0).max(1);
     let share = |b: &u32| f64::from(*b) / f64::from(last);
     model
-        .born
+        .born()
         .iter()
         .map(|b| colour::first_seen(share(b)))
         .collect()

@@ -341,7 +341,7 @@ impl<'a> Recorder<'a> {
         let measurer = self.measurer.as_ref();
         let shape = measurer.map(|m| m.shape(&self.so_far.model, spacing));
         let measures = mesh.measure(
-            &self.so_far.model.rest,
+            self.so_far.model.rest(),
             spacing,
             measurer.map(Measurer::surface),
         )?;

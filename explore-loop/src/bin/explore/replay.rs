@@ -238,7 +238,7 @@ impl<'a> Replay<'a> {
     fn metrics(&self, topology: &Topology, mesh: &FinalMesh) -> Result<Metrics, Failure> {
         let (measurer, model, spacing) = (self.measurer(), self.model(), self.spacing());
         let shape = measurer.map(|m| m.shape(model, spacing));
-        let measures = mesh.measure(&model.rest, spacing, measurer.map(Measurer::surface))?;
+        let measures = mesh.measure(model.rest(), spacing, measurer.map(Measurer::surface))?;
         Ok(self
             .untested(topology)
             .with_shape(shape.as_slice(), shape.as_ref())

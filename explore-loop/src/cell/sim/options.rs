@@ -5,9 +5,11 @@ use nalgebra::Point3;
 use super::realsense::StereoOptions;
 use super::sway::Sway;
 use super::{Scene, SimError};
+use crate::setters::setters;
 
 /// What the object is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Material {
     /// Young's modulus, Pa. At 1000 kg/m³ and 0.2 m, 3 kPa is very soft and 30 kPa like a thick woollen cap.
     pub young: f64,
@@ -33,6 +35,16 @@ impl Default for Material {
     }
 }
 
+setters! {
+    Material {
+        with_young young: f64,
+        with_poisson poisson: f64,
+        with_density density: f64,
+        with_friction friction: f64,
+        with_damping damping: f64,
+    }
+}
+
 impl Material {
     fn check(&self) -> Result<(), SimError> {
         within("young", self.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
@@ -46,6 +58,7 @@ impl Material {
 
 /// A pinhole depth camera looking straight down on the middle of the table, or swinging about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct CameraOptions {
     /// Pixels across.
     pub width: usize,
@@ -111,6 +124,21 @@ impl Default for CameraOptions {
     }
 }
 
+setters! {
+    CameraOptions {
+        with_width width: usize,
+        with_height height: usize,
+        with_focal focal: f64,
+        with_above_table above_table: f64,
+        with_rate rate: f64,
+        with_noise noise: f64,
+        with_pixel_stride pixel_stride: usize,
+        with_sway sway: Option<Sway>,
+        with_model model: CameraModel,
+        with_features features: Option<usize>,
+    }
+}
+
 impl CameraOptions {
     fn check(&self) -> Result<(), SimError> {
         let (width, height) = (self.width as f64, self.height as f64);
@@ -145,6 +173,7 @@ impl CameraOptions {
 
 /// The box between the jaws, in the tip frame: what lies in it when the jaw closes is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct JawOptions {
     /// Half the width of a finger, along x, metres.
     pub half_width: f64,
@@ -167,6 +196,15 @@ impl Default for JawOptions {
     }
 }
 
+setters! {
+    JawOptions {
+        with_half_width half_width: f64,
+        with_half_opening half_opening: f64,
+        with_behind behind: f64,
+        with_before before: f64,
+    }
+}
+
 impl JawOptions {
     fn check(&self) -> Result<(), SimError> {
         for value in [self.half_width, self.half_opening, self.behind, self.before] {
@@ -178,6 +216,7 @@ impl JawOptions {
 
 /// How finely the physics is solved.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Fidelity {
     /// About how many tetrahedra the solid is filled with.
     pub tetrahedra: usize,
@@ -197,6 +236,15 @@ impl Default for Fidelity {
             substeps: 4,
             self_contact: true,
         }
+    }
+}
+
+setters! {
+    Fidelity {
+        with_tetrahedra tetrahedra: usize,
+        with_step step: f64,
+        with_substeps substeps: usize,
+        with_self_contact self_contact: bool,
     }
 }
 
@@ -221,6 +269,7 @@ pub enum ArmModel {
 
 /// A simulated cell.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct SimOptions {
     /// What lies on the table.
     pub scene: Scene,
@@ -243,6 +292,21 @@ pub struct SimOptions {
     pub fidelity: Fidelity,
     /// Fastest a tip may go, m/s.
     pub max_speed: f64,
+}
+
+setters! {
+    SimOptions {
+        with_scene scene: Scene,
+        with_arms arms: usize,
+        with_arm_model arm_model: ArmModel,
+        with_seed seed: u64,
+        with_seed_point seed_point: Option<Point3<f64>>,
+        with_material material: Material,
+        with_camera camera: CameraOptions,
+        with_jaw jaw: JawOptions,
+        with_fidelity fidelity: Fidelity,
+        with_max_speed max_speed: f64,
+    }
 }
 
 impl SimOptions {

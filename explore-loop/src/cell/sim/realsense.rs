@@ -20,9 +20,11 @@ use rand_chacha::ChaCha8Rng;
 
 use super::SimError;
 use super::options::within;
+use crate::setters::setters;
 
 /// Parameters of an active stereo camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct StereoOptions {
     /// Distance between the imagers, metres.
     pub baseline: f64,
@@ -55,6 +57,19 @@ impl Default for StereoOptions {
             mixed: 0.5,
             rate: 29.97,
         }
+    }
+}
+
+setters! {
+    StereoOptions {
+        with_baseline baseline: f64,
+        with_disparity_noise disparity_noise: f64,
+        with_disparity_step disparity_step: f64,
+        with_unit unit: f64,
+        with_grazing grazing: [f64; 2],
+        with_dropped dropped: f64,
+        with_mixed mixed: f64,
+        with_rate rate: f64,
     }
 }
 

@@ -15,11 +15,9 @@ impl Track {
     /// What is believed of this frame: what was not followed for some frames may have gone as much farther.
     pub(super) fn limits_now(&self, limits: &Limits) -> Limits {
         let frames = (self.missed + 1) as f64;
-        Limits {
-            motion: limits.motion * frames,
-            fall: limits.fall * frames,
-            ..*limits
-        }
+        limits
+            .with_motion(limits.motion * frames)
+            .with_fall(limits.fall * frames)
     }
 
     /// Says so when the cloud shows more motion than is believed.
@@ -45,12 +43,12 @@ impl Track {
     /// the cloud has a vertex. What an arm hides spoils the first, what it shows again the second, what moves both.
     fn gone(&self, view: &FrameView) -> f64 {
         let last_taken = self.frame.saturating_sub(self.missed as u32 + 1);
-        let seen = self.model.live.iter().zip(&self.model.last_seen);
+        let seen = self.model.live().iter().zip(self.model.last_seen());
         let left = seen
             .filter(|(_, last)| **last == last_taken)
             .map(|(p, _)| graph::nearest(&view.tree, p).1);
         let left = most_of(left.collect());
-        let Some(live) = graph::tree(&self.model.live) else {
+        let Some(live) = graph::tree(self.model.live()) else {
             return 0.0;
         };
         let reached = view.points.iter().map(|p| graph::nearest(&live, p).1);

@@ -43,7 +43,7 @@ impl Track {
                 let tip = Point3::from(arm.camera_from_tip.translation.vector);
                 let mut near: Vec<(f64, usize)> = self
                     .model
-                    .live
+                    .live()
                     .iter()
                     .enumerate()
                     .map(|(i, p)| ((p - tip).norm(), i))
@@ -53,7 +53,7 @@ impl Track {
                 let tip_from_camera = arm.camera_from_tip.inverse();
                 let grip = near[..within.max(LEAST_HELD).min(near.len())]
                     .iter()
-                    .map(|&(_, i)| (self.embeddings[i], tip_from_camera * self.model.live[i]))
+                    .map(|&(_, i)| (self.embeddings[i], tip_from_camera * self.model.live()[i]))
                     .collect();
                 self.grips[k] = Some(grip);
             }

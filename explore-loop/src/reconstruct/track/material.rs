@@ -130,12 +130,12 @@ impl Track {
     fn embed_anew(&mut self) {
         let lattice = self.body.lattice();
         for (i, at) in self.embeddings.iter_mut().enumerate() {
-            let (rest, normal) = (&self.model.rest[i], &self.model.rest_normals[i]);
+            let (rest, normal) = (&self.model.rest()[i], &self.model.rest_normals()[i]);
             if let Some(there) = embed_beside(lattice, rest, normal) {
                 *at = there;
             }
         }
-        let tree = graph::tree(&self.model.rest);
+        let tree = graph::tree(self.model.rest());
         let embeddings = &self.embeddings;
         // What is held was surface of the model; it stays with the vertex nearest to it.
         let renew = |grip: &mut Grip| {
@@ -166,7 +166,7 @@ impl Track {
     pub fn refill_as_seen(&mut self, options: &ReconstructOptions) {
         let spacing = options.spacing;
         let later: Vec<usize> = (0..self.model.len())
-            .filter(|&i| self.model.born[i] > 0)
+            .filter(|&i| self.model.born()[i] > 0)
             .collect();
         let enough = LEAST_GROWN.max(self.model.len() / SHARE_GROWN);
         if later.len() < self.filled_with + enough {
@@ -176,9 +176,11 @@ impl Track {
         let Some(first) = self.keyframes.all().first().map(|k| Arc::clone(&k.view)) else {
             return;
         };
-        let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest[i]).collect();
-        let normals: Vec<UnitVector3<f64>> =
-            later.iter().map(|&i| self.model.rest_normals[i]).collect();
+        let points: Vec<Point3<f64>> = later.iter().map(|&i| self.model.rest()[i]).collect();
+        let normals: Vec<UnitVector3<f64>> = later
+            .iter()
+            .map(|&i| self.model.rest_normals()[i])
+            .collect();
         let first = Seen {
             points: &first.points,
             normals: &first.normals,

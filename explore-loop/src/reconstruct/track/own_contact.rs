@@ -27,7 +27,7 @@ impl Track {
     pub fn renew_contact(&mut self, spacing: f64) {
         let model = &self.model;
         self.own_contact = OwnContact {
-            triangles: triangulate(&model.rest, &model.rest_normals, spacing),
+            triangles: triangulate(model.rest(), model.rest_normals(), spacing),
             vertices: model.len(),
             contact: None,
         };
@@ -43,11 +43,11 @@ impl Track {
             return Vec::new();
         }
         if own.contact.is_none() {
-            let rest = &self.model.rest[..own.vertices];
+            let rest = &self.model.rest()[..own.vertices];
             own.contact = SelfContact::new(&own.triangles, rest, separation).ok();
         }
         let contact = own.contact.as_mut();
-        let rows = contact.and_then(|c| c.inequalities(&self.model.live, &self.embeddings).ok());
+        let rows = contact.and_then(|c| c.inequalities(self.model.live(), &self.embeddings).ok());
         rows.unwrap_or_default()
     }
 }

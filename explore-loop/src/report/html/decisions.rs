@@ -292,7 +292,7 @@ impl Decisions {
             arm: g.arm,
             lifts: g.role == Role::Lift,
             rest: model
-                .rest
+                .rest()
                 .get(g.vertex as usize)
                 .map(|p| short(p.coords.into())),
             at: short(g.camera_from_tip.translation.vector.into()),
@@ -348,7 +348,7 @@ fn loops(topology: &Topology, model: &CanonicalModel) -> Vec<Points> {
     let mut loops: Vec<&Vec<u32>> = topology.loops.iter().collect();
     loops.sort_by_key(|l| std::cmp::Reverse(l.len()));
     loops.truncate(MOST_LOOPS);
-    let points = |l: &&Vec<u32>| Points::of(l.iter().filter_map(|v| model.rest.get(*v as usize)));
+    let points = |l: &&Vec<u32>| Points::of(l.iter().filter_map(|v| model.rest().get(*v as usize)));
     loops.iter().map(points).collect()
 }
 

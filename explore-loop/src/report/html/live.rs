@@ -122,14 +122,14 @@ impl Live {
         }
         self.draw(model, spacing);
         let every = observation.points.len().div_ceil(MOST_POINTS).max(1);
-        let born: Vec<f64> = model.born.iter().map(|b| f64::from(*b)).collect();
+        let born: Vec<f64> = model.born().iter().map(|b| f64::from(*b)).collect();
         let error: Vec<f64> = errors.iter().map(|e| 1e3 * e).collect();
         self.frames.keep(LiveFrame {
             time: rounded(moment.time),
             frame: report.frame,
             phase: moment.phase.to_owned(),
             manipulation: moment.manipulation,
-            vertices: Points::of(model.live.iter()),
+            vertices: Points::of(model.live().iter()),
             mesh: self.meshes.len().saturating_sub(1),
             born: Values::of(&born),
             measured: bits(&report.measured),
@@ -152,12 +152,12 @@ impl Live {
     fn draw(&mut self, model: &CanonicalModel, spacing: f64) {
         let new = model.len().saturating_sub(self.drawn.len());
         let few = new as f64 <= MOST_DOTS * model.len() as f64;
-        if few && !self.meshes.is_empty() && model.ids.starts_with(&self.drawn) {
+        if few && !self.meshes.is_empty() && model.ids().starts_with(&self.drawn) {
             return;
         }
-        let triangles = triangulate(&model.rest, &model.rest_normals, spacing);
+        let triangles = triangulate(model.rest(), model.rest_normals(), spacing);
         self.meshes.push(Indices::of(&triangles));
-        self.drawn.clone_from(&model.ids);
+        model.ids().clone_into(&mut self.drawn);
     }
 
     /// Forgets meshes that no frame shows but the last, and numbers the others anew.
@@ -209,7 +209,7 @@ mod tests {
         let observation = Observation {
             stamp: 0.1 * f64::from(frame),
             camera: None,
-            points: model.rest.clone(),
+            points: model.rest().to_vec(),
             colours: None,
             features: None,
             arms: Vec::new(),
@@ -250,7 +250,7 @@ mod tests {
             let side = 2 + (frame.frame / 200) as usize;
             // A side more is more than the few vertices that may wait for a mesh, so each frame has that of its own sheet.
             let (model, ..) = sheet(side, 0);
-            let triangles = triangulate(&model.rest, &model.rest_normals, 0.005);
+            let triangles = triangulate(model.rest(), model.rest_normals(), 0.005);
             assert_eq!(live.meshes[frame.mesh], Indices::of(&triangles));
         }
     }

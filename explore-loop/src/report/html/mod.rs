@@ -78,8 +78,21 @@ impl About {
 pub struct Closing {
     /// The closing table: names and values in words.
     pub rows: Vec<(&'static str, String)>,
-    /// The content of `metrics.json`.
-    pub metrics: serde_json::Value,
+    metrics: serde_json::Value,
+}
+
+impl Closing {
+    /// The closing table, and the content of `metrics.json`.
+    ///
+    /// # Errors
+    /// Metrics that are no JSON.
+    pub fn new(
+        rows: Vec<(&'static str, String)>,
+        metrics: &impl Serialize,
+    ) -> Result<Self, std::io::Error> {
+        let metrics = serde_json::to_value(metrics)?;
+        Ok(Self { rows, metrics })
+    }
 }
 
 /// A frame in the curves.

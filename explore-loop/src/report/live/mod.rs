@@ -157,21 +157,21 @@ impl LiveView {
 
     /// The model now; and at rest, with other triangles, where that has changed.
     fn model(&mut self, report: &FrameReport, model: &CanonicalModel, sigmas: Option<&[f64]>) {
-        let triangles = (self.drawn != model.rest)
-            .then(|| triangulate(&model.rest, &model.rest_normals, self.spacing));
+        let triangles = (self.drawn != model.rest())
+            .then(|| triangulate(model.rest(), model.rest_normals(), self.spacing));
         let colours: Vec<Rgb> = match sigmas {
             Some(sigmas) => sigmas.iter().map(|s| draw::certainty(*s)).collect(),
             None => report.measured.iter().map(|m| draw::measured(*m)).collect(),
         };
-        let now = draw::surface(&model.live, &model.live_normals(), triangles.as_deref())
+        let now = draw::surface(model.live(), &model.live_normals(), triangles.as_deref())
             .with_vertex_colors(colours);
         self.sinks.log("live/model", &now);
         if triangles.is_some() {
             let share = |born: &u32| f64::from(*born) / f64::from(report.frame.max(1));
-            let colours = model.born.iter().map(|b| first_seen(share(b))).collect();
-            let rest = draw::vertices(&model.rest, colours, self.spacing);
+            let colours = model.born().iter().map(|b| first_seen(share(b))).collect();
+            let rest = draw::vertices(model.rest(), colours, self.spacing);
             self.sinks.log("rest/model", &rest);
-            self.drawn.clone_from(&model.rest);
+            model.rest().clone_into(&mut self.drawn);
         }
     }
 
