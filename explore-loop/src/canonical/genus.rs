@@ -8,9 +8,12 @@
 //! |---|---|
 //! | a bridge or a tunnel of noise | it is narrow: handles shorter around than six spacings are cut from the mesh |
 //! | pinholes, a second sheet | complex and mesh, which are drawn in different ways, do not count alike |
-//! | two parts that touch and were not parted | around the neck where they touch runs a crease ([`Handles::crease`]): a handle is smooth there |
+//! | two parts that touch | around the neck where they touch runs a crease ([`Handles::crease`]): a handle is smooth there; the mesh is parted there |
 
 use serde::{Deserialize, Serialize};
+
+/// Mean crease around a handle from which on it is a contact, rad: between the 10° of a ring and the 50° of round parts that touch.
+pub const CONTACT: f64 = 0.5;
 
 /// How many handles the surface is expected to have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

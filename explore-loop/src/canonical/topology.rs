@@ -11,7 +11,7 @@
 //! other are not joined. The genus `g` is that of the object unless one is asked for ([`super::genus`]).
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
-use super::genus::{Genus, Handles};
+use super::genus::{CONTACT, Genus, Handles};
 use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -111,7 +111,7 @@ impl Topology {
                 complex: genus,
                 mesh: self.handles.count,
             })
-        } else if self.handles.crease > CREASE {
+        } else if self.handles.crease > CONTACT {
             Some(Obstacle::Contact(self.handles.crease))
         } else if !self.wholly_seen {
             Some(Obstacle::Bare {
@@ -127,6 +127,11 @@ impl Topology {
         } else {
             None
         }
+    }
+
+    /// At how many contacts parts that touch were parted.
+    pub fn contacts(&self) -> usize {
+        self.surface.as_ref().map_or(0, |s| s.contacts.len())
     }
 
     /// Share of the sample of the surface that lies on its boundary.
@@ -193,8 +198,6 @@ impl std::fmt::Display for Obstacle {
     }
 }
 
-/// Largest mean crease around a handle, rad: between the 10° of a ring and the 50° of round parts that touch.
-const CREASE: f64 = 0.5;
 /// Largest vector area of a surface taken for closed, as a share of its area.
 const MOST_MISSING: f64 = 0.03;
 /// Largest share of boundary points of a surface taken for closed.
@@ -246,14 +249,15 @@ fn analyse_limited(
         .iter()
         .map(|t| f64::from(*t).min(10.0))
         .collect();
-    let options = ClosedSurfaceOptions::new(spacing);
+    let options = ClosedSurfaceOptions::new(spacing).with_genus(genus);
     let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
     let (points, normals) = drawn.as_ref().map_or_else(
         || (model.rest.clone(), model.rest_normals.clone()),
         |surface| surface.resample(SAMPLE * FINE * spacing),
     );
     let sampled = points.len();
-    let (points, normals, complex) = read(model, points, normals, FINE * spacing, most)?;
+    let (points, normals, complex) =
+        read(model, drawn.as_ref(), points, normals, FINE * spacing, most)?;
     let thinned = sampled - points.len();
     let (boundary, loops) = complex.on_model(model, &points, &normals, spacing);
     let count = points.len().max(1) as f64;
@@ -322,6 +326,7 @@ const FARTHEST_APART: f64 = 1e3;
 )]
 fn read(
     model: &CanonicalModel,
+    drawn: Option<&ClosedSurface>,
     mut points: Vec<Point3<f64>>,
     mut normals: Vec<UnitVector3<f64>>,
     spacing: f64,
@@ -329,7 +334,11 @@ fn read(
 ) -> Result<(Vec<Point3<f64>>, Vec<UnitVector3<f64>>, Read), cech_complex::Error> {
     let (mut apart, mut sparse) = (0.5 * spacing, spacing);
     loop {
-        match Read::new(&points, &normals, &cuts(model, &points), sparse, most) {
+        let mut cuts = cuts(model, &points);
+        // As far as cylinders that face alike share a point at the largest scale.
+        let reach = 2.0 * RADIUS * PERSISTS * sparse;
+        cuts.extend(drawn.iter().flat_map(|s| s.glue(&points, &normals, reach)));
+        match Read::new(&points, &normals, &cuts, sparse, most) {
             Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {
                 let mut kept = spread(&points, &normals, apart);
                 // Sheets that face away from each other are never thinned into one.

@@ -143,6 +143,9 @@ pub struct Metrics {
     /// Where the surface was never seen, the largest place first; none when it was wholly seen.
     #[serde(default)]
     pub unseen: Vec<UnseenPlace>,
+    /// Contacts at which parts that touch were parted in the closed surface.
+    #[serde(default)]
+    pub contacts: usize,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
     /// The same before the first manipulation and after each.

@@ -77,6 +77,9 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
     ];
+    if metrics.contacts > 0 {
+        rows.push(("contacts parted", metrics.contacts.to_string()));
+    }
     rows.extend(unseen(&metrics.unseen).map(|text| ("never seen", text)));
     rows
 }

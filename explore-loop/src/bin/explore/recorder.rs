@@ -363,6 +363,7 @@ impl<'a> Recorder<'a> {
             without: names(&args.without),
             betti: outcome.topology.persistent,
             betti_before: self.so_far.betti.clone(),
+            contacts: outcome.topology.contacts(),
             unseen: outcome
                 .topology
                 .unseen

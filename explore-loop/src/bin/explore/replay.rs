@@ -260,6 +260,7 @@ impl<'a> Replay<'a> {
             stop: if closed { "closed" } else { "ended" }.into(),
             without: names(&args.without),
             betti: topology.persistent,
+            contacts: topology.contacts(),
             unseen: topology.unseen.iter().map(UnseenPlace::from).collect(),
             nm_cut: Cut::of(topology.cut),
             nm_remaining: topology.non_manifold,

@@ -12,29 +12,26 @@
 
 use super::corners::Corners;
 use super::handles::{Paths, around_handles};
-use crate::canonical::genus::Handles;
 use nalgebra::{UnitVector3, Vector3};
 
 /// Between which distances to the side of a loop the surface is looked at, in spacings.
 const BESIDE: (f64, f64) = (0.6, 1.5);
 
-/// The handles of a mesh, and how the surface is folded around them.
-pub(super) fn handles(mesh: &Corners, spacing: f64) -> Handles {
-    let loops = around_handles(mesh);
-    let creases = loops.iter().map(|around| crease(mesh, around, spacing));
-    Handles {
-        count: mesh.handles(),
-        crease: creases.fold(0.0, f64::max),
-    }
+/// How far the surface is folded along the most creased loop around a handle, rad, and that loop, as corners head to tail; `None` without handles.
+pub(super) fn most_creased(mesh: &Corners, spacing: f64) -> Option<(f64, Vec<u32>)> {
+    let loops = around_handles(mesh).into_iter();
+    let creased = loops.map(|around| (crease(mesh, &around, spacing), around));
+    // Of loops creased alike the first one, so that the answer does not depend on how they are compared.
+    creased.reduce(|most, next| if next.0 > most.0 { next } else { most })
 }
 
 /// Mean fold over a loop, rad.
 fn crease(mesh: &Corners, around: &[u32], spacing: f64) -> f64 {
     let count = around.len();
-    let place = |k: usize| mesh.place(around[k % count]);
+    let vertex = |k: usize| mesh.from(around[k % count]);
     let folds = (0..count).map(|k| {
-        let tangent = place(k + 1) - place(k + count - 1);
-        fold(mesh, around[k], &tangent, spacing)
+        let tangent = mesh.place(vertex(k + 1)) - mesh.place(vertex(k + count - 1));
+        fold(mesh, vertex(k), &tangent, spacing)
     });
     folds.sum::<f64>() / count.max(1) as f64
 }

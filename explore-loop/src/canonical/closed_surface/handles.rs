@@ -32,7 +32,7 @@ pub(super) fn cut_small(mut mesh: Corners, longest: f64) -> Corners {
     mesh
 }
 
-/// Loops around the handles of a mesh, as vertices head to tail: shortest ones through each of the vertices of two for every handle.
+/// Loops around the handles of a mesh, as corners head to tail: shortest ones through each of the vertices of two for every handle.
 ///
 /// None of them splits the surface: the loops that a tree of shortest paths and a tree of the triangles leave over are independent in homology.
 pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
@@ -40,16 +40,9 @@ pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
         return Vec::new();
     };
     let everywhere = Paths::new(mesh, start, f64::INFINITY);
-    let vertices = |paths: &Paths, c: u32| -> Vec<u32> {
-        paths
-            .close(mesh, c)
-            .into_iter()
-            .map(|c| mesh.from(c))
-            .collect()
-    };
     let mut roots = BTreeSet::new();
     for (_, c) in everywhere.leftovers(mesh) {
-        roots.extend(vertices(&everywhere, c));
+        roots.extend(everywhere.close(mesh, c).into_iter().map(|c| mesh.from(c)));
     }
     // Loops through neighbouring roots are alike.
     let apart = roots.len().div_ceil(MOST_ROOTS).max(1);
@@ -57,7 +50,7 @@ pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
     for &root in roots.iter().step_by(apart) {
         let paths = Paths::new(mesh, root, f64::INFINITY);
         let left = paths.leftovers(mesh);
-        loops.extend(left.into_iter().map(|(_, c)| vertices(&paths, c)));
+        loops.extend(left.into_iter().map(|(_, c)| paths.close(mesh, c)));
     }
     loops
 }
@@ -231,8 +224,8 @@ fn splits(mesh: &Corners, around: &[u32]) -> bool {
     true
 }
 
-/// Cuts along a loop and caps both sides with a fan around the middle of the loop.
-fn cut_along(mesh: &Corners, around: &[u32]) -> Option<Corners> {
+/// Cuts along a loop, as corners head to tail, and caps both sides with a fan around the middle of the loop.
+pub(super) fn cut_along(mesh: &Corners, around: &[u32]) -> Option<Corners> {
     let mut places = mesh.places.clone();
     let mut vertex: BTreeMap<u32, u32> = BTreeMap::new();
     let count = around.len();

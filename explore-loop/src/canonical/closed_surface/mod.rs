@@ -7,6 +7,7 @@
 //! | `isosurface`, `corners` | its surface: always a closed 2-manifold; the piece that encloses most is kept |
 //! | `handles` | handles shorter around than six spacings are cut |
 //! | `crease` | how the surface is folded around those that stay |
+//! | `contact` | parts that only touch are parted; what is near in space and far along the surface |
 //! | `remesh`, `fit` | even triangles, with vertices on the points |
 //! | `support` | what was seen; the trimmed mesh; an even sample |
 //!
@@ -28,12 +29,13 @@
 //! Where a patch at a margin or at the rim of a thin body is missing on both sides, the surface closes early within reach of the points
 //! around, and [`ClosedSurface::bare`] does not show it. A second sheet less than half a spacing away is not told from noise.
 
-use super::genus::Handles;
+use super::genus::{CONTACT, Genus, Handles};
 use corners::Corners;
 use nalgebra::{Point3, UnitVector3};
 use samples::Samples;
 
 mod cells;
+mod contact;
 mod corners;
 mod crease;
 mod error;
@@ -69,6 +71,11 @@ pub struct ClosedSurfaceOptions {
     /// Handles with a loop around them shorter than this are noise and are cut, m. Default 6 spacings: fewer
     /// points around it cannot show that there is one.
     pub handle: f64,
+    /// Parts that touch are parted where the surface is creased by more than this on average all around a handle, rad. Default
+    /// [`CONTACT`](super::genus::CONTACT), which lies between what a ring and what round parts that touch have; with π nothing is parted.
+    pub contact: f64,
+    /// How many handles the object has, if that is known: no more than the others are taken for contacts.
+    pub genus: Genus,
 }
 
 impl ClosedSurfaceOptions {
@@ -80,7 +87,23 @@ impl ClosedSurfaceOptions {
             reach: 1.4 * spacing,
             edge: 0.7 * spacing,
             handle: 6.0 * spacing,
+            contact: CONTACT,
+            genus: Genus::Any,
         }
+    }
+
+    /// Sets the crease from which on a handle is a contact, rad.
+    #[must_use]
+    pub fn with_contact(mut self, contact: f64) -> Self {
+        self.contact = contact;
+        self
+    }
+
+    /// Sets how many handles the object has.
+    #[must_use]
+    pub fn with_genus(mut self, genus: Genus) -> Self {
+        self.genus = genus;
+        self
     }
 
     /// Sets the step of the grid, m.
@@ -118,6 +141,7 @@ impl ClosedSurfaceOptions {
             ("reach", self.reach),
             ("edge", self.edge),
             ("handle", self.handle),
+            ("contact", self.contact),
         ];
         match options
             .into_iter()
@@ -159,6 +183,8 @@ pub struct ClosedSurface {
     pub strays: Vec<u32>,
     /// Handles of the surface as it was drawn, before anything was trimmed.
     pub handles: Handles,
+    /// The contacts at which parts that touch were parted: the loop around each, m.
+    pub contacts: Vec<Vec<Point3<f64>>>,
     spacing: f64,
     reach: f64,
 }
@@ -187,9 +213,11 @@ pub fn closed_surface(
     remesh::coarsen(&mut mesh, 0.6 * options.edge);
     let mut mesh = handles::cut_small(mesh, options.handle);
     remesh::remesh(&mut mesh, options.edge, &samples, spacing);
+    let contacts = contact::part(&mut mesh, options);
     let samples = without_strays(samples, &mesh, spacing);
     remesh::finish(&mut mesh, options.edge, &samples, spacing);
-    let surface = ClosedSurface::of(&mesh, points, normals, options);
+    let mut surface = ClosedSurface::of(&mesh, points, normals, options);
+    surface.contacts = contacts;
     if surface.vertices.len() < 4 {
         return Err(ClosedSurfaceError::NothingEnclosed);
     }
@@ -224,7 +252,12 @@ impl ClosedSurface {
             bare: 0.0,
             farthest: 0.0,
             strays,
-            handles: crease::handles(mesh, options.spacing),
+            handles: Handles {
+                count: mesh.handles(),
+                crease: crease::most_creased(mesh, options.spacing)
+                    .map_or(0.0, |most| most.0.max(0.0)),
+            },
+            contacts: Vec::new(),
             spacing: options.spacing,
             reach: options.reach,
             vertices,
@@ -242,6 +275,7 @@ impl ClosedSurface {
             nearest: source.iter().map(|&v| self.nearest[v as usize]).collect(),
             distance: source.iter().map(|&v| self.distance[v as usize]).collect(),
             strays: self.strays.clone(),
+            contacts: self.contacts.clone(),
             triangles,
             ..*self
         };
