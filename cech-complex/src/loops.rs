@@ -60,10 +60,10 @@ impl Complex {
     /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
     /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
     /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
-    /// let rims = complex.boundary_loops(&complex.classify(tube.spacing)?)?;
-    /// assert_eq!(rims.len(), 2); // both ends
-    /// for rim in &rims {
-    ///     assert!((0.9..1.2).contains(&(rim.length / (0.5 * std::f64::consts::TAU))));
+    /// let boundary = complex.boundary_loops(&complex.classify(tube.spacing)?)?;
+    /// assert_eq!(boundary.len(), 2); // both ends
+    /// for circle in &boundary {
+    ///     assert!((0.9..1.2).contains(&(circle.length / (0.5 * std::f64::consts::TAU))));
     /// }
     /// # Ok::<(), cech_complex::Error>(())
     /// ```

@@ -20,7 +20,7 @@ const SIGNIFICANT: f64 = 4.0;
 const COVERED: f64 = 0.99;
 /// An even sampling has gaps of up to this many spacings; beyond, thinning makes it even.
 const EVEN: f64 = 1.4;
-/// Radius of the cylinders relative to the largest gap.
+/// Radius of the cylinders, in covering radii.
 const RADIUS_PER_GAP: f64 = 1.1;
 /// Smallest radius, in spacings.
 const RADIUS_PER_SPACING: f64 = 1.25;
