@@ -55,7 +55,11 @@ fn compare(arguments: &Arguments) -> Result<ExitCode, Failure> {
         writeln!(words, "  {rim} of {} vertices on the boundary", kinds.len())?;
         for rim in complex.boundary_loops(&kinds)? {
             let area = 1e4 * vector_area_of_loop(&rim.points(&complex)).norm();
-            writeln!(words, "  boundary of {:.3} m around {area:.1} cm²", rim.length)?;
+            writeln!(
+                words,
+                "  boundary of {:.3} m around {area:.1} cm²",
+                rim.length
+            )?;
         }
         let areas = vec![cloud.spacing * cloud.spacing; points.len()];
         let missing = missing_vector_area(&areas, normals)? * 1e4;

@@ -318,12 +318,12 @@ fn what_is_wrong_with_a_file_is_said_with_line_and_value() {
         (
             "letters",
             ascii(&["0 0 zero 0 0 1"]),
-            "line 11: vertex 0: z is no number: \"zero\"",
+            "line 11: vertex 0: z is not a number: \"zero\"",
         ),
         (
             "short",
             format!("ply\nformat ascii 1.0\nelement vertex 2\n{HEADER}{good}\n").into_bytes(),
-            "line 11: the file ends at vertex 1, the header promises 2",
+            "line 11: the file ends at vertex 1, the header says 2",
         ),
     ] {
         let complaint = File::new(name, &bytes).complaint(&SIZE, 1);
@@ -375,7 +375,7 @@ fn what_is_wrong_with_the_command_line_is_said() {
         (&["--orientation", "left"], "separate, free"),
         (
             &["--units", "inch"],
-            "m, cm, mm or the length of a unit in metres is wanted",
+            "expected m, cm, mm or the length of a unit in metres",
         ),
     ] {
         let code = if expected.contains("ascend") { 1 } else { 2 };

@@ -176,10 +176,10 @@ fn calibration_table_and_limits_are_looked_at() {
     let good = said("PSM1, calibration", CALIBRATION, None).unwrap();
     assert_eq!(
         good,
-        "12 samples, 1 of them left out, off by 0.4 mm rms and 0.7 mm at most"
+        "12 samples, 1 of them rejected, residuals 0.4 mm rms and 0.7 mm at most"
     );
     let none = said("PSM2, calibration", CALIBRATION, None).unwrap();
-    assert!(none.contains("no residuals"), "{none}");
+    assert!(none.contains("without residuals"), "{none}");
     let poor = CALIBRATION.replace("4e-4", "6e-3").replace("7e-4", "9e-3");
     let poor = said("PSM1, calibration", &poor, None).unwrap_err();
     assert!(
@@ -362,7 +362,7 @@ fn a_second_writer_stops_all_and_lets_nobody_begin() {
         .map(ToString::to_string)
         .collect();
     assert_eq!(wrong.len(), 1, "{wrong:?}");
-    assert!(wrong[0].contains("PSM2, who else commands"), "{wrong:?}");
+    assert!(wrong[0].contains("PSM2, other commanders"), "{wrong:?}");
     assert!(matches!(preflight.start(), Err(CellError::Failed(_))));
 }
 

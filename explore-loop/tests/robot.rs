@@ -133,7 +133,7 @@ fn a_served_cell_is_found_well_and_commanded_by_nobody() {
     for check in [
         "PSM1, streams",
         "PSM2, clock",
-        "PSM3, who else commands",
+        "PSM3, other commanders",
         "PSM2, jaw",
         "camera",
         "table",
@@ -295,7 +295,7 @@ fn ctrl_c_opens_nothing_and_drops_nothing() {
         .unwrap();
     assert_eq!(next.status.code(), Some(1));
     assert!(
-        text(&next).contains("it holds something"),
+        text(&next).contains("seems to hold something"),
         "{}",
         text(&next)
     );

@@ -319,9 +319,9 @@ fn results_with_known_medians_are_summed_up_as_such() {
     assert!(!markdown.contains("With 3 arms"), "{markdown}");
     // Below the table: what the ends that occurred mean, and which runs count.
     for words in [
-        "- *ended by a fault of ours*: the body was lost",
+        "- *ended by a system fault*: the body was lost",
         "- *manipulations needed, at least*: a run that closed counts its manipulations, at least 1; one that its grips ended counts 8",
-        "a fault of ours ended is left out",
+        "one ended by a system fault is not counted",
     ] {
         assert!(markdown.contains(words), "{markdown}");
     }
@@ -483,12 +483,12 @@ fn what_makes_no_sense_is_refused() {
     refuses(
         tables(&out, &["--only", "seeds,speed"]),
         1,
-        &["seeds stands alone"],
+        &["seeds cannot be combined"],
     );
     refuses(
         tables(&out, &["--only", "seeds", "--shard", "1/2"]),
         1,
-        &["seeds stands alone"],
+        &["seeds cannot be combined"],
     );
     refuses(
         tables(&out, &["--only", "speed", "--scene", "glove"]),

@@ -53,7 +53,9 @@ pub enum Refusal {
         distance: f64,
     },
     /// A tool would penetrate the body.
-    #[error("{stage}: the tool of arm {arm} collides with the body at vertex {vertex} at {time:.2} s")]
+    #[error(
+        "{stage}: the tool of arm {arm} collides with the body at vertex {vertex} at {time:.2} s"
+    )]
     HitsBody {
         /// The stage of the motion.
         stage: Stage,

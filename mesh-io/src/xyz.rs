@@ -29,10 +29,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     let list: Vec<Column> = names.iter().map(|name| column(name, shade)).collect();
     let mut columns = Columns::new(&list);
     if let Some(name) = columns.missing() {
-        return Err(syntax(
-            Place::Line(1),
-            format!("there is no column {name}"),
-        ));
+        return Err(syntax(Place::Line(1), format!("there is no column {name}")));
     }
     let mut raw = Raw::default();
     for (row, line) in text.rows.chunks_exact(text.width).zip(text.lines) {
@@ -109,8 +106,13 @@ impl Text {
             )));
         }
         for (k, cell) in cells.iter().enumerate() {
-            let value = self::number(cell)
-                .ok_or_else(|| error(format!("value {}: {:?} is not a number", k + 1, shown(cell))))?;
+            let value = self::number(cell).ok_or_else(|| {
+                error(format!(
+                    "value {}: {:?} is not a number",
+                    k + 1,
+                    shown(cell)
+                ))
+            })?;
             self.rows.push(value);
         }
         self.lines.push(number);
@@ -128,8 +130,7 @@ impl Text {
         }
         let names = guess(&self.rows, self.width).ok_or_else(|| {
             let width = self.width;
-            let wanted =
-                "expected 3, 4, 6, 7 or 9 numbers, or a first line that names the columns";
+            let wanted = "expected 3, 4, 6, 7 or 9 numbers, or a first line that names the columns";
             syntax(
                 Place::Line(self.lines[0]),
                 format!("{width} numbers a line: {wanted}"),

@@ -296,7 +296,10 @@ fn as_many(path: &Path, wanted: usize) -> Result<Vec<Point3<f64>>, Failure> {
     let found = mesh.points().len();
     if found != wanted {
         let path = path.display();
-        return Err(format!("{path}: {found} points, but {wanted} are needed: the new position of each source point").into());
+        return Err(format!(
+            "{path}: {found} points, but {wanted} are needed: the new position of each source point"
+        )
+        .into());
     }
     Ok(mesh.points().to_vec())
 }

@@ -432,7 +432,7 @@ fn what_cannot_be_used_says_why() {
         ),
         (
             "more.ply",
-            "the file ends at vertex 2000, the header promises 2500",
+            "the file ends at vertex 2000, the header says 2500",
         ),
     ] {
         let (code, said) = desk.refused(name, "target.ply");

@@ -144,7 +144,9 @@ pub enum Error {
     },
     /// The information matrix could not be factorised: the ratio of the largest to the smallest information is beyond the
     /// precision of `f64`.
-    #[error("the information matrix could not be factorised: the weights differ by too many orders of magnitude")]
+    #[error(
+        "the information matrix could not be factorised: the weights differ by too many orders of magnitude"
+    )]
     Factorisation,
     /// The estimate overflowed.
     #[error("the estimate of vertex {vertex} is not finite")]

@@ -112,10 +112,7 @@ impl Table {
             return none(share, format!("at least {:.0} % are needed", 100.0 * least));
         }
         if beneath > share {
-            return none(
-                share,
-                format!("but {:.0} % lie below it", 100.0 * beneath),
-            );
+            return none(share, format!("but {:.0} % lie below it", 100.0 * beneath));
         }
         if table.residual > EVEN * tolerance {
             let (residual, tolerance) = (1e3 * table.residual, 1e3 * tolerance);

@@ -77,7 +77,9 @@ impl<'a> Grid<'a> {
         let points = surface.scan.points();
         let bad = |reason: String| Error::BadImage { reason };
         let Some(columns) = surface.scan.columns() else {
-            return Err(bad("the scan has no rows, so pixels have no points".to_owned()));
+            return Err(bad(
+                "the scan has no rows, so pixels have no points".to_owned()
+            ));
         };
         let rows = points.len() / columns;
         let scale = image.width() / columns;

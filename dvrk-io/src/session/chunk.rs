@@ -103,7 +103,8 @@ pub(super) fn open(
     if record.whole && header.checksum != 0 {
         let (stored, computed) = (header.checksum, chunk.checksum(input, buffer)?);
         if stored != computed {
-            let reason = format!("chunk has the checksum {computed:08x}, but {stored:08x} is stored");
+            let reason =
+                format!("chunk has the checksum {computed:08x}, but {stored:08x} is stored");
             let messages = chunk.count_messages(input, buffer)?;
             return Ok(Err(Damage { reason, messages }));
         }

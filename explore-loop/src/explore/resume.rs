@@ -62,7 +62,10 @@ impl Explorer<'_> {
         let arms = self.arms.len();
         if saved.arms.len() != arms || saved.closed.len() != arms {
             return Err(Error::Resume {
-                reason: format!("it is for {} arms, but the cell has {arms}", saved.arms.len()),
+                reason: format!(
+                    "it is for {} arms, but the cell has {arms}",
+                    saved.arms.len()
+                ),
             });
         }
         self.planner.restore(&saved.planner)?;

@@ -197,7 +197,11 @@ impl Rows for Text<'_> {
                     .next()
                     .ok_or_else(|| complain(format!("{} is missing", property.name)))?;
                 number(word).ok_or_else(|| {
-                    complain(format!("{} is not a number: {:?}", property.name, shown(word)))
+                    complain(format!(
+                        "{} is not a number: {:?}",
+                        property.name,
+                        shown(word)
+                    ))
                 })
             };
             let first = value()?;

@@ -107,7 +107,9 @@ impl Arguments {
             None => ExitCode::SUCCESS,
             Some(doubt) => {
                 let out = self.out.display();
-                program::warn(&format!("{out}: written, but the result is doubtful: {doubt}"));
+                program::warn(&format!(
+                    "{out}: written, but the result is doubtful: {doubt}"
+                ));
                 ExitCode::from(DOUBTFUL)
             }
         })

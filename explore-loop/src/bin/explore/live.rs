@@ -37,7 +37,10 @@ const HELP: &str = "Show the run in the Rerun viewer while it goes on, and write
 const HELP: &str = "Show the run in the Rerun viewer while it goes on (only in a program built with --features rerun)";
 
 #[cfg(feature = "rerun")]
-#[allow(clippy::unnecessary_wraps, reason = "the signature of a command-line parser")]
+#[allow(
+    clippy::unnecessary_wraps,
+    reason = "the signature of a command-line parser"
+)]
 fn viewer(text: &str) -> Result<Viewer, String> {
     Ok(match text {
         "here" => Viewer::Here,

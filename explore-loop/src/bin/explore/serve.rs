@@ -257,7 +257,9 @@ fn run(
         if last.elapsed() >= TOLD {
             let pace = (simulated - then) / last.elapsed().as_secs_f64();
             if pace < KEEPS_UP {
-                eprintln!("physics does not keep up: {pace:.2} of real time; use fewer --tetrahedra");
+                eprintln!(
+                    "physics does not keep up: {pace:.2} of real time; use fewer --tetrahedra"
+                );
             }
             told = (Instant::now(), simulated);
         }

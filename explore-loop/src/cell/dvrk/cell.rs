@@ -324,7 +324,9 @@ impl DvrkCell {
             self.without_fault()?;
             if self.transport.now() >= end {
                 self.hold();
-                return Err(CellError::Failed("the arms did not reach their home poses".into()));
+                return Err(CellError::Failed(
+                    "the arms did not reach their home poses".into(),
+                ));
             }
             self.transport.wait(self.transport.now() + LOOK);
         }

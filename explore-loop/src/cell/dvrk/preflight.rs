@@ -267,7 +267,10 @@ impl Preflight {
     fn object(&mut self, seen: Option<&[Point3<f64>]>) {
         let Some(points) = seen else { return };
         let found = if points.len() < FEWEST {
-            Err(format!("{} points: is there nothing on the table?", points.len()))
+            Err(format!(
+                "{} points: is there nothing on the table?",
+                points.len()
+            ))
         } else {
             Ok(format!("{} points", points.len()))
         };

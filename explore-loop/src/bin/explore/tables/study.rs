@@ -144,7 +144,7 @@ column!(
     Mean,
     Some(
         "a run that closed counts its manipulations, at least 1; one that its grips ended counts 8, the most that a run makes unless more are \
-         allowed; one that a fault of ours ended is left out, as it says nothing of how many manipulations it takes"
+         allowed; one ended by a system fault is not counted"
     )
 );
 column!(
