@@ -1,4 +1,4 @@
-//! The example `betti` as its users meet it: files in, one line of JSON or one line of complaint out.
+//! The example `betti` as its users run it: valid files give one line of JSON, invalid ones one line of error.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -38,7 +38,7 @@ fn program() -> &'static Path {
     })
 }
 
-/// A file of its own for every test, gone at its end.
+/// A separate file for every test, deleted at its end.
 struct File(PathBuf);
 
 impl File {
@@ -266,7 +266,7 @@ fn a_sphere_is_one_in_every_format() {
     assert!(run("tenths.ply", &oriented.scaled(10.0), &["--size", "0.09995"]).0);
 }
 
-/// Nothing is left of a million points but the message, and that within seconds.
+/// A million points in one place give only the error message, within seconds.
 #[test]
 fn a_million_points_stop_at_the_limit() {
     let mut bytes =

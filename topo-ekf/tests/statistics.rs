@@ -338,7 +338,7 @@ fn a_turning_body_with_a_drawn_shape() {
     }
     let (innovation, error) = sums.unwrap();
     println!(
-        "turning: innovation {:.3}, error {:.3} (1 is honest)",
+        "turning: innovation {:.3}, error {:.3} (1 is consistent)",
         innovation.mean(),
         error.mean()
     );
