@@ -1,4 +1,4 @@
-//! Files as people have them: what is right about each, or the one line that says what is wrong.
+//! Files as they occur in practice: the result of reading each, or its error message.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use std::fmt::Write as _;

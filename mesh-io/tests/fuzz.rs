@@ -1,4 +1,4 @@
-//! No bytes make a reader panic, hang, or take memory that the file does not have.
+//! No bytes make a reader panic, hang, or allocate more memory than the size of the file justifies.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use mesh_io::nalgebra::{Point3, Vector3};
@@ -51,7 +51,7 @@ fn compressed(large: u32) -> Vec<u8> {
     bytes
 }
 
-/// All that can be done with a mesh, whatever it came from.
+/// All operations on a mesh.
 fn use_all(bytes: &[u8], format: Format) {
     let _ = read_table(bytes, ["x", "y", "z"]);
     let Ok(mesh) = parse(bytes, format) else {

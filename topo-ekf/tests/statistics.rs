@@ -1,4 +1,4 @@
-//! The linear filter is the textbook's, and its covariances are honest on noise drawn from its own model.
+//! The linear filter equals the textbook Kalman filter, and its covariances are consistent with noise drawn from its own model.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
