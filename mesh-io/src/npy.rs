@@ -114,7 +114,7 @@ struct Header {
     order: Order,
     by_column: bool,
     shape: Vec<usize>,
-    /// Offset of the header text and of the numbers.
+    /// Offsets of the header text (`start`) and of the numbers (`bytes`).
     start: usize,
     bytes: usize,
 }

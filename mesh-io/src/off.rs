@@ -128,7 +128,7 @@ fn numbers(
     words(line).map(value).collect()
 }
 
-/// Whether 1 is full intensity: if there is a fourth number or one that is not an integer.
+/// Whether 1 is full intensity: no value exceeds 1, and there are four values or one is not an integer.
 fn first_is_share(colour: &[f64]) -> bool {
     colour.iter().all(|c| (0.0..=1.0).contains(c))
         && colour.iter().any(|c| c.fract() != 0.0 || colour.len() == 4)

@@ -14,7 +14,7 @@
 //! What a [`Cell`] guarantees, and what the loop does if it does not; the example `own_robot` is a cell written from this list.
 //!
 //! - **A grip transmits translation and rotation.** While [`ArmState::holding`] is true the patch between the jaws, some 10 mm around
-//! the tip, moves rigidly with the tip frame. If the object is soft, it deforms; a rigid object moves with the tip, and where two arms, or an arm
+//!   the tip, moves rigidly with the tip frame. If the object is soft, it deforms; a rigid object moves with the tip, and where two arms, or an arm
 //!   and the table, constrain each other, the *arms* are held back.
 //! - **The pose of an arm is where its tip is**, not where it was commanded. An arm that is held back reports the pose it reached; a jaw that has lost its
 //!   grip reports `holding: false`. An unreported slip pulls the model with a force of many times the weight of the object: such frames are reported as
