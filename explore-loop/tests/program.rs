@@ -152,7 +152,7 @@ fn meshes_that_bound_no_object_are_refused() {
     with(&["--size=-1"], 2, &["--size"]);
     with(&["--size", "3"], 1, &["5.2 m across"]);
     with(&["--up", "w"], 2, &["--up", "x, y or z"]);
-    with(&["--body", "2"], 1, &["no body 2", "consists of 1"]);
+    with(&["--body", "2"], 1, &["no body 2", "in the mesh is 1"]);
     with(&["--export", "obj,docx"], 2, &["--export", "docx"]);
     refuses(&["run", "--units", "mm"], 2, &["--mesh"]);
     // The same again beside itself.

@@ -107,7 +107,7 @@ pub enum Error {
     NoFaces,
     /// The size is implausible for metres.
     #[error(
-        "the size is {}, outside {} to {}: if the coordinates are not in metres, give --units mm or --units cm, or the size with --size",
+        "{} across, outside {} to {}: if the coordinates are not in metres, give --units mm or --units cm, or the size with --size",
         metres(*diagonal), metres(range[0]), metres(range[1])
     )]
     Extent {
@@ -117,7 +117,9 @@ pub enum Error {
         range: [f64; 2],
     },
     /// A body that does not exist was asked for.
-    #[error("there is no body {wanted}: the mesh has {found} bodies (the largest is --body 1)")]
+    #[error(
+        "there is no body {wanted}: the number of bodies in the mesh is {found} (the largest is --body 1)"
+    )]
     NoSuchBody {
         /// The body asked for, from 1.
         wanted: usize,

@@ -343,7 +343,7 @@ fn obj_refusals_name_line_and_reason() {
         (with("v 1 two 3"), "line 9: \"two\" is not a number"),
         (with("v 1 2"), "line 9: a vertex needs three coordinates"),
         (with("v 1 2 inf"), "line 9: vertex 8: z is inf"),
-        (with("f 1 2"), "line 9: a face of 2 corners"),
+        (with("f 1 2"), "line 9: a face with 2 corners"),
         (
             with("f 1 2 0"),
             "line 9: \"0\" is not the index of a vertex (8 so far)",
@@ -414,7 +414,7 @@ fn stl_as_other_programs_write_it() {
         ),
         (
             text.replacen("vertex", "vortex", 1).into_bytes(),
-            "line 7: a facet of 2 corners",
+            "line 7: a facet with 2 corners",
         ),
     ] {
         refused(&bytes, Format::Stl, words);
@@ -742,8 +742,7 @@ fn units_size_up_and_bodies() {
     let load = Load::default().with_extent([0.001, 0.1]);
     let error = load.apply(mesh()).unwrap_err().to_string();
     assert!(
-        error.contains("the size is 10.3 m, outside 0.001 m to 0.1 m")
-            && error.contains("--units mm"),
+        error.contains("10.3 m across, outside 0.001 m to 0.1 m") && error.contains("--units mm"),
         "{error}"
     );
     let small = load.with_units(Units::MILLIMETRES).apply(mesh()).unwrap();
@@ -775,7 +774,7 @@ fn units_size_up_and_bodies() {
         .to_string();
     assert_eq!(
         error,
-        "there is no body 3: the mesh consists of 2 (the largest is --body 1)"
+        "there is no body 3: the number of bodies in the mesh is 2 (the largest is --body 1)"
     );
 }
 

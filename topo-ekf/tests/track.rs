@@ -250,7 +250,10 @@ fn mistakes_are_named_and_leave_no_table_behind() {
     let out = files.path("out.csv");
     for (arguments, message) in [
         (vec![&mesh[..], &words], "line 2"),
-        (vec![&mesh, &far], "frame 1: observation 0 names vertex 146"),
+        (
+            vec![&mesh, &far],
+            "frame 1: observation 0 refers to vertex 146",
+        ),
         (
             vec![&mesh, &nan],
             "line 2: column y: \"NaN\" is not a finite number",
@@ -269,7 +272,7 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         ),
         (
             vec![&large, &good],
-            "large.obj: the size is 60 m, outside 0.001 m to 10 m: if the coordinates are not in metres",
+            "large.obj: 60 m across, outside 0.001 m to 10 m: if the coordinates are not in metres",
         ),
         (
             vec![&mesh, &half],
