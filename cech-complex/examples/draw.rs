@@ -77,7 +77,7 @@ fn annulus() -> Result<String, cech_complex::Error> {
     picture(&complex, annulus.spacing)
 }
 
-/// Bars by dimension from top to bottom, scale from left to right. Components that die young are left out: they are the samples.
+/// Bars by dimension from top to bottom, scale from left to right. Short-lived components, which are the single samples, are left out.
 fn barcode(complex: &Complex) -> String {
     let drawn =
         |bar: &&Bar| bar.persistence() > 0.03 && (bar.dimension > 0 || bar.death.is_infinite());
@@ -126,7 +126,7 @@ fn barcode(complex: &Complex) -> String {
     svg + "</svg>\n"
 }
 
-/// The flat complex seen from above: triangles, edges, vertices by kind, rims and the shortest loop.
+/// The flat complex seen from above: triangles, edges, vertices by kind, boundary loops and the shortest loop.
 fn picture(complex: &Complex, spacing: f64) -> Result<String, cech_complex::Error> {
     let at = |p: &Point3<f64>| [260.0 + 240.0 * p.x, 260.0 - 240.0 * p.y];
     let place = |v: u32| at(&complex.points()[v as usize]);

@@ -1,4 +1,4 @@
-//! How often `classify` errs: counts of vertices by kind and by distance to the rim or junction, over many nets.
+//! Error rates of `classify`: counts of vertices by kind and by distance to the boundary or junction, over many nets.
 //!
 //! `cargo run --release -p cech-complex --features manifolds --example kinds -- 30` (nets per surface and cylinder)
 //!
@@ -15,7 +15,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use surfaces::ROUND;
 
-/// Counts how often vertices of sampled surfaces are called what they are not
+/// Counts vertices of sampled surfaces that are classified wrongly
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "kinds",
@@ -77,18 +77,18 @@ const SURFACES: [(Manifold, usize); 9] = [
     (Manifold::TJunction { radius: 1.0 }, 1500),
 ];
 
-/// What was called what.
+/// Counts of classifications.
 #[derive(Default)]
 struct Tally {
     vertices: usize,
-    /// Called non-manifold farther than 4 ε from any junction.
+    /// Classified as non-manifold farther than 4 ε from any junction.
     false_junction: usize,
-    /// Within 1.5 ε of a rim and not called boundary.
+    /// Within 1.5 ε of the boundary and not classified as boundary.
     missed: usize,
-    /// Largest distance at which a vertex was called boundary, and least at which it was not.
+    /// Largest distance at which a vertex was classified as boundary, and smallest at which one was not.
     last_boundary: f64,
     first_interior: Option<f64>,
-    /// Within ε of a junction: how many, and how many of them were called non-manifold.
+    /// Within ε of a junction: their number, and how many were classified as non-manifold.
     at_junction: usize,
     found: usize,
 }
@@ -105,7 +105,7 @@ impl Tally {
             self.first_interior = Some(self.first_interior.map_or(rim, |first| first.min(rim)));
         }
         self.missed += usize::from(far && rim <= 1.5 && kind != VertexKind::Boundary);
-        // Where a junction runs out at a rim, either answer will do.
+        // Where a junction ends at the boundary, either answer is accepted.
         if junction < 1.0 && rim > 4.0 {
             self.at_junction += 1;
             self.found += usize::from(kind == VertexKind::NonManifold);

@@ -25,7 +25,7 @@ struct Arguments {
     output: Output,
 }
 
-/// The surfaces that there are; lengths about 1.
+/// The available surfaces; lengths are about 1.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 enum Surface {
     Sphere,

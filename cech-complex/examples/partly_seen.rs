@@ -1,4 +1,4 @@
-//! A ball seen from above: what a camera sees of it has a rim, and the rim and the vector area tell where the rest is.
+//! A sphere seen from above: the boundary of its visible part, and the vector area, tell where the rest is.
 //!
 //! `cargo run --release -p cech-complex --features manifolds --example partly_seen`
 
@@ -11,7 +11,7 @@ use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Says what the rim and the vector area of a ball seen from above tell of the rest
+/// Shows what the boundary and the vector area of a sphere seen from above tell about the rest
 #[derive(Debug, clap::Parser)]
 #[command(name = "partly_seen", after_help = "Example: partly_seen --json")]
 struct Arguments {
@@ -29,7 +29,7 @@ fn compare(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let ball = Manifold::Sphere { radius: 0.05 };
     let count = 2000;
     let cloud = ball.net(count, 1);
-    // The camera stands far up the z axis and sees what faces it by more than 75° of grazing.
+    // The camera is far up the z axis and sees the surface up to a grazing angle of 75°.
     let seen = |i: &usize| cloud.normals[*i].z > 0.26;
     let visible: Vec<usize> = (0..count).filter(seen).collect();
     let points: Vec<_> = visible.iter().map(|&i| cloud.points[i]).collect();
@@ -52,10 +52,14 @@ fn compare(arguments: &Arguments) -> Result<ExitCode, Failure> {
             .iter()
             .filter(|kind| **kind == VertexKind::Boundary)
             .count();
-        writeln!(words, "  {rim} of {} vertices at the rim", kinds.len())?;
+        writeln!(words, "  {rim} of {} vertices on the boundary", kinds.len())?;
         for rim in complex.boundary_loops(&kinds)? {
             let area = 1e4 * vector_area_of_loop(&rim.points(&complex)).norm();
-            writeln!(words, "  rim of {:.3} m around {area:.1} cm²", rim.length)?;
+            writeln!(
+                words,
+                "  boundary of {:.3} m around {area:.1} cm²",
+                rim.length
+            )?;
         }
         let areas = vec![cloud.spacing * cloud.spacing; points.len()];
         let missing = missing_vector_area(&areas, normals)? * 1e4;

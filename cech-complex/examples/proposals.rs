@@ -1,4 +1,4 @@
-//! How often Betti numbers come out right, by sampling and noise: as proposed for the cloud, and with cylinders of 1.25 spacings at one scale.
+//! How often Betti numbers are right, by sampling and noise: with the proposal for the cloud, and with cylinders of 1.25 spacings at one scale.
 //!
 //! `cargo run --release -p cech-complex --features manifolds --example proposals -- 5` (clouds per surface)
 
@@ -14,7 +14,7 @@ use std::io::Write;
 use std::process::ExitCode;
 use surfaces::ROUND;
 
-/// Counts how often the Betti numbers of sampled surfaces come out right
+/// Counts how often the Betti numbers of sampled surfaces are right
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "proposals",
@@ -87,7 +87,7 @@ impl Sampling {
         }
     }
 
-    /// About `count` points; noise in spacings, and as much again in radians of the normals.
+    /// About `count` points with a noise of `noise` spacings and a tilt of the normals of as many radians.
     fn cloud(self, surface: Manifold, count: usize, noise: f64, seed: u64) -> OrientedCloud {
         let noisy = |cloud: OrientedCloud| {
             let offset = noise * cloud.spacing;
@@ -137,7 +137,7 @@ fn thinned(cloud: &OrientedCloud, covering_radius: f64) -> Result<OrientedCloud,
     })
 }
 
-/// Betti numbers as proposed.
+/// Betti numbers with the proposed cylinder and scales.
 fn proposed(cloud: &OrientedCloud) -> Result<[usize; 3], Error> {
     let orientation = Orientation::default();
     let mut proposal = propose(&cloud.points, &cloud.normals, orientation)?;

@@ -5,28 +5,28 @@
 //! ```
 //!
 //! `W` is the exact Hessian of the Lagrangian. For a guessed active set the optimality conditions are one small
-//! linear system; the piece with the most negative multiplier leaves, else the most violated piece enters. Both diagonal blocks of the system
-//! are shifted proximally, which removes the singularities of parallel normals, repeated pieces and flat optima and leaves the
-//! fixed point where it was.
+//! linear system; the piece with the most negative multiplier leaves, otherwise the most violated piece enters. Both diagonal blocks of the system
+//! have a proximal shift, which removes the singularities of parallel normals, repeated pieces and flat optima and leaves the
+//! fixed point unchanged.
 
 use crate::optimality::{MAX_ACTIVE, PROXIMAL, System};
 use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
 use nalgebra::{Matrix3, Vector3};
 
-/// Outer steps: three to five suffice on surfaces; a valley along the rim of nearly parallel stacks may take twenty.
+/// Largest number of outer steps: three to five suffice on surfaces; along the rim of nearly parallel, stacked cylinders it may take twenty.
 const MAX_STEPS: usize = 30;
 
-/// Exchanges of a piece inside one step.
+/// Largest number of exchanges of a piece within one step.
 const MAX_EXCHANGES: usize = 12;
 /// Tubes above this share of the maximum start as active.
 const NEARLY_ACTIVE: f64 = 0.6;
-/// Where the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not worth computing.
+/// If the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not computed.
 const MODEL_TRUSTED: f64 = 1e-3;
-/// Steps of the second-order correction.
+/// Number of steps of the second-order correction.
 const CORRECTIONS: usize = 8;
-/// Steps below this are never refused: the maximum then differs by less than the model knows.
+/// Shorter steps are never rejected: the maximum then differs by less than the accuracy of the model.
 const SHORT: f64 = 1e-3;
-/// All points lie in the unit ball, and so does the search.
+/// All points lie in the unit ball, and so does the minimum.
 const LONGEST_STEP: f64 = 1.0;
 
 /// A set of active pieces with the multipliers of all pieces (zero outside the set).
@@ -55,7 +55,7 @@ impl ActiveSet {
         set
     }
 
-    /// The pieces that carry more than `share` of the given multipliers.
+    /// The pieces that hold more than `share` of the given multipliers.
     pub(crate) fn from_multipliers(multipliers: &[f64; MAX_PIECES], share: f64) -> Self {
         let mut set = Self {
             pieces: [0; MAX_ACTIVE],

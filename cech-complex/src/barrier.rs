@@ -1,4 +1,4 @@
-//! Path-following on the logarithmic barrier: slower than the active set, and it always arrives.
+//! Path-following on the logarithmic barrier: slower than the active-set method, but it always converges.
 //!
 //! ```text
 //! F_t(y, s) = t·s − Σ_i [ ln(sH − a_i) + ln(sH + a_i) + ln(s²r² − ρ_i²) ],   a_i = n_i·(y − p_i),  ρ_i = ‖P_i(y − p_i)‖
@@ -13,9 +13,9 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Growth of `t` between centres.
 const GROWTH: f64 = 8.0;
-/// Newton decrement below which a centre is good enough to read multipliers from.
+/// Newton decrement below which the multipliers at a centre are accurate enough.
 const CENTRED: f64 = 0.1;
-/// Newton steps per centre; self-concordance needs fewer than twenty from the previous centre.
+/// Largest number of Newton steps per centre; self-concordance needs fewer than twenty from the previous centre.
 const MAX_NEWTON: usize = 40;
 
 /// State of the path: `y`, `s` and the weight `t`.
@@ -33,7 +33,7 @@ impl Path {
         Self { y, s, t: 1.0 / s }
     }
 
-    /// Follows the path until the gap of the centre is below `gap·s` (or rounding stops it), improving `bracket` on the way;
+    /// Follows the path until the gap of the centre is below `gap·s` (or rounding stops it), improving `bracket`;
     /// returns the multipliers of the pieces there.
     pub(crate) fn follow<const N: usize>(
         &mut self,
@@ -56,7 +56,7 @@ impl Path {
         self.read(problem).1
     }
 
-    /// Damped Newton to the centre for the present `t`; false if rounding ended it early.
+    /// Damped Newton steps to the centre for the present `t`; false if rounding stops them early.
     fn centre<const N: usize>(&mut self, problem: &Problem<N>) -> bool {
         for _ in 0..MAX_NEWTON {
             let (gradient, hessian) = self.derivatives(problem);

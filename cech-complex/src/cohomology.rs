@@ -1,13 +1,13 @@
 //! Reduction of coboundary matrices over Z/2.
 //!
-//! Columns are simplices of dimension `d`, rows those of dimension `d + 1`, both numbered in an order of the filtration. Columns are
-//! taken from the last to the first; the pivot of a column is its earliest row. A column whose pivot nobody holds takes it as it
-//! stands, so it is never copied: on surfaces that is the fate of more than nine columns in ten (the *apparent pairs* of
-//! Bauer 2021, §3.5, and some more). The rest is reduced with a heap. Rows that became pivots need no column of their own in the next dimension
+//! Columns are simplices of dimension `d`, rows those of dimension `d + 1`, both numbered in filtration order. Columns are
+//! taken from the last to the first; the pivot of a column is its earliest row. A column whose pivot is still free takes it without
+//! reduction and is never copied: on surfaces this holds for more than nine columns in ten (the *apparent pairs* of
+//! Bauer 2021, §3.5, and some more). The others are reduced with a heap. Rows that became pivots are no columns in the next dimension
 //! (*clearing*, Chen and Kerber 2011).
 //!
-//! Working upward in cohomology rather than downward in homology leaves as columns that reduce to zero only the essential classes,
-//! and spares the tetrahedra altogether.
+//! With cohomology in ascending dimension rather than homology in descending dimension, only the essential classes are columns that reduce to zero,
+//! and the tetrahedra need no columns at all.
 
 use crate::persistence::Order;
 use std::cmp::Reverse;
@@ -50,7 +50,7 @@ impl Coboundary {
         }
     }
 
-    /// From the facets of every row in any order, and the ranks of both: needs no second copy of the facets.
+    /// From the facets of every row in any order, and the ranks of both: needs no sorted copy of the facets.
     pub(crate) fn ranked<const N: usize>(
         columns: &Order,
         rows: &Order,
@@ -95,24 +95,24 @@ impl Coboundary {
 pub(crate) struct Pairing {
     /// Column that holds each row as pivot, or [`NONE`].
     pub(crate) column_of_row: Vec<u32>,
-    /// For every column that reduced to zero, a cocycle: the columns whose coboundaries cancel, itself first to be taken.
+    /// For every column that reduced to zero, a cocycle: the columns whose coboundaries cancel, the column itself first.
     pub(crate) essential: Vec<(u32, Vec<u32>)>,
 }
 
-/// A column that had to be reduced: what is left of it and which columns went into it.
+/// A reduced column: what is left of it and which columns were added to it.
 struct Reduced {
     rows: Vec<u32>,
     sum: Vec<u32>,
 }
 
-/// Reduces all columns that are not to be skipped.
+/// Reduces all columns except those for which `skip` is true.
 pub(crate) fn reduce(matrix: &Coboundary, skip: impl Fn(u32) -> bool) -> Pairing {
     let mut pairing = Pairing {
         column_of_row: vec![NONE; matrix.row_count],
         essential: Vec::new(),
     };
     let mut reduced: Vec<Reduced> = Vec::new();
-    // Slot in `reduced` of the column that holds a row; NONE where the column stands as it is in the matrix.
+    // Index in `reduced` of the column that holds a row; NONE if that column is unreduced.
     let mut slot_of_row = vec![NONE; matrix.row_count];
     let mut heap = BinaryHeap::new();
     for column in (0..matrix.columns()).rev().filter(|&column| !skip(column)) {
@@ -143,7 +143,7 @@ pub(crate) fn reduce(matrix: &Coboundary, skip: impl Fn(u32) -> bool) -> Pairing
                 });
                 break;
             }
-            // The holder has the same pivot, which has just left the heap: add the rest of it.
+            // The column that holds this pivot has the same first row, which has just left the heap: add its other rows.
             if let Some(addend) = reduced.get(slot_of_row[pivot as usize] as usize) {
                 heap.extend(addend.rows[1..].iter().map(|&row| Reverse(row)));
                 sum.extend_from_slice(&addend.sum);
@@ -177,7 +177,7 @@ fn drain(pivot: u32, heap: &mut BinaryHeap<Reverse<u32>>) -> Vec<u32> {
     rows
 }
 
-/// Sum over Z/2: what occurs an odd number of times, ascending.
+/// Sum over Z/2: the terms that occur an odd number of times, ascending.
 fn cancel(mut terms: Vec<u32>) -> Vec<u32> {
     terms.sort_unstable();
     let mut odd: Vec<u32> = Vec::with_capacity(terms.len());

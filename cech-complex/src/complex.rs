@@ -1,4 +1,4 @@
-//! The filtered complex: points, normals and options in, simplices and their values out.
+//! The filtered complex: built from points, normals and options, it holds simplices and their values.
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
@@ -12,7 +12,7 @@ use std::sync::OnceLock;
 /// Filtered cylinder-Čech complex up to dimension 3.
 ///
 /// Simplices of each dimension are in lexicographic order of their (ascending) vertices. Values never decrease from a face to a
-/// coface. Vertices have value 0 and keep their indices for good; those removed by [`Complex::cut`] stay as gaps.
+/// coface. Vertices have value 0 and keep their indices; removed vertices leave gaps.
 #[derive(Debug, Clone)]
 pub struct Complex {
     pub(crate) points: Vec<Point3<f64>>,
@@ -72,8 +72,8 @@ impl Complex {
     /// [`Error::OutOfRange`] for the options, [`Error::TooManySimplices`].
     ///
     /// # Complexity
-    /// `O(n log n)` for the neighbours and one small convex problem for each pair, half of the triples and a tenth of the quadruples that are
-    /// mutually joined; about 1 µs a simplex.
+    /// `O(n log n)` for the neighbours and one small convex problem for each pair, half of the triples and a tenth of the quadruples of
+    /// mutual neighbours; about 1 µs per simplex.
     ///
     /// Empty clouds, single points and duplicates are valid.
     ///
@@ -222,7 +222,7 @@ impl Complex {
     /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
     /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
     /// let longest = complex.barcode().of_dimension(1).max_by(|a, b| a.persistence().total_cmp(&b.persistence()));
-    /// assert!(longest.unwrap().death.is_infinite()); // round the tube
+    /// assert!(longest.unwrap().death.is_infinite()); // around the tube
     /// # Ok::<(), cech_complex::Error>(())
     /// ```
     pub fn barcode(&self) -> &Barcode {
@@ -230,8 +230,8 @@ impl Complex {
             .get_or_init(|| persistence::barcode(&self.skeleton, &self.present))
     }
 
-    /// Betti numbers `β₀, β₁, β₂` of the subcomplex of values up to `scale` (closed; scales above
-    /// [`max_scale`](Self::max_scale) see the whole complex).
+    /// Betti numbers `β₀, β₁, β₂` of the subcomplex of values up to and including `scale` (the whole complex for scales above
+    /// [`max_scale`](Self::max_scale)).
     pub fn betti(&self, scale: f64) -> [usize; 3] {
         self.barcode().rank(scale, scale)
     }

@@ -1,11 +1,11 @@
-//! Simplices that glue what is near in space and far on the surface, and their removal.
+//! Simplices that join parts near in space but far apart on the surface, and their removal.
 //!
 //! ```text
 //! A1 = ‖u_a − u_b‖          A2 = u_a·u_b / (‖u_a‖‖u_b‖)          u: displacements of the ends of an edge
 //! ```
 //!
-//! Such edges betray themselves when the object opens: their ends part (`A1` high) or move different ways (`A2` low).
-//! Cutting a simplex takes every simplex that contains it, and the points that are left without any edge.
+//! Such edges are recognised when the object opens: their ends separate (`A1` high) or move in different directions (`A2` low).
+//! Cutting a simplex removes every simplex that contains it, and the points that are left without an edge.
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
@@ -13,7 +13,7 @@ use crate::skeleton::Marks;
 use nalgebra::Vector3;
 use std::sync::OnceLock;
 
-/// `A1 = ‖u_a − u_b‖`, m: how far the ends of an edge have parted.
+/// `A1 = ‖u_a − u_b‖`, m: how far the ends of an edge have separated.
 ///
 /// ```
 /// use cech_complex::nalgebra::Vector3;
@@ -36,15 +36,15 @@ pub fn displacement_cosine(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> Option<f64
     (norms > 0.0).then(|| (u_a.dot(u_b) / norms).clamp(-1.0, 1.0))
 }
 
-/// When an edge counts as distorted.
+/// Limits beyond which an edge counts as distorted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DistortionLimits {
     /// Largest `A1`, m.
     pub max_difference: f64,
-    /// Least `A2`.
+    /// Smallest `A2`.
     pub min_cosine: f64,
-    /// Displacements shorter than this have no direction: `A2` is not asked of them, m.
+    /// Displacements shorter than this have no direction: `A2` is not tested, m.
     pub min_displacement: f64,
 }
 
@@ -52,7 +52,7 @@ pub struct DistortionLimits {
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Removed {
-    /// Vertices: those named and those left without an edge.
+    /// Vertices: the given ones and those left without an edge.
     pub vertices: Vec<u32>,
     /// Number of edges.
     pub edges: usize,
@@ -63,7 +63,7 @@ pub struct Removed {
 }
 
 impl Complex {
-    /// Edges whose ends have moved apart (`A1`) or different ways (`A2`), by the displacement (m) of every vertex.
+    /// Edges whose ends have separated (`A1`) or moved in different directions (`A2`), by the displacement (m) of every vertex.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`].
@@ -108,8 +108,8 @@ impl Complex {
     }
 
     /// Removes `simplices`, each given by its one to four vertices in any order, with every simplex that contains one of them, and the
-    /// vertices that thereby lose their last edge. Vertex indices stay what they are; simplices that are not in the complex are
-    /// passed over.
+    /// vertices that thereby lose their last edge. Vertex indices do not change; simplices that are not in the complex are
+    /// ignored.
     ///
     /// # Errors
     /// [`Error::NoSuchVertex`], [`Error::SimplexSize`]; the complex is then unchanged.
@@ -155,7 +155,7 @@ impl Complex {
         })
     }
 
-    /// Marks what is named and, of the edges, those at a vertex that is named.
+    /// Marks the given simplices and the edges of the given vertices.
     fn marks<S: AsRef<[u32]>>(&self, simplices: &[S]) -> Result<Marks, Error> {
         let skeleton = &self.skeleton;
         let mut marks = Marks {

@@ -1,4 +1,4 @@
-//! The `(r, h)`-cylinder of an oriented point and its gauge. Lemma 1, which says which cylinder fits a surface, stands with [`Cylinder`].
+//! The `(r, h)`-cylinder of an oriented point and its gauge. See [`Cylinder`] for Lemma 1, which tells which cylinder fits a surface.
 
 use crate::error::{Error, positive};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -7,7 +7,7 @@ use std::f64::consts::FRAC_PI_2;
 /// Half-width of the disc in spacings: grid points and ε-nets leave gaps of up to about 1.1 spacings (`√(area/n)`),
 /// and the sum of two radii has to close the ring around every such gap.
 const RADIUS_PER_SPACING: f64 = 1.25;
-/// Thinnest cylinder in radii. Flatter ones make the union depend on the last degree of the normals.
+/// Smallest height in radii. With flatter cylinders the union depends on small errors of the normals.
 const HEIGHT_PER_RADIUS: f64 = 0.5;
 
 /// Radius and full height of the cylinders, in m.
@@ -18,7 +18,7 @@ const HEIGHT_PER_RADIUS: f64 = 0.5;
 /// ```
 ///
 /// ## Lemma 1: which cylinder fits a surface
-/// (Lemma 1 of the [paper](https://doi.org/10.1177/02783649251415415), stated anew and proved.)
+/// (Paper, Lemma 1, restated and proved.)
 ///
 /// `M`: closed surface of reach `τ`; samples on it, no point of it farther than `ε` from a sample; normals off by at most `α`. Write `H = h/2`,
 /// `U(s)` for the union of the cylinders at scale `s`, `M(δ)` for the points within `δ` of `M`, and
@@ -97,7 +97,7 @@ impl Cylinder {
         positive("reach", reach)?;
         check_tilt(tilt)?;
         let radius = RADIUS_PER_SPACING * spacing;
-        // NaN when radius > reach: the comparison below then fails as it should.
+        // NaN if radius > reach: the comparison below then fails as intended.
         let off_plane =
             reach - (reach * reach - radius * radius).max(0.0).sqrt() + radius * tilt.tan();
         let half_height = off_plane.max(0.5 * HEIGHT_PER_RADIUS * radius);
@@ -112,9 +112,9 @@ impl Cylinder {
         Self::new(radius, 2.0 * half_height)
     }
 
-    /// The least scale `b` for which Lemma 1 proves that `persistent_betti(1, b)` are the Betti numbers of the surface, whatever the
-    /// sampling otherwise looks like: closed surface of the given `reach`, samples on it, none of its points farther than
-    /// `covering_radius` from a sample (both m), normals off by at most `tilt` (rad). Build with `max_scale` of at least `b`.
+    /// The smallest scale `b` for which Lemma 1 proves that `persistent_betti(1, b)` are the Betti numbers of the surface, for any
+    /// sampling of a closed surface of the given `reach` with samples on it, none of its points farther than
+    /// `covering_radius` from a sample (both m), and normals off by at most `tilt` (rad). Build with a `max_scale` of at least `b`.
     ///
     /// # Errors
     /// [`Error::NotPositive`], [`Error::OutOfRange`] for the tilt, [`Error::NotCovering`] if the cylinders do not cover the surface at
@@ -171,7 +171,7 @@ impl Cylinder {
         self.height
     }
 
-    /// Gauge `g(y)` of the cylinder at `point` with `normal`: the least scale at which it contains `y`.
+    /// Gauge `g(y)` of the cylinder at `point` with `normal`: the smallest scale at which it contains `y`.
     pub fn gauge(&self, point: &Point3<f64>, normal: &UnitVector3<f64>, y: &Point3<f64>) -> f64 {
         gauge(&(y - point), normal, 0.5 * self.height, self.radius)
     }
@@ -186,7 +186,7 @@ impl Cylinder {
     }
 }
 
-/// Angles between a normal and what it should be.
+/// Checks an angle between given and true normals.
 fn check_tilt(tilt: f64) -> Result<(), Error> {
     if (0.0..FRAC_PI_2).contains(&tilt) {
         Ok(())

@@ -1,8 +1,8 @@
-//! The one error type of the crate: what was wrong, where, and the value.
+//! The error type of the crate: what was wrong, where, and the value.
 
 use nalgebra::{Point3, Vector3};
 
-/// Everything that can be wrong with an input.
+/// Errors of the input.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -22,7 +22,7 @@ pub enum Error {
         /// What was given.
         value: f64,
     },
-    /// The sampling is too coarse for the reach: no cylinder covers its own patch without meeting another sheet.
+    /// The sampling is too coarse for the reach: any cylinder that covers its patch would meet another sheet.
     #[error(
         "a spacing of {spacing} m is too coarse for a reach of {reach} m: the cylinders would extend {extent} m off the surface"
     )]
@@ -34,7 +34,7 @@ pub enum Error {
         /// How far from the surface the union of the cylinders would extend, m.
         extent: f64,
     },
-    /// The cylinders do not cover the surface they stand on.
+    /// The cylinders do not cover the surface.
     #[error(
         "cylinders of radius {radius} m and height {height} m do not cover a surface with points {covering_radius} m from the next sample: \
          the radius has to be at least that, the height at least {least_height} m"
@@ -46,7 +46,7 @@ pub enum Error {
         radius: f64,
         /// Height of the cylinders, m.
         height: f64,
-        /// Least height that covers, m.
+        /// Smallest height that covers, m.
         least_height: f64,
     },
     /// A coordinate is NaN or infinite.
@@ -70,14 +70,14 @@ pub enum Error {
     LengthMismatch {
         /// Number of points.
         points: usize,
-        /// What the other slice holds.
+        /// Content of the other slice.
         what: &'static str,
         /// Length of the other slice.
         others: usize,
     },
-    /// A filtration value or a cut was asked of no vertex, or of more than four.
+    /// A filtration value or a cut was requested for no vertex, or for more than four.
     #[error(
-        "a simplex of the nerve has 1 to 4 vertices here (Helly decides larger ones), got {count}"
+        "a simplex of the nerve has 1 to 4 vertices here (by Helly's theorem these determine larger ones), got {count}"
     )]
     SimplexSize {
         /// Number of cylinders given.
@@ -89,13 +89,13 @@ pub enum Error {
         advice(*fitting_scale)
     )]
     TooManySimplices {
-        /// Simplices counted when the limit was passed, or a lower bound of their number by an estimate that spared the count.
+        /// Number of simplices when the limit was passed, or a lower bound by an estimate before counting.
         count: usize,
         /// The limit.
         limit: usize,
         /// Scale up to which the complex was asked for.
         max_scale: f64,
-        /// Scale up to which it would fit, by estimate ([`estimate_size`](crate::estimate_size)); 0 if there is none.
+        /// Estimated scale up to which it would fit ([`estimate_size`](crate::estimate_size)); 0 if there is none.
         fitting_scale: f64,
     },
     /// The cloud does not look like a sampled surface: too few points, or none with neighbours on all sides.
@@ -124,7 +124,7 @@ pub enum Error {
     },
 }
 
-/// What to do about too many simplices.
+/// Advice for too many simplices.
 fn advice(fitting_scale: f64) -> String {
     let scale = if fitting_scale > 0.0 {
         format!("build up to max_scale {fitting_scale:.2}, ")

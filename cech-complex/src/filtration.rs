@@ -4,9 +4,9 @@
 //! f(σ) = min_y max_{i∈σ} g_i(y)
 //! ```
 //!
-//! A convex problem in three unknowns. The active set solves nearly all of them in a few small linear systems; what it
-//! leaves open goes to the barrier and back. Whoever answers, the answer is a bracket: the upper end is attained at a point that is
-//! returned, the lower end is weak duality (module `problem`), and the solvers are not trusted for either.
+//! A convex problem in three unknowns. The active-set method solves nearly all of them in a few small linear systems; the rest
+//! alternates between the barrier method and the active set. Either gives a bracket: the upper end is attained at a point that is
+//! returned, the lower end follows from weak duality (module `problem`), so that neither relies on the solvers.
 
 use crate::active_set::{self, ActiveSet};
 use crate::barrier::Path;
@@ -15,10 +15,10 @@ use crate::error::Error;
 use crate::problem::{Bracket, Oriented, Problem};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// Relative gap at which a value counts as certified: a thousand roundings.
+/// Relative gap at which a value counts as certified, well above rounding.
 pub(crate) const TOLERANCE: f64 = 1e-12;
-/// Gaps of the barrier at which Newton on the active pieces gets another chance. The last is as close as rounding in the
-/// barrier lets multipliers be.
+/// Gaps of the barrier at which the active-set method is tried again. The last is as small as rounding in the
+/// barrier allows.
 const CROSSOVERS: [f64; 3] = [1e-3, 1e-6, 1e-10];
 
 /// Filtration value of a simplex.
@@ -48,7 +48,7 @@ impl FiltrationValue {
 ///
 /// # Guarantees
 /// The exact value lies in `[lower, value]` up to rounding. The relative gap is at most about 1e-12, except where normals differ by an
-/// angle between 1e-12 and 1e-6 *and* the cylinders are stacked: there the rim decides and the bracket may stay as wide as
+/// angle between 1e-12 and 1e-6 *and* the cylinders are stacked: there the rims of the cylinders decide, and the bracket may stay as wide as
 /// the angle.
 ///
 /// # Errors
@@ -83,7 +83,7 @@ pub fn filtration_value(
     }
 }
 
-/// Checks a cloud at the door.
+/// Checks a cloud.
 pub(crate) fn check_cloud(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -103,7 +103,7 @@ pub(crate) fn check_cloud(
                 point: *point,
             });
         }
-        // UnitVector3 can be built unchecked; 1e-6 admits normals that went through f32.
+        // UnitVector3 can be built unchecked; 1e-6 admits normals converted from f32.
         let unit = (normal.norm_squared() - 1.0).abs() < 1e-6;
         if !unit {
             return Err(Error::NonUnitNormal {

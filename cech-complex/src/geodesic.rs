@@ -9,7 +9,7 @@ use crate::error::{Error, positive};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Shortest-path tree; its arrays are reused from run to run and only what a run touched is reset.
+/// Shortest-path tree; its arrays are reused from run to run, and only the touched entries are reset.
 pub(crate) struct ShortestPaths {
     pub(crate) distance: Vec<f64>,
     /// Edge to the parent in the tree, or [`NONE`] at a source.
@@ -55,7 +55,7 @@ impl ShortestPaths {
         }
     }
 
-    /// Grows the tree from `sources` up to distance `limit` over the edges to which `weight` gives a length.
+    /// Grows the tree from `sources` up to distance `limit` over the edges that have a length by `weight`.
     pub(crate) fn run(
         &mut self,
         complex: &Complex,

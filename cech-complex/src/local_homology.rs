@@ -1,4 +1,4 @@
-//! What the surface looks like around a vertex. The definition, and why it has two radii, stands with [`LocalHomology`].
+//! The local shape of the surface around a vertex. See [`LocalHomology`] for the definition and the reason for two radii.
 
 use crate::cohomology::{Coboundary, NONE, Pairing, reduce};
 use crate::complex::Complex;
@@ -9,26 +9,26 @@ use std::f64::consts::FRAC_PI_2;
 
 /// Radius `ρ` of the ball, in spacings.
 const BALL: f64 = 2.0;
-/// Least `ρ` in radii of the cylinder: nothing is left uncovered in a ball that is not a good deal wider than a disc.
+/// Smallest `ρ` in radii of the cylinder: in a ball not much wider than a disc no region is left uncovered.
 const BALL_PER_RADIUS: f64 = 1.6;
 /// Radius `ρ′` of the core, in `ρ`.
 const CORE: f64 = 0.875;
-/// Least cosine between the normals of a closed fan.
+/// Smallest cosine between the normals of a closed fan.
 const SAME_WAY: f64 = 0.5;
-/// Scale of the complex that is looked at: the cylinder's own size.
+/// Scale at which vertices are classified: the cylinder's own size.
 const SCALE: f64 = 1.0;
-/// Scale that has to confirm a non-manifold vertex: pinholes of the nerve itself last up to 1 % of scale (test `lemma`).
+/// Scale at which a non-manifold vertex must be confirmed: pinholes of the nerve itself last up to 1 % of scale (test `lemma`).
 const CONFIRMING_SCALE: f64 = 0.97;
 
 /// Kind of a vertex.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum VertexKind {
-    /// Around it the complex is a disc.
+    /// The complex around it is a disc.
     Interior,
-    /// Around it the complex is a half-disc: within about two spacings of the rim.
+    /// The complex around it is a half-disc: within about two spacings of the boundary.
     Boundary,
-    /// Sheets meet, or a strip is narrower than the ball: no surface at this resolution.
+    /// Sheets meet, or a strip is narrower than the ball: not a surface at this resolution.
     NonManifold,
     /// It has no neighbour (or has been cut).
     Isolated,
@@ -39,25 +39,25 @@ pub enum VertexKind {
 /// ```text
 /// K_{>ρ}(v)    vertices of geodesic distance over ρ from v, and all simplices among them
 /// H_k(v) = image of  H_k(K, K_{>ρ}; Z/2) → H_k(K, K_{>ρ′}; Z/2),   ρ′ < ρ
-/// rank H₂ = 1, H₁ = 0 inside a surface;   H₂ = 0, H₁ = 0 at its boundary;   anything else is no manifold
+/// rank H₂ = 1, H₁ = 0 inside a surface;   H₂ = 0, H₁ = 0 at its boundary;   otherwise not a manifold
 /// ```
 ///
-/// The link of a vertex in a nerve is no triangulated circle, so the textbook test on links does not apply; local homology does not care how
-/// many simplices carry it. Distances are geodesic, so that a second sheet nearby does not count.
+/// The link of a vertex in a nerve is not a triangulated circle, so the usual test on links does not apply; local homology does not depend on the
+/// number of simplices. Distances are geodesic, so that a second sheet nearby has no effect.
 ///
-/// **Two radii.** Let `U_ρ` be what the cylinders farther than `ρ` leave uncovered. Inside a surface `H₂(K, K_{>ρ})` counts the pieces of `U_ρ`
-/// that no rim touches, and `H₁` its holes. `U_ρ` is a disc around `v`, except that about one vertex in a thousand has a sliver of its
-/// own at the edge, between two samples just outside; such a vertex has rank 2 and is not pinched. The sliver is covered before `ρ` has shrunk
-/// by a quarter of a spacing, so the image does not see it (persistent local homology: Bendich, Cohen-Steiner, Edelsbrunner, Harer and Morozov 2007).
-/// One reduction gives the image: its classes are those that a simplex with a vertex within `ρ′` creates when simplices without one come first.
+/// **Two radii.** Let `U_ρ` be the region that the cylinders farther than `ρ` leave uncovered. Inside a surface `H₂(K, K_{>ρ})` counts the components of `U_ρ`
+/// that do not touch the boundary, and `H₁` its holes. `U_ρ` is a disc around `v`, except that for about one vertex in a thousand it has a second, small component
+/// at the edge, between two samples just outside; such a vertex has rank 2 without being pinched. This component is covered before `ρ` has shrunk
+/// by a quarter of a spacing, so it is not in the image (persistent local homology: Bendich, Cohen-Steiner, Edelsbrunner, Harer and Morozov 2007).
+/// One reduction gives the image: its classes are those created by a simplex with a vertex within `ρ′` if simplices without one come first.
 ///
 /// No outer radius is needed: only simplices with a vertex within `ρ` are relative chains (excision).
-/// `ρ = 2` spacings, because below the ring around `U_ρ` is torn by the sampling; `ρ′ = 1.75` spacings, because at 1.5 a third sheet that ends within the height of the
-/// cylinders goes unseen. `cargo run --release -p cech-complex --features manifolds --example kinds -- 30` counts the errors.
+/// `ρ = 2` spacings, because for smaller `ρ` the ring around `U_ρ` has gaps; `ρ′ = 1.75` spacings, because at 1.5 a third sheet that ends within the height of the
+/// cylinders is missed. `cargo run --release -p cech-complex --features manifolds --example kinds -- 30` counts the errors.
 ///
-/// **Certificate.** A vertex has a *closed fan* if its neighbours within `ρ`, sorted by angle in its tangent plane, look the same way as it
-/// does, leave no gap of 90°, and each forms a triangle with the next and the vertex. If that holds for all vertices within `ρ`, there is neither
-/// rim nor junction there, and the vertex is inside. Everything else is decided by the definition.
+/// **Certificate.** A vertex has a *closed fan* if its neighbours within `ρ`, sorted by angle in its tangent plane, have similar normals,
+/// leave no gap of 90°, and each forms a triangle with the next and the vertex. If that holds for all vertices within `ρ`, there is neither
+/// boundary nor junction, and the vertex is inside. All other vertices are decided by the definition.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LocalHomology {
@@ -68,7 +68,7 @@ pub struct LocalHomology {
 }
 
 impl LocalHomology {
-    /// The kind of vertex these ranks stand for.
+    /// The kind of vertex with these ranks.
     pub fn kind(self) -> VertexKind {
         match (self.h1, self.h2) {
             (0, 1) => VertexKind::Interior,
@@ -85,15 +85,15 @@ impl Complex {
     /// [`Error::NotPositive`] for the spacing.
     ///
     /// # Complexity
-    /// About 2 µs for a vertex that the certificate settles and 0.1 ms for one that it does not.
+    /// About 2 µs for a vertex decided by the certificate and 0.1 ms for any other.
     ///
     /// # Limits
-    /// `Boundary` means within about two spacings of a rim, `NonManifold` within about one of a junction. On ε-nets whose gaps the cylinders cover
+    /// `Boundary` means within about two spacings of the boundary, `NonManifold` within about one of a junction. On ε-nets whose gaps the cylinders cover
     /// (`cargo run --release -p cech-complex --features manifolds --example kinds -- 30`): no vertex of 396,000 on closed surfaces and of
-    /// 144,000 on open ones is called non-manifold; `Boundary` are those within 1.5 ε of the rim but for seven of them, and none
-    /// beyond 2.7 ε; within ε of a junction 99 % are found under cylinders half as high as their radius, and 94 % or more under cylinders as high as their
-    /// radius. The vertices of a strip narrower than four spacings are `NonManifold` though a strip is a surface. Where the sampling leaves a
-    /// hole in the complex, the vertices around it are those of a rim.
+    /// 144,000 on open ones is classified as non-manifold; all but seven vertices within 1.5 ε of the boundary are `Boundary`, and none
+    /// beyond 2.7 ε; within ε of a junction 99 % are found with cylinders half as high as their radius, and 94 % or more with cylinders as high as their
+    /// radius. The vertices of a strip narrower than four spacings are `NonManifold` although a strip is a surface. Where the sampling leaves a
+    /// hole in the complex, the vertices around it are boundary vertices.
     ///
     /// ```
     /// use cech_complex::manifolds::Manifold;
@@ -203,7 +203,7 @@ impl Complex {
     }
 }
 
-/// Where a vertex stands: beyond `ρ`, between `ρ′` and `ρ`, within `ρ′`. A simplex stands where its innermost vertex does.
+/// Zone of a vertex: beyond `ρ`, between `ρ′` and `ρ`, within `ρ′`. The zone of a simplex is that of its innermost vertex.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Zone {
     Outside,
@@ -211,7 +211,7 @@ enum Zone {
     Core,
 }
 
-/// The surroundings of one vertex at a time, with arrays reused from vertex to vertex.
+/// The neighbourhood of one vertex at a time, with arrays reused from vertex to vertex.
 struct Surroundings<'a> {
     complex: &'a Complex,
     paths: ShortestPaths,
@@ -258,7 +258,7 @@ impl<'a> Surroundings<'a> {
         self.paths.run(complex, &[v], radius, weight);
     }
 
-    /// The definition, in cohomology: essential classes of the relative complex whose first simplex reaches into the core.
+    /// The definition, in cohomology: essential classes of the relative complex whose first simplex has a vertex in the core.
     fn homology(&mut self, v: u32, radius: f64, scale: f64) -> LocalHomology {
         self.ball(v, radius, scale);
         let star = self.star(CORE * radius, scale);
@@ -305,7 +305,7 @@ impl<'a> Surroundings<'a> {
         matrices
     }
 
-    /// Open star of the ball that `ball` has left, simplices of the shell first.
+    /// Open star of the ball in `ball`, simplices of the shell first.
     fn star(&self, core: f64, scale: f64) -> Star {
         let skeleton = &self.complex.skeleton;
         let distance = &self.paths.distance;
@@ -354,7 +354,7 @@ impl<'a> Surroundings<'a> {
     }
 }
 
-/// From `columns` cells to the given ones of the next dimension, facets named by `column`.
+/// The coboundary matrix from `columns` cells to the given cells of the next dimension; `column` numbers the facets.
 fn coboundary<const N: usize>(
     cells: &[(Zone, u32)],
     facets: &[[u32; N]],

@@ -1,10 +1,10 @@
-//! Loops of the surface: around its holes and handles, and along its rim; and the vector area they span.
+//! Loops of the surface: around its holes and handles, and along its boundary; and the vector area they span.
 //!
 //! ```text
 //! A(loop) = ½ ∮ x × dx          m = −Σ area_i·n_i
 //! ```
 //!
-//! For a closed surface `Σ area_i·n_i = 0`, so for a partly seen one `m` is the vector area of all that is missing: it points where the hidden
+//! For a closed surface `Σ area_i·n_i = 0`, so for a partly seen one `m` is the vector area of the missing part: it points where the hidden
 //! surface faces, and its length is a lower bound of the hidden area.
 
 use crate::complex::Complex;
@@ -14,9 +14,9 @@ use crate::short_cycles::{Cycle, Part};
 use crate::union_find::UnionFind;
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// Scale at which rims are traced: the cylinder's own size.
+/// Scale at which the boundary is traced: the cylinder's own size.
 const SCALE: f64 = 1.0;
-/// A rim encloses a gap that the discs leave open, so it is longer than the circle of one disc. Shorter loops are pinholes of the
+/// A boundary loop encloses a gap that the discs leave open, so it is longer than the circle of one disc. Shorter loops are pinholes of the
 /// strip of boundary vertices, not of the surface.
 const SHORTEST_RIM_IN_RADII: f64 = std::f64::consts::TAU;
 
@@ -41,11 +41,11 @@ impl BoundaryLoop {
 }
 
 impl Complex {
-    /// Loops along the rim of the surface, longest first: the shortest basis of `H₁` of the subcomplex of boundary vertices.
+    /// Loops along the boundary of the surface, longest first: the shortest basis of `H₁` of the subcomplex of boundary vertices.
     ///
-    /// `kinds` is what [`classify`](Self::classify) returned. Boundary vertices form a strip about two spacings wide along each
-    /// rim; squared edge lengths make the loop step from neighbour to neighbour along it instead of taking the longest chords. Where noise has
-    /// broken a strip, its neighbours are taken along to close it.
+    /// `kinds` is the result of [`classify`](Self::classify). Boundary vertices form a strip about two spacings wide along each
+    /// boundary component; squared edge lengths make the loop step from neighbour to neighbour along it instead of taking the longest chords. A strip that noise has
+    /// broken is closed by adding its neighbours.
     ///
     /// # Errors
     /// [`Error::LengthMismatch`] if there is not one kind per point.
@@ -60,10 +60,10 @@ impl Complex {
     /// let tube = Manifold::Tube { radius: 0.5, length: 1.5 }.net(500, 1);
     /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
     /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
-    /// let rims = complex.boundary_loops(&complex.classify(tube.spacing)?)?;
-    /// assert_eq!(rims.len(), 2); // both ends
-    /// for rim in &rims {
-    ///     assert!((0.9..1.2).contains(&(rim.length / (0.5 * std::f64::consts::TAU))));
+    /// let boundary = complex.boundary_loops(&complex.classify(tube.spacing)?)?;
+    /// assert_eq!(boundary.len(), 2); // both ends
+    /// for circle in &boundary {
+    ///     assert!((0.9..1.2).contains(&(circle.length / (0.5 * std::f64::consts::TAU))));
     /// }
     /// # Ok::<(), cech_complex::Error>(())
     /// ```
@@ -93,7 +93,7 @@ impl Complex {
         loops
     }
 
-    /// Marks the strips of boundary vertices that none of `loops` runs along, and the neighbours of these strips.
+    /// Marks the strips of boundary vertices without one of `loops` along them, and the neighbours of these strips.
     fn broken_strips(&self, kinds: &[VertexKind], loops: &[BoundaryLoop]) -> Vec<bool> {
         let at_rim = |v: u32| kinds[v as usize] == VertexKind::Boundary;
         let edges = self.skeleton.edges.iter().zip(&self.skeleton.edge_values);
@@ -119,10 +119,10 @@ impl Complex {
         broken
     }
 
-    /// One loop for each class of `H₁` at `scale`, together the shortest basis there is; shortest first.
+    /// One loop for each class of `H₁` at `scale`, together the shortest basis; shortest first.
     ///
     /// # Complexity
-    /// One Dijkstra from each vertex of the cocycles, about `√n` per class.
+    /// One run of Dijkstra's algorithm from each vertex of the cocycles, about `√n` per class.
     ///
     /// ```
     /// use cech_complex::manifolds::Manifold;
@@ -132,7 +132,7 @@ impl Complex {
     /// let cylinder = Cylinder::new(1.25 * tube.spacing, tube.spacing)?;
     /// let complex = Complex::build(&tube.points, &tube.normals, cylinder, &Options::default())?;
     /// let loops = complex.representative_loops(1.0);
-    /// assert_eq!(loops.len(), 1); // once round the tube
+    /// assert_eq!(loops.len(), 1); // once around the tube
     /// assert!((0.96..1.1).contains(&(loops[0].length / (0.5 * std::f64::consts::TAU))));
     /// # Ok::<(), cech_complex::Error>(())
     /// ```
@@ -156,8 +156,8 @@ impl Complex {
     }
 }
 
-/// Vector area `½ ∮ x × dx` of a closed polygon, m²: its length is the area of the shadow in the direction it points, at most the
-/// area of any surface the polygon bounds.
+/// Vector area `½ ∮ x × dx` of a closed polygon, m²: its length is the area of its projection along its direction, at most the
+/// area of any surface bounded by the polygon.
 ///
 /// ```
 /// use nalgebra::Point3;
@@ -168,7 +168,7 @@ pub fn vector_area_of_loop(points: &[Point3<f64>]) -> Vector3<f64> {
     let Some(&origin) = points.first() else {
         return Vector3::zeros();
     };
-    // From the first vertex rather than the frame's origin: no digits are lost far away from it.
+    // Relative to the first vertex rather than the origin, so that no digits are lost far from it.
     let twice: Vector3<f64> = points
         .windows(2)
         .map(|side| (side[0] - origin).cross(&(side[1] - origin)))
@@ -176,7 +176,7 @@ pub fn vector_area_of_loop(points: &[Point3<f64>]) -> Vector3<f64> {
     0.5 * twice
 }
 
-/// Vector area `−Σ area_i·n_i` (m²) of what a partly seen closed surface lacks, from the area and outward normal of every seen piece.
+/// Vector area `−Σ area_i·n_i` (m²) of the missing part of a partly seen closed surface, from area and outward normal of every seen piece.
 ///
 /// # Errors
 /// [`Error::LengthMismatch`].

@@ -1,6 +1,6 @@
-//! Surfaces with exact normals, known reach, rims, junctions and Betti numbers, sampled with a seed (feature `manifolds`).
+//! Surfaces with exact normals and known reach, boundary, junctions and Betti numbers, sampled with a seed (feature `manifolds`).
 //!
-//! | surface | area | reach | β₀ β₁ β₂ | rims |
+//! | surface | area | reach | β₀ β₁ β₂ | boundary |
 //! |---|---|---|---|---|
 //! | sphere `R` | `4πR²` | `R` | 1 0 1 | – |
 //! | ellipsoid `a ≥ b ≥ c` | quadrature, 1e-6 | `c²/a` | 1 0 1 | – |
@@ -16,16 +16,16 @@
 //! | crossing sheets `R` | `2πR²` | 0 | 1 0 0 | two circles `R` |
 //! | T-junction `R` | `5πR²` | 0 | 1 0 2 | – |
 //!
-//! The last three are no manifolds: their sheets meet in a point, in a segment, in a circle.
+//! The last three are not manifolds: their sheets meet in a point, in a segment, in a circle.
 //!
 //! **Genus 2.** `K` is a flat strip of width `w` around two round holes of radius `a`, and the surface is everything at distance `t` from it: a
 //! pretzel. `K` has reach `a` (its nearest medial points are the middles of the holes), and a parallel surface at distance `t < a` of a set of reach `a`
 //! has reach `a − t` outward and `t` inward (Federer, *Curvature measures*, 1959, §4). So the reach is exact and nothing has to be estimated; the
 //! surface is `C^{1,1}`: its normal `∇dist(y, K)` is continuous, its curvature jumps where tube meets flat. The plate is the same for a disc.
 //!
-//! **Sampling.** [`Manifold::uniform`] draws points uniformly by area, with the clumps and gaps of chance: about `√(ln n)` spacings between a
-//! point of the surface and its nearest sample. [`Manifold::net`] thins twelve times as many to an ε-net by farthest-point insertion
-//! (Gonzalez 1985), which leaves gaps of one spacing or less; [`Manifold::covering_radius`] says how large exactly. The spacing is
+//! **Sampling.** [`Manifold::uniform`] draws independent points, uniform by area: a point of the surface may be about `√(ln n)` spacings from
+//! its nearest sample. [`Manifold::net`] thins twelve times as many to an ε-net by farthest-point insertion
+//! (Gonzalez 1985), which leaves gaps of one spacing or less; [`Manifold::covering_radius`] computes their exact size. The spacing is
 //! `√(area/n)` throughout.
 
 use std::f64::consts::FRAC_PI_2;
@@ -104,22 +104,22 @@ pub enum Manifold {
     Cap {
         /// Radius of the sphere.
         radius: f64,
-        /// Angle from the pole to the rim, rad.
+        /// Angle from the pole to the boundary, rad.
         angle: f64,
     },
-    /// Sphere drawn together at its equator until that is a point, the origin: two spheres on the z axis, joined by the double cone of 45°
-    /// that touches both. No manifold at the origin.
+    /// Sphere constricted at its equator to a point, the origin: two spheres on the z axis, joined by the double cone of 45°
+    /// that touches both. Not a manifold at the origin.
     PinchedSphere {
         /// Radius of the two spheres, and length of the cones.
         radius: f64,
     },
-    /// Two flat discs that cross along the y axis, one in the plane z = 0, one in x = 0. No manifold on that segment.
+    /// Two flat discs that cross along the y axis, one in the plane z = 0, one in x = 0. Not a manifold on that segment.
     CrossingSheets {
         /// Radius of both.
         radius: f64,
     },
     /// Sphere around the origin with a wall across its equator: in every meridian plane the wall meets the sphere in a T.
-    /// No manifold on the equator.
+    /// Not a manifold on the equator.
     TJunction {
         /// Radius of the sphere.
         radius: f64,
@@ -153,7 +153,7 @@ impl Manifold {
             Self::TwoSpheres { radius, gap } => radius.min(0.5 * gap),
             Self::Disc { .. } => f64::INFINITY,
             Self::Annulus { inner, .. } => inner,
-            // Beyond the equator the opening is what is narrow.
+            // Beyond the equator the opening is the narrowest part.
             Self::Cap { radius, angle } => radius * angle.max(FRAC_PI_2).sin(),
             Self::PinchedSphere { .. } | Self::CrossingSheets { .. } | Self::TJunction { .. } => {
                 0.0

@@ -1,14 +1,18 @@
-//! Construction of the nerve, one dimension after the other, afresh or around the points that changed.
+//! Construction of the nerve, dimension by dimension, from scratch or around the points that changed.
 //!
-//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree), orientation allowed; a closed-form lower bound rejects nearly
-//!    all of those that will not be edges, the solver values the rest.
+//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation; a closed-form lower bound rejects nearly
+//!    all pairs that are not edges, and the solver computes the values of the others.
 //! 2. **Triangles.** Triples of mutually joined vertices, **tetrahedra** quadruples whose four triangles exist: by Helly no larger
 //!    simplex carries information.
-//! 3. **Values** of what was found, see [`crate::valuation`].
+//! 3. **Facet shortcut.** If the cylinder opposite the latest facet contains the minimiser of that facet, the simplex has exactly the
+//!    value of the facet, and no problem is solved. This holds for more than nine tetrahedra in ten and half of the triangles.
 //!
-//! A value depends on the cylinders of its own simplex alone, taken in the order of their indices. So after a change the simplices without a
-//! changed vertex are kept with their values, those with one are found anew, and the outcome is that of a fresh build to the
-//! last bit. A fresh build is the case in which every vertex has changed.
+//! A value below that of a facet can only be due to rounding, so the larger of the two is taken, and the value of the facet whenever the
+//! certified bracket contains it: the filtration is exactly monotone, and ties are exact.
+//!
+//! A value depends only on the cylinders of its own simplex, taken in the order of their indices. So after a change the simplices without a
+//! changed vertex keep their values, those with one are computed again, and the result is bit for bit that of a new
+//! build. A new build is the case in which every vertex has changed.
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
@@ -21,10 +25,10 @@ use crate::valuation::{Candidate, Facets, Valuation};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, UnitVector3};
 
-/// Candidates valued at a time: enough to share among threads, little enough to stop soon after the limit.
+/// Number of candidates per batch: enough to share among threads, few enough to stop soon after the limit.
 const BATCH: usize = 1 << 12;
 
-/// Standard errors of an estimate that are taken for certain.
+/// Number of standard errors at which an estimate is taken for certain.
 const CERTAIN: f64 = 4.0;
 
 /// Which vertices there are, and which of them are new or have moved.
@@ -56,7 +60,7 @@ impl Vertices<'_> {
         simplex.iter().any(|&v| self.changed[v as usize])
     }
 
-    /// Whether a simplex of an earlier complex is still one, with its value.
+    /// Whether all vertices of a simplex are present and unchanged, so that its earlier value still holds.
     fn untouched(&self, simplex: &[u32]) -> bool {
         simplex
             .iter()
@@ -64,7 +68,7 @@ impl Vertices<'_> {
     }
 }
 
-/// What all stages share.
+/// Data of all stages.
 struct Builder<'a> {
     vertices: &'a Vertices<'a>,
     valuation: Valuation<'a>,
@@ -117,7 +121,7 @@ pub(crate) fn build(
 }
 
 impl Builder<'_> {
-    /// Adds to the number of simplices, or refuses.
+    /// Adds to the number of simplices; an error above the limit.
     fn count(&mut self, more: usize) -> Result<(), Error> {
         self.total += more;
         let limit = self.valuation.options.max_simplices;
@@ -142,8 +146,8 @@ impl Builder<'_> {
         }
     }
 
-    /// Refuses a complex that will be too large before its triangles and tetrahedra are looked for. It is asked only where the degrees of the
-    /// vertices admit so many, and refuses only what is too large for certain: four standard errors.
+    /// Rejects a complex that will be too large before its triangles and tetrahedra are searched. The test is made only if the degrees of the
+    /// vertices admit so many, and rejects only if the excess is certain: four standard errors.
     fn foresee(&self, skeleton: &Skeleton) -> Result<(), Error> {
         let mut degrees = vec![0.0; self.vertices.cloud.len()];
         for &vertex in skeleton.edges.iter().flatten() {
@@ -185,7 +189,7 @@ impl Builder<'_> {
         if coordinates.len() < 2 || !changed.contains(&true) {
             return Ok(layer);
         }
-        // The tree refuses only what the checks at the door have refused already.
+        // The tree fails only on input that was rejected before.
         let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates)
             .map_err(|_| self.too_many(self.total))?;
         let reach = 2.0 * self.valuation.cylinder.circumradius() * self.valuation.options.max_scale;
@@ -199,7 +203,7 @@ impl Builder<'_> {
                 .unsorted()
                 .execute();
             let others = found.iter().map(|hit| is_there[hit.item as usize]);
-            // A pair of two changed vertices is met twice and taken once.
+            // A pair of two changed vertices is found twice and taken once.
             let taken = others.filter(|&j| j > i || (j < i && !changed[j as usize]));
             let start = pairs.len();
             pairs.extend(taken.map(|j| [i.min(j), i.max(j)]));
@@ -215,7 +219,7 @@ impl Builder<'_> {
     }
 
     fn value_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
-        // A vertex in a crowd may have more neighbours than the limit allows edges.
+        // In a dense cluster a vertex may have more neighbours than the limit allows edges.
         for pairs in pairs.chunks(BATCH) {
             let valued = map(pairs, |pair| self.valuation.edge(*pair));
             for (pair, valued) in pairs.iter().zip(valued) {
@@ -349,13 +353,13 @@ impl Builder<'_> {
     }
 }
 
-/// Applies `f` to every item, on all threads with feature `rayon`; the answer is the same either way.
+/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
 #[cfg(not(feature = "rayon"))]
 fn map<T, R>(items: &[T], f: impl Fn(&T) -> R) -> Vec<R> {
     items.iter().map(f).collect()
 }
 
-/// Applies `f` to every item, on all threads with feature `rayon`; the answer is the same either way.
+/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
 #[cfg(feature = "rayon")]
 fn map<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
     use rayon::prelude::*;

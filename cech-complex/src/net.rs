@@ -4,13 +4,13 @@
 //! S ← {p₀};   while max_p dist(p, S) > ε:   S ← S ∪ {the point farthest from S}          an ε-net
 //! ```
 //!
-//! Points of the net are more than `ε` from each other and no point of the cloud is farther than `ε` from the net: as even as a subset gets.
-//! Clouds from voxel grids and cameras are less so, and random ones have gaps of several times their mean spacing.
+//! Points of the net are more than `ε` from each other and no point of the cloud is farther than `ε` from the net. Clouds from voxel grids and
+//! cameras are less even, and random ones have gaps of several times their mean spacing.
 
 use crate::error::{Error, positive};
 use nalgebra::Point3;
 
-/// Indices of `count` points spread as evenly as the cloud allows: the first one first, then always the point farthest from those chosen
+/// Indices of `count` evenly spread points: the first point, then always the point farthest from those chosen
 /// (all indices if there are no more points).
 ///
 /// # Errors
@@ -54,7 +54,7 @@ pub fn epsilon_net(points: &[Point3<f64>], covering_radius: f64) -> Result<Vec<u
     insert_farthest(points, |_, distance| distance > squared)
 }
 
-/// Farthest-point insertion as long as `more` says so of the number of chosen points and the squared distance of the next.
+/// Farthest-point insertion while `more` is true for the number of chosen points and the squared distance of the next.
 fn insert_farthest(
     points: &[Point3<f64>],
     more: impl Fn(usize, f64) -> bool,

@@ -1,18 +1,18 @@
-//! The linear system behind one Newton step: all active pieces at one level, forces in balance.
+//! The linear system of one Newton step: all active pieces at one level, forces in balance.
 //!
 //! ```text
 //! min_d  z + ½ dᵀHd   s.t.  g_j + ∇g_j·d = z  (j active)        a_j = ∇g_j − ∇g_0,  c_j = g_0 − g_j
 //! ⇔  a_j·d = c_j,   H d + ∇g_0 + Σ λ_j a_j = 0,   λ_0 = 1 − Σ λ_j
 //! ```
 //!
-//! With two, three or four active pieces, that is nearly always, the constraints leave a plane, a line or a point for `d`, and cross
-//! products solve the rest (null-space method). What is too nearly dependent for that, and sets of one, five or six pieces, goes to
+//! With two, three or four active pieces, which is nearly always the case, the constraints leave a plane, a line or a point for `d`, and cross
+//! products solve the system (null-space method). Nearly dependent constraints, and sets of one, five or six pieces, are solved by
 //! elimination with a proximal shift of both diagonal blocks, which removes the singularities of parallel normals, repeated
-//! pieces and flat optima and leaves the fixed point where it was.
+//! pieces and flat optima and leaves the fixed point unchanged.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Four pieces carry every non-degenerate optimum; two more let degenerate ones be entered before another leaves.
+/// A non-degenerate optimum has at most four active pieces; two more allow a degenerate piece to enter before another leaves.
 pub(crate) const MAX_ACTIVE: usize = 6;
 /// Proximal shift of both blocks. Small enough not to slow Newton down, large enough for pivots well above rounding.
 pub(crate) const PROXIMAL: f64 = 1e-12;
@@ -49,7 +49,7 @@ impl System<'_> {
         direct.or_else(|| self.eliminate())
     }
 
-    /// What the multipliers have to balance at step `d`.
+    /// The force at step `d` that the multipliers have to balance.
     fn force(&self, d: &Vector3<f64>) -> Vector3<f64> {
         -(self.gradient + self.hessian * d)
     }

@@ -1,4 +1,4 @@
-//! How a complex is built: up to which scale, with which regard for normals, and how large at most.
+//! Options of a complex: largest scale, treatment of normals, largest size.
 
 use crate::error::{Error, positive};
 use nalgebra::Vector3;
@@ -10,9 +10,9 @@ pub enum Orientation {
     /// Normals are axes without a sign: the plain nerve.
     Free,
     /// Cylinders whose normals have a dot product below `min_cosine` are never joined, so the two faces of a thin sheet stay
-    /// two surfaces even where the cylinders overlap. Triangles and tetrahedra follow their edges.
+    /// separate even where the cylinders overlap. Triangles and tetrahedra follow from the edges.
     Separate {
-        /// Least dot product of two normals that may be joined.
+        /// Smallest dot product of two normals that may be joined.
         min_cosine: f64,
     },
 }
@@ -34,17 +34,17 @@ impl Orientation {
     }
 }
 
-/// How to build a complex.
+/// Options for building a complex.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
     /// Largest filtration value kept (closed). Default 1: the complex at the cylinder's own size.
     pub max_scale: f64,
-    /// Default `Separate { min_cosine: −0.5 }`: faces that look away from each other within 60° stay apart, and a crease up
-    /// to 120° sharp (a box has 90°) stays closed in spite of noisy normals.
+    /// Default `Separate { min_cosine: −0.5 }`: faces in opposite directions to within 60° stay separate, and a crease of up
+    /// to 120° (a box has 90°) stays closed in spite of noisy normals.
     pub orientation: Orientation,
-    /// Most simplices of all dimensions, default ten million (about 0.7 GB); a larger complex is an error, not a full memory.
+    /// Largest number of simplices of all dimensions, default ten million (about 0.7 GB); a larger complex is an error.
     pub max_simplices: usize,
 }
 
@@ -80,7 +80,7 @@ impl Options {
         self
     }
 
-    /// Refuses settings that have no meaning.
+    /// Rejects invalid settings.
     pub(crate) fn check(&self) -> Result<(), Error> {
         positive("max_scale", self.max_scale)?;
         match self.orientation {

@@ -4,7 +4,7 @@ use crate::cohomology::{Coboundary, NONE, reduce};
 use crate::skeleton::Skeleton;
 use crate::union_find::UnionFind;
 
-/// A homology class that is born and dies.
+/// A homology class with its birth and death.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bar {
@@ -12,12 +12,12 @@ pub struct Bar {
     pub dimension: usize,
     /// Scale at which the class appears.
     pub birth: f64,
-    /// Scale at which it becomes trivial or merges with an older one; infinite if it outlives the complex (whose scale may be cut
-    /// off before the class would die).
+    /// Scale at which it becomes trivial or merges with an older one; infinite if it does not die within the complex (whose largest scale may be
+    /// below the death).
     pub death: f64,
     /// Simplex that creates the class: index into the vertices, edges or triangles of the complex.
     pub birth_simplex: u32,
-    /// Simplex that ends it: index into the edges, triangles or tetrahedra.
+    /// Simplex that ends it: index into the edges, triangles or tetrahedra; `None` if it does not die.
     pub death_simplex: Option<u32>,
 }
 
@@ -34,9 +34,9 @@ impl Bar {
 /// β_k^{a,b} = rank( H_k(K_a) → H_k(K_b) ) = number of bars of dimension k with birth ≤ a and b < death
 /// ```
 ///
-/// Simplices are ordered by value, then lexicographically; faces precede cofaces because dimensions are ordered apart.
-/// Dimension 0 is union-find over the edges. The edges that close a cycle are the columns of `H¹`, and the triangles that ended no class of `H¹`
-/// those of `H²`. Homology and cohomology have the same bars (de Silva, Morozov and
+/// Simplices are ordered by value, then lexicographically; faces precede cofaces because dimensions are ordered separately.
+/// Dimension 0 is union-find over the edges. The edges that close a cycle are the columns of `H¹`, and the triangles that did not end a class of `H¹`
+/// are those of `H²`. Homology and cohomology have the same bars (de Silva, Morozov and
 /// Vejdemo-Johansson 2011).
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -84,12 +84,12 @@ pub(crate) struct Order {
 }
 
 impl Order {
-    /// Bucket sort by value: values spread over their range, so that a bucket holds a few, and small sorts finish it. Ties, and
-    /// all of a bucket that holds many of them, keep the order of the indices.
+    /// Bucket sort by value: values are spread over their range, so that a bucket holds few, and small sorts finish it. Ties, and
+    /// all entries of a bucket with many, keep the order of the indices.
     pub(crate) fn new(values: &[f64]) -> Self {
         let largest = values.iter().copied().fold(0.0, f64::max);
         let buckets = values.len() / 2 + 1;
-        // Not decreasing in the value, whatever the rounding.
+        // Monotone in the value in spite of rounding.
         let per_value = if largest > 0.0 {
             buckets as f64 / largest
         } else {

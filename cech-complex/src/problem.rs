@@ -1,13 +1,13 @@
-//! The convex problem behind a filtration value, as its solvers see it.
+//! The convex problem of a filtration value, in the form used by the solvers.
 //!
 //! ```text
 //! f = min_y max_j g_j(y)       pieces j: the tube ‖P_i(y − p_i)‖/r and the two slabs ±n_i·(y − p_i)/H of every cylinder i
 //! L(w) = −Σ w_i·p_i / Σ h_i(w_i) ≤ f   for any w_1 … w_k with Σ w_i = 0
 //! ```
 //!
-//! The right-hand side is weak duality with the support functions `h_i`, so a lower bound needs no trust in any solver.
+//! The right-hand side is weak duality with the support functions `h_i`, so a lower bound does not rely on any solver.
 //! Coordinates are centred and divided by the size of the simplex, and the cylinder by its larger half-width, so that every
-//! tolerance of the solvers is a pure number.
+//! tolerance of the solvers is dimensionless.
 
 use crate::cylinder::support;
 use nalgebra::{Matrix3, Vector3};
@@ -54,7 +54,7 @@ pub(crate) struct Bracket {
 }
 
 impl Bracket {
-    /// True once nothing more can be learnt: the gap is closed, or the value is above `cutoff` for certain.
+    /// Whether the search can end: the gap is closed, or the value is certainly above `cutoff`.
     pub(crate) fn settled(&self, tolerance: f64, cutoff: f64) -> bool {
         self.upper - self.lower <= tolerance * self.upper || self.lower > cutoff
     }
@@ -92,7 +92,7 @@ impl<const N: usize> Problem<N> {
             let across = d - n * along;
             let distance = across.norm();
             pieces.tube[i] = distance * per_radius;
-            // On the axis the tube is at its minimum, 0, and can only be active if everything is 0.
+            // On the axis the tube is at its minimum, 0, and is active only if all values are 0.
             if distance > f64::MIN_POSITIVE {
                 let outward = across / distance;
                 pieces.tube_gradient[i] = outward * per_radius;
@@ -105,7 +105,7 @@ impl<const N: usize> Problem<N> {
         pieces
     }
 
-    /// The certificate: a lower bound of `f` from any `w`. What `Σ w_i` misses of zero goes to the largest term, where it
+    /// The certificate: a lower bound of `f` from any `w`. The deviation of `Σ w_i` from zero is subtracted from the largest term, where it
     /// changes the bound least.
     pub(crate) fn lower_bound(&self, mut w: [Vector3<f64>; N]) -> f64 {
         let mut heights = [0.0; N];
@@ -185,7 +185,7 @@ impl<const N: usize> Pieces<N> {
         hessian
     }
 
-    /// The piece with the largest value predicted for a step, among those that `skip` does not name, if it is above `level`.
+    /// The piece with the largest predicted value after a step, among those that `skip` does not contain, if it is above `level`.
     pub(crate) fn most_violated(
         &self,
         step: &Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Looks at a cloud and proposes how to read it: spacing, gaps, noise and reach, and from them a cylinder and two scales.
+//! Proposes a cylinder and two scales for a cloud from its estimated spacing, gaps, noise and reach.
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
@@ -8,56 +8,56 @@ use crate::problem::Oriented;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Matrix6, Point3, UnitVector3, Vector2, Vector3, Vector6};
 
-/// Neighbours of a point that are looked at: a disc of about four spacings.
+/// Number of neighbours of a point that are used: a disc of about four spacings.
 const NEIGHBOURS: usize = 48;
-/// Nearest of them that the quadric is fitted to.
+/// Number of nearest neighbours to which the quadric is fitted.
 const FITTED: usize = 24;
-/// Fewest points that say anything.
+/// Smallest number of points.
 const FEWEST: usize = 24;
-/// A height counts beyond so many standard deviations of what noise and tilt make.
+/// A height is significant beyond this many standard deviations of noise and tilt.
 const SIGNIFICANT: f64 = 4.0;
-/// Share of the cells that the covering radius is that of: noise opens a cell in a hundred.
+/// Quantile of the cells that gives the covering radius: noise opens a cell in a hundred.
 const COVERED: f64 = 0.99;
-/// Gaps of so many spacings are those of an even sampling; beyond, thinning makes it even.
+/// An even sampling has gaps of up to this many spacings; beyond, thinning makes it even.
 const EVEN: f64 = 1.4;
-/// Radius of the cylinders in the largest of their gaps.
+/// Radius of the cylinders, in covering radii.
 const RADIUS_PER_GAP: f64 = 1.1;
-/// Least radius, in spacings.
+/// Smallest radius, in spacings.
 const RADIUS_PER_SPACING: f64 = 1.25;
-/// Least half height, in radii.
+/// Smallest half height, in radii.
 const HALF_HEIGHT_PER_RADIUS: f64 = 0.25;
 /// Standard deviations of noise within half the height.
 const NOISE_IN_HALF_HEIGHT: f64 = 2.0;
-/// Second scale: classes of gaps and noise do not live so long, those of the surface do.
+/// Second scale: classes due to gaps and noise die before it, those of the surface do not.
 const SECOND_SCALE: f64 = 1.3;
 
-/// What a cloud looks like, and how to build its complex. Lengths in m.
+/// Estimated properties of a cloud, and how to build its complex. Lengths in m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Proposal {
     /// `√(area/n)`.
     pub spacing: f64,
-    /// Distance of a point of the surface to the nearest sample in all but a hundredth of the gaps, away from rims: about one spacing on a net, two on random points.
+    /// Distance from a point of the surface to the nearest sample in all but a hundredth of the gaps, away from the boundary: about one spacing on a net, two on random points.
     pub covering_radius: f64,
     /// Standard deviation of the points along the normal.
     pub noise: f64,
     /// Root mean square angle between the given normals and those of the fitted surface, rad.
     pub tilt: f64,
-    /// Reach as far as the cloud shows it, within four spacings; infinite if it looks flat. Near an edge or a junction about a spacing.
+    /// Estimated reach, within four spacings; infinite if the surface looks flat. Near an edge or a junction about a spacing.
     pub reach: f64,
-    /// Covering radius of the [`epsilon_net`](crate::epsilon_net) to take before anything else, if the sampling is uneven: then propose
+    /// Covering radius of the [`epsilon_net`](crate::epsilon_net) to take first, if the sampling is uneven: then call `propose`
     /// again for the net.
     pub thin_to: Option<f64>,
     /// The cylinder to build with.
     pub cylinder: Cylinder,
-    /// Ask for [`persistent_betti`](crate::Complex::persistent_betti) from this scale…
+    /// First scale for [`persistent_betti`](crate::Complex::persistent_betti).
     pub from: f64,
-    /// …to this, and build with it as `max_scale`.
+    /// Second scale, and `max_scale` of the build.
     pub to: f64,
 }
 
-/// Looks at the cloud and proposes how to build its complex: a cylinder and two scales.
+/// Proposes how to build the complex of a cloud: a cylinder and two scales.
 ///
 /// ```text
 /// V(p)    Voronoi cell of p among its neighbours in the tangent plane      spacing = √(mean area),  ε = the farthest corner
@@ -66,12 +66,12 @@ pub struct Proposal {
 /// ```
 ///
 /// The formula for the reach is exact for a surface without noise; on samples it can only overestimate (Aamari, Kim, Chazal, Michel, Rinaldo and
-/// Wasserman 2019, doi 10.1214/19-EJS1551). Here the height of a neighbour counts as far as noise and tilt cannot have made it, so noisy clouds are taken for
+/// Wasserman 2019, doi 10.1214/19-EJS1551). Here the height of a neighbour counts only as far as noise and tilt cannot explain it, so noisy clouds are taken for
 /// flatter than they are, not for more curved.
 ///
 /// # Guarantees
-/// None: a sample is not its surface. On the surfaces of the module `manifolds` sampled as nets, voxel grids and at random, with noise of up
-/// to a fifth of the spacing, `cargo run --release -p cech-complex --features manifolds --example proposals` counts how often the Betti numbers come out right.
+/// None: a sample does not determine its surface. On the surfaces of the module `manifolds` sampled as nets, voxel grids and at random, with noise of up
+/// to a fifth of the spacing, `cargo run --release -p cech-complex --features manifolds --example proposals` counts how often the Betti numbers are right.
 ///
 /// # Errors
 /// Those of a cloud ([`Error::LengthMismatch`], [`Error::NonFinitePoint`], [`Error::NonUnitNormal`]), and [`Error::NoSurface`] for fewer than 24
@@ -84,7 +84,7 @@ pub struct Proposal {
 /// use cech_complex::manifolds::Manifold;
 /// use cech_complex::{Complex, Options, Orientation, epsilon_net, propose};
 ///
-/// // Drawn at random, with noise: uneven, so thinned before anything else.
+/// // Drawn at random, with noise: uneven, so thinned first.
 /// let torus = Manifold::Torus { major: 1.0, minor: 0.4 };
 /// let cloud = torus.uniform(6000, 1).with_noise(0.004, 0.05, 2);
 /// let orientation = Orientation::default();
@@ -133,7 +133,7 @@ pub fn propose(
     })
 }
 
-/// How far a surface of the given reach parts from its tangent plane within `radius`; half the radius where the reach is smaller, as at an edge.
+/// Distance of a surface of the given reach from its tangent plane within `radius`; half the radius if the reach is smaller, as at an edge.
 fn sag(radius: f64, reach: f64) -> f64 {
     if reach.is_infinite() {
         0.0
@@ -146,9 +146,9 @@ fn sag(radius: f64, reach: f64) -> f64 {
 
 /// The neighbourhood of one point in its tangent plane.
 struct Look {
-    /// Area of the Voronoi cell and distance of its farthest corner, unless the cell is open: then the point is at a rim, or at a gap of four spacings.
+    /// Area of the Voronoi cell and distance of its farthest corner; `None` if the cell is open, at the boundary or at a gap of four spacings.
     cell: Option<(f64, f64)>,
-    /// Mean square residual of the fitted surface and squared slope of it at the point.
+    /// Mean square residual of the fitted surface and its squared slope at the point.
     fit: Option<(f64, f64)>,
     /// Offset along the normal and squared distance of every neighbour.
     offsets: Vec<(f64, f64)>,
@@ -183,7 +183,7 @@ impl Looks {
             near.retain(|&(distance, j)| {
                 distance > 0.0 && !orientation.separates(&at.normal, &cloud[j as usize].normal)
             });
-            // The tree's order among equals is its own business.
+            // The tree returns neighbours at equal distance in any order.
             near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             let offset = |&(_, j): &(f64, u32)| cloud[j as usize].point - at.point;
             let offsets: Vec<Vector3<f64>> = near.iter().map(offset).collect();
@@ -257,7 +257,7 @@ impl Look {
         let u = normal.cross(&across).normalize();
         let w = normal.cross(&u);
         let place = |d: &Vector3<f64>| Vector2::new(u.dot(d), w.dot(d));
-        // What stands steeper than 45° is another sheet.
+        // A neighbour steeper than 45° belongs to another sheet.
         let flat = |d: &&Vector3<f64>| 2.0 * normal.dot(d).powi(2) < d.norm_squared();
         let sheet: Vec<&Vector3<f64>> = offsets.iter().filter(flat).collect();
         let planar: Vec<Vector2<f64>> = sheet.iter().map(|d| place(d)).collect();

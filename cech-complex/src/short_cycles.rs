@@ -1,10 +1,10 @@
-//! Shortest loops that carry the first homology.
+//! Shortest loops that generate the first homology.
 //!
 //! A basis of cocycles `φ_1 … φ_b` of a subcomplex annotates every edge with `b` bits, and the class of a loop is the sum of the
 //! annotations along it: two loops with the same sum are homologous (Busaryev, Cabello, Chen, Dey and Wang 2012). A loop of a
-//! non-trivial class uses an annotated edge. So from one end of each of these a shortest-path tree is grown; an edge outside the
-//! tree closes a loop; and loops are taken by length as long as their classes are independent (Erickson and Whittlesey 2005).
-//! The basis found is the shortest there is. A loop through the root of a tree lies within half its length, so trees stop at half
+//! non-trivial class uses an annotated edge. So a shortest-path tree is grown from one end of each of these; an edge outside the
+//! tree closes a loop; and loops are taken by length if their classes are independent (Erickson and Whittlesey 2005).
+//! The result is the shortest basis. A loop through the root of a tree lies within half its length, so trees stop at half
 //! the longest loop of the best basis so far.
 
 use crate::cohomology::{Coboundary, NONE, reduce};
@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 /// Class of a loop or annotation of an edge: one bit per basis cocycle.
 type Class = Box<[u64]>;
 
-/// The edges and triangles of a subcomplex, named by their place in the complex.
+/// The edges and triangles of a subcomplex, by their index in the complex.
 pub(crate) struct Part {
     edges: Vec<u32>,
     /// Facets of its triangles as positions in `edges`.
@@ -30,7 +30,7 @@ pub(crate) struct Cycle {
     pub(crate) vertices: Vec<u32>,
 }
 
-/// A loop that the tree of `root` and one more `edge` close.
+/// A loop closed by the tree of `root` and one more `edge`.
 #[derive(Clone, Copy)]
 struct Closure {
     length: f64,
@@ -39,7 +39,7 @@ struct Closure {
 }
 
 impl Part {
-    /// The simplices up to `scale` all of whose vertices are wanted, in filtration order.
+    /// The simplices up to `scale` all of whose vertices are `wanted`, in filtration order.
     pub(crate) fn new(complex: &Complex, scale: f64, wanted: impl Fn(u32) -> bool) -> Self {
         let skeleton = &complex.skeleton;
         let edges: Vec<u32> = Order::new(&skeleton.edge_values)
@@ -64,7 +64,7 @@ impl Part {
         Self { edges, triangles }
     }
 
-    /// A basis of `H₁` of the part by its shortest loops, where an edge is as long as `weight` says.
+    /// A basis of `H₁` of the part by its shortest loops, with edge lengths given by `weight`.
     pub(crate) fn shortest_basis(
         &self,
         complex: &Complex,
@@ -78,7 +78,7 @@ impl Part {
         for (done, root) in search.roots(&cocycles).into_iter().enumerate() {
             search.grow(root);
             search.close(root);
-            // Rarely enough to cost nothing, often enough to profit from the first tree on.
+            // Powers of two: rarely enough to cost nothing, and from the first tree on.
             if (done + 1).is_power_of_two() {
                 search.tighten_limit();
             }
@@ -163,7 +163,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Vertices that meet every annotated edge, chosen greedily: a vertex on many such edges spares many others.
+    /// Vertices that cover all annotated edges, chosen greedily: a vertex on many such edges replaces many others.
     fn roots(&self, cocycles: &[Vec<u32>]) -> Vec<u32> {
         let ends = |edge: u32| self.complex.skeleton.edges[edge as usize];
         let mut edges: Vec<u32> = cocycles.iter().flatten().copied().collect();
@@ -202,7 +202,7 @@ impl<'a> Search<'a> {
             });
     }
 
-    /// Notes the shortest loop of every class that the present tree and one edge close.
+    /// Records the shortest loop of every class that the present tree and one edge close.
     fn close(&mut self, root: u32) {
         let words = self.words;
         self.path_class[words * root as usize..][..words].fill(0);
@@ -244,7 +244,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The shortest independent loops among those noted.
+    /// The shortest independent loops among those recorded.
     fn basis(&self) -> Vec<Closure> {
         let mut noted: Vec<(&Class, Closure)> = self.best.iter().map(|(c, l)| (c, *l)).collect();
         noted.sort_by(|a, b| {
@@ -262,12 +262,12 @@ impl<'a> Search<'a> {
         if basis.len() == self.rank
             && let Some(longest) = basis.last()
         {
-            // A little slack, so that rounding in sums along two ways round loses no loop.
+            // A small margin, so that rounding loses no loop.
             self.limit = self.limit.min(longest.length * (1.0 + 1e-9));
         }
     }
 
-    /// The loop itself, without the stem that both branches of the tree share.
+    /// The loop itself, without the path from the root that both branches share.
     fn trace(&mut self, closure: Closure) -> Cycle {
         self.grow(closure.root);
         let [a, b] = self.complex.skeleton.edges[closure.edge as usize];
@@ -276,7 +276,7 @@ impl<'a> Search<'a> {
             left.pop();
             right.pop();
         }
-        // Both branches end at the vertex where they part: keep it once.
+        // Both branches end at the vertex where they separate: keep it once.
         right.pop();
         left.extend(right.into_iter().rev());
         Cycle { vertices: left }

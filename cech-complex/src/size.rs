@@ -1,4 +1,4 @@
-//! How many simplices a complex will have, from a sample of its vertices.
+//! Estimate of the number of simplices from a sample of vertices.
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
@@ -9,13 +9,13 @@ use crate::problem::Oriented;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, UnitVector3};
 
-/// Vertices looked at.
+/// Number of sampled vertices.
 const VERTICES: usize = 64;
-/// Neighbours valued of one vertex; in a crowd there may be a million.
+/// Number of sampled neighbours of a vertex; in a dense cluster there may be a million.
 const NEIGHBOURS: usize = 256;
-/// Triples, and quadruples, valued of one vertex.
+/// Number of sampled triples, and of quadruples, of a vertex.
 const TUPLES: usize = 48;
-/// Neighbours found in all before no further vertex is looked at: in a crowd a few say as much as many.
+/// Total number of neighbours after which no further vertex is sampled: in a dense cluster few vertices suffice.
 const BUDGET: usize = 1 << 21;
 
 /// Estimated number of simplices of all dimensions at any scale up to the `max_scale` of the options it was made for.
@@ -23,7 +23,7 @@ const BUDGET: usize = 1 << 21;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SizeEstimate {
     vertices: usize,
-    /// Values of sampled simplices, ascending, and how many simplices up to there.
+    /// Values of sampled simplices, ascending, with the estimated number of simplices up to each.
     values: Vec<(f64, f64)>,
     standard_error: f64,
 }
@@ -41,7 +41,7 @@ impl SizeEstimate {
         self.standard_error
     }
 
-    /// Largest value up to which the complex has about `limit` simplices or fewer; 0 if that are vertices alone, or not even those.
+    /// Largest value up to which the complex has about `limit` simplices or fewer; 0 if not even the vertices, or only these, are within the limit.
     pub fn largest_scale(&self, limit: usize) -> f64 {
         let room = limit as f64 - self.vertices as f64;
         if room < 0.0 {
@@ -54,21 +54,21 @@ impl SizeEstimate {
     }
 }
 
-/// Estimates how many simplices [`Complex::build`](crate::Complex::build) would find with the same arguments, before it is asked to.
+/// Estimates how many simplices [`Complex::build`](crate::Complex::build) would find with the same arguments.
 ///
 /// ```text
 /// N_k(s) = Σ_v |{σ ∋ v : dim σ = k, f(σ) ≤ s}| / (k + 1)
 /// ```
 ///
 /// The sum runs over a few vertices instead of all, and around each of them over a few of the tuples of its neighbours: both
-/// are unbiased, and the spread among the vertices says how far the sum can be off. The values that were found say how the number grows with
-/// the scale, and so up to which scale a complex fits.
+/// estimates are unbiased, and the variance among the vertices gives the standard error. The sampled values give the growth of the number with
+/// the scale, and so the scale up to which a complex fits.
 ///
 /// # Errors
 /// As `build`, but for [`Error::TooManySimplices`].
 ///
 /// # Complexity
-/// A search tree and about 10,000 small convex problems whatever the size of the cloud: some 10 ms.
+/// A search tree and about 10,000 small convex problems for any size of the cloud: some 10 ms.
 ///
 /// ```
 /// use cech_complex::manifolds::Manifold;
@@ -116,7 +116,7 @@ pub(crate) fn estimate(vertices: &Vertices, cylinder: Cylinder, options: &Option
                 .execute();
             let mut near: Vec<u32> = hits.iter().map(|hit| hit.item).collect();
             near.retain(|&u| u as usize != v);
-            // The tree's order is its own business.
+            // The tree returns neighbours in any order.
             near.sort_unstable();
             found.around(&cloud, v, &near, cylinder, options);
             budget = budget.saturating_sub(near.len());
@@ -128,12 +128,12 @@ pub(crate) fn estimate(vertices: &Vertices, cylinder: Cylinder, options: &Option
     found.estimate(cloud.len())
 }
 
-/// Simplices around the vertices looked at so far.
+/// Simplices around the sampled vertices.
 #[derive(Default)]
 struct Found {
-    /// Value of each sampled simplex, and how many it stands for at its vertex.
+    /// Value of each sampled simplex, and the number of simplices at its vertex that it represents.
     weighted: Vec<(f64, f64)>,
-    /// Simplices at each vertex.
+    /// Estimated number of simplices at each vertex.
     totals: Vec<f64>,
 }
 
@@ -222,7 +222,7 @@ fn spread(count: usize, most: usize) -> Vec<usize> {
     (0..most).map(|_| picks.next()).collect()
 }
 
-/// Indices below `count` in an order without pattern: a multiplicative congruential sequence (Knuth's MMIX constants), always from the same start.
+/// Indices below `count` in pseudo-random order: a multiplicative congruential sequence (Knuth's MMIX constants) with a fixed start.
 struct Picks {
     count: usize,
     state: u64,
@@ -238,11 +238,11 @@ impl Picks {
             .state
             .wrapping_mul(6_364_136_223_846_793_005)
             .wrapping_add(1_442_695_040_888_963_407);
-        // The high half is the good one; the product fits as counts are below 2³².
+        // The high half is more random; the product fits as counts are below 2³².
         (((self.state >> 32) * self.count as u64) >> 32) as usize
     }
 
-    /// `N` different indices; there have to be as many.
+    /// `N` different indices; there must be at least as many.
     fn distinct<const N: usize>(&mut self) -> [usize; N] {
         let mut picked = [usize::MAX; N];
         for n in 0..N {

@@ -1,4 +1,4 @@
-//! Tables of the 3-skeleton: simplices in lexicographic order, their values, and who is a face of whom.
+//! Tables of the 3-skeleton: simplices in lexicographic order, their values, and their facets.
 //!
 //! Vertices of a simplex ascend, and so do the simplices of a dimension, so the edges that start at a vertex are contiguous, as
 //! are the triangles that start with an edge and the tetrahedra that start with a triangle. Three offset tables turn this
@@ -39,7 +39,7 @@ pub(crate) struct Marks {
 pub(crate) struct Skeleton {
     pub(crate) edges: Vec<[u32; 2]>,
     pub(crate) edge_values: Vec<f64>,
-    /// Where the value of an edge is attained: the first guess for its cofaces, now and after later changes.
+    /// Minimiser of every edge: the initial guess for its cofaces, also in later updates.
     pub(crate) edge_points: Vec<Vector3<f64>>,
     pub(crate) edge_runs: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
@@ -113,7 +113,7 @@ impl Skeleton {
         Some((range.start + offset) as u32)
     }
 
-    /// The part that survives when the marked simplices go with all their cofaces; order is kept.
+    /// The part that remains when the marked simplices are removed with all their cofaces; order is kept.
     pub(crate) fn without(&self, marks: &Marks, vertices: usize) -> Self {
         let mut rest = Self::default();
         let keep = |edge: usize| !marks.edges[edge];
@@ -131,7 +131,7 @@ impl Skeleton {
     }
 }
 
-/// Simplices of one dimension with `N` vertices each, in the making.
+/// Simplices of one dimension with `N` vertices each, under construction.
 #[derive(Default)]
 pub(crate) struct Layer<const N: usize> {
     simplices: Vec<[u32; N]>,
@@ -165,7 +165,7 @@ impl<const N: usize> Layer<N> {
         self.push(simplex, facets, other.values[i], point);
     }
 
-    /// Brings the simplices into lexicographic order.
+    /// Sorts the simplices lexicographically.
     pub(crate) fn sort(&mut self) {
         if self.simplices.is_sorted() {
             return;
@@ -188,7 +188,7 @@ impl<const N: usize> Layer<N> {
         }
     }
 
-    /// Gives back what growing has reserved in advance.
+    /// Frees unused capacity.
     fn shrink(&mut self) {
         self.simplices.shrink_to_fit();
         self.facets.shrink_to_fit();
@@ -215,8 +215,8 @@ pub(crate) struct LayerRef<'a, const N: usize> {
 }
 
 impl<const N: usize> LayerRef<'_, N> {
-    /// Those of its simplices that are to be kept and whose facets all still have a name, together with `fresh` ones, in order.
-    /// Returns also how many were kept, and the new index of every simplex.
+    /// The simplices that are kept and whose facets all remain, together with `fresh` ones, in order.
+    /// Also returns how many were kept, and the new index of every simplex.
     pub(crate) fn merge(
         &self,
         fresh: Layer<N>,

@@ -21,7 +21,7 @@ impl UnionFind {
         v
     }
 
-    /// Joins two sets and returns the root that ceased to be one, or `None` if they were one set already.
+    /// Joins two sets and returns the root that is no longer one, or `None` if they were one set already.
     pub(crate) fn union(&mut self, a: u32, b: u32) -> Option<u32> {
         let (a, b) = (self.find(a), self.find(b));
         if a == b {

@@ -1,10 +1,10 @@
-//! A complex that follows its cloud: points are added, moved and removed, and only what contains one of them is computed anew.
+//! Updates of a complex: points are added, moved and removed, and only the simplices that contain one of them are computed again.
 //!
 //! ```text
 //! CČC(P′) = { σ ∈ CČC(P) : σ has no changed vertex }  ∪  { σ : σ has one and f(σ) ≤ max_scale }
 //! ```
 //!
-//! A value depends on the cylinders of its own simplex alone, so the union is what a fresh build of `P′` would give, to the last bit.
+//! A value depends only on the cylinders of its own simplex, so the union is bit for bit what a new build of `P′` would give.
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
@@ -25,7 +25,7 @@ pub enum Change {
         /// Unit normal.
         normal: UnitVector3<f64>,
     },
-    /// A vertex goes to another place or turns.
+    /// A vertex moves or rotates.
     Move {
         /// Index of the vertex.
         vertex: u32,
@@ -34,34 +34,34 @@ pub enum Change {
         /// New unit normal.
         normal: UnitVector3<f64>,
     },
-    /// A vertex goes; its index stays as a gap.
+    /// A vertex is removed; its index stays as a gap.
     Remove {
         /// Index of the vertex.
         vertex: u32,
     },
 }
 
-/// What an update has done.
+/// Result of an update.
 #[derive(Debug, Clone, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Updated {
     /// Indices of the added vertices, in the order in which they were given.
     pub added: Range<u32>,
-    /// Simplices of dimension 1, 2, 3 that contain a changed vertex; all others have been kept as they were.
+    /// Numbers of simplices of dimension 1, 2, 3 that contain a changed vertex; all others were kept.
     pub renewed: [usize; 3],
 }
 
 impl Complex {
-    /// Applies `changes` in order. The outcome is the complex that [`Complex::build`] would give for the points that are there now, to the last
-    /// bit, but for the numbering (removed vertices leave gaps) and for edges removed by [`Complex::cut`]: between two vertices that
-    /// neither move nor turn, a cut stays.
+    /// Applies `changes` in order. The result is bit for bit the complex that [`Complex::build`] would give for the present points,
+    /// except for the numbering (removed vertices leave gaps) and for edges removed by [`Complex::cut`]: between two vertices that
+    /// neither move nor rotate, a cut remains.
     ///
     /// # Errors
     /// [`Error::NoSuchVertex`], [`Error::VertexRemoved`], [`Error::NonFinitePoint`], [`Error::NonUnitNormal`] (index of the vertex), and
-    /// [`Error::TooManySimplices`] by the options of the build. The complex is then as it was.
+    /// [`Error::TooManySimplices`] by the options of the build. The complex is then unchanged.
     ///
     /// # Complexity
-    /// The convex problems of the simplices around the changed vertices, and one pass that copies the rest.
+    /// The convex problems of the simplices around the changed vertices, and one pass that copies the others.
     ///
     /// ```
     /// use cech_complex::nalgebra::{Point3, Vector3};
@@ -123,7 +123,7 @@ impl Complex {
     }
 }
 
-/// The vertex as an index, if it is there.
+/// Index of the vertex, if it exists.
 fn existing(present: &[bool], vertex: u32) -> Result<usize, Error> {
     let (index, len) = (vertex as usize, present.len());
     match present.get(index) {

@@ -1,4 +1,4 @@
-//! The example `betti` as its users meet it: files in, one line of JSON or one line of complaint out.
+//! The example `betti` as its users run it: valid files give one line of JSON, invalid ones one line of error.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -46,7 +46,7 @@ fn program() -> &'static Path {
     })
 }
 
-/// A file of its own for every test, gone at its end.
+/// A separate file for every test, deleted at its end.
 struct File(PathBuf);
 
 impl File {
@@ -274,7 +274,7 @@ fn a_sphere_is_one_in_every_format() {
     assert!(run("tenths.ply", &oriented.scaled(10.0), &["--size", "0.09995"]).0);
 }
 
-/// Nothing is left of a million points but the message, and that within seconds.
+/// A million points in one place give only the error message, within seconds.
 #[test]
 fn a_million_points_stop_at_the_limit() {
     let mut bytes =
@@ -326,12 +326,12 @@ fn what_is_wrong_with_a_file_is_said_with_line_and_value() {
         (
             "letters",
             ascii(&["0 0 zero 0 0 1"]),
-            "line 11: vertex 0: z is no number: \"zero\"",
+            "line 11: vertex 0: z is not a number: \"zero\"",
         ),
         (
             "short",
             format!("ply\nformat ascii 1.0\nelement vertex 2\n{HEADER}{good}\n").into_bytes(),
-            "line 11: the file ends at vertex 1, the header promises 2",
+            "line 11: the file ends at vertex 1, the header says 2",
         ),
     ] {
         let complaint = File::new(name, &bytes).complaint(&SIZE, 1);
@@ -383,7 +383,7 @@ fn what_is_wrong_with_the_command_line_is_said() {
         (&["--orientation", "left"], "separate, free"),
         (
             &["--units", "inch"],
-            "m, cm, mm or the length of a unit in metres is wanted",
+            "expected m, cm, mm or the length of a unit in metres",
         ),
     ] {
         let code = if expected.contains("ascend") { 1 } else { 2 };

@@ -1,4 +1,4 @@
-//! What happens at the doors: bad input is an error that says what and where, and degenerate input is an answer.
+//! Input checks: invalid input gives an error with its place, degenerate input a result.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

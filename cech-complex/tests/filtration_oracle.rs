@@ -20,7 +20,7 @@ type Simplex = (Vec<Point3<f64>>, Vec<UnitVector3<f64>>);
 
 /// `min s` subject to `|n·(y − p)| ≤ s·h/2` and `‖Tᵀ(y − p)‖ ≤ s·r`, unknowns `(y, s)`; clarabel wants `b − A x` in the cone.
 ///
-/// What comes back is a bracket that does not trust clarabel's digits either: the largest gauge at its primal `y`, and weak duality,
+/// The result is a bracket that does not rely on the accuracy of clarabel: the largest gauge at its primal `y`, and weak duality,
 /// `−Σ w·p / Σ (h/2·|n·w| + r·‖Tᵀw‖)`, with the forces `w` of its dual.
 fn cone_program((points, normals): &Simplex, radius: f64, half: f64) -> (f64, f64) {
     let (mut rows, mut b, mut cones) = (Vec::new(), Vec::new(), Vec::new());
@@ -95,7 +95,7 @@ fn direction(rng: &mut ChaCha8Rng) -> UnitVector3<f64> {
     }
 }
 
-/// Cylinders in a cube whose normals scatter about one direction by `scatter` (1: anything goes, 0: parallel).
+/// Cylinders in a cube whose normals scatter about one direction by `scatter` (1: arbitrary, 0: parallel).
 fn random_simplex(rng: &mut ChaCha8Rng, count: usize, scatter: f64) -> Simplex {
     let axis = direction(rng);
     let tilt = |rng: &mut ChaCha8Rng| {

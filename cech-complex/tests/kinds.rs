@@ -1,4 +1,4 @@
-//! Kinds of vertices and rims on ε-nets of surfaces with known rims and junctions.
+//! Kinds of vertices and boundary loops on ε-nets of surfaces with known boundary and junctions.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::{Circle, Manifold, OrientedCloud};
@@ -60,8 +60,8 @@ fn net(surface: Manifold, count: usize, seed: u64) -> (OrientedCloud, f64) {
     (cloud, covering)
 }
 
-/// The seed is fixed: about one vertex in 20,000 of an open surface is misjudged (example `kinds`), and a test that fails once in a
-/// while says nothing.
+/// The seed is fixed: about one vertex in 20,000 of an open surface is classified wrongly (example `kinds`), and the test must not fail
+/// at random.
 fn config() -> ProptestConfig {
     let default = ProptestConfig::default();
     ProptestConfig {
@@ -71,7 +71,7 @@ fn config() -> ProptestConfig {
     }
 }
 
-/// The rim follows the circle: near it all along, once around it, through edges of the complex.
+/// The boundary loop follows the circle: close to it, once around it, along edges of the complex.
 fn follows(rim: &BoundaryLoop, circle: &Circle, complex: &Complex, covering: f64) {
     let points = rim.points(complex);
     let far = points
@@ -136,13 +136,13 @@ proptest! {
         let (mut near, mut missed) = (0, 0);
         for (kind, point) in kinds.iter().zip(&cloud.points) {
             let inward = surface.boundary_distance(point) / covering;
-            prop_assert_ne!(*kind, VertexKind::NonManifold, "{} ε from the rim", inward);
+            prop_assert_ne!(*kind, VertexKind::NonManifold, "{} ε from the boundary", inward);
             if inward <= 1.3 {
                 near += 1;
                 missed += usize::from(*kind != VertexKind::Boundary);
             }
             if inward > 3.0 {
-                prop_assert_eq!(*kind, VertexKind::Interior, "{} ε from the rim", inward);
+                prop_assert_eq!(*kind, VertexKind::Interior, "{} ε from the boundary", inward);
             }
         }
         // Where the net leaves a gap beside the rim, the vertex behind it may be taken for an inner one.
@@ -185,7 +185,7 @@ proptest! {
                 prop_assert_ne!(*kind, VertexKind::NonManifold, "{} ε from the junction", away);
             }
             if away > 4.5 && inward > 3.0 {
-                prop_assert_eq!(*kind, VertexKind::Interior, "{} ε from the rim", inward);
+                prop_assert_eq!(*kind, VertexKind::Interior, "{} ε from the boundary", inward);
             }
         }
         // Mostly all of them; fewer where the net has a large gap, which makes the cylinders large for all of it.

@@ -1,10 +1,10 @@
-//! Lemma 1 on ε-nets of closed surfaces, whatever the surface, the net, the cylinder and the error of the normals.
+//! Lemma 1 on ε-nets of closed surfaces, for many surfaces, nets, cylinders and errors of the normals.
 //!
 //! Three statements. The first is proved, the others are measured:
 //!
-//! 1. **Two scales.** What lives from scale 1 to `Cylinder::proven_scale` are the classes of `M` (proof in the documentation of `Cylinder`).
-//! 2. **Every scale.** Where the cylinders at scale `s` satisfy the conditions of Lemma 1 (cover `M`, stay off other sheets), the classes that
-//!    live through 2 % of scale are those of `M`. Shorter ones occur: where curvatures of both signs meet, a normal segment can leave the union
+//! 1. **Two scales.** The classes that persist from scale 1 to `Cylinder::proven_scale` are those of `M` (proof in the documentation of `Cylinder`).
+//! 2. **Every scale.** Where the cylinders at scale `s` satisfy the conditions of Lemma 1 (cover `M`, do not reach other sheets), the classes that
+//!    persist over 2 % of scale are those of `M`. Shorter ones occur: where curvatures of both signs meet, a normal segment can leave the union
 //!    and enter it again at the rim of a cylinder, so the union has pinholes that last up to 1 %.
 //! 3. On surfaces of positive curvature, with discs a tenth wider than the gaps, there is no pinhole at all: plain Betti numbers hold.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
@@ -45,7 +45,7 @@ fn closed_surface(which: std::ops::Range<i32>) -> impl Strategy<Value = Manifold
     })
 }
 
-/// How far the surface and the disc of a cylinder part over a radius `r`: reach `τ`, normals off by `α`.
+/// Distance between the surface and the disc of a cylinder at a radius `r`: reach `τ`, normals off by `α`.
 fn off_plane(r: f64, reach: f64, tilt: f64) -> f64 {
     reach - (reach * reach - r * r).max(0.0).sqrt() + r * tilt.tan()
 }
@@ -87,8 +87,7 @@ fn net(surface: Manifold, share: f64, tilt: f64, seed: u64) -> (OrientedCloud, f
     (cloud, covering, tilt)
 }
 
-/// Nothing where the complex would pass the default limit: thin webs sampled to a third of their reach ask for gigabytes, and say no more
-/// of the lemma than others.
+/// Nothing where the complex would pass the default limit: thin webs sampled at a third of their reach would need gigabytes.
 fn build(cloud: &OrientedCloud, cylinder: Cylinder, max_scale: f64) -> Option<Complex> {
     let options = Options::default().with_max_scale(max_scale);
     match Complex::build(&cloud.points, &cloud.normals, cylinder, &options) {

@@ -1,4 +1,4 @@
-//! What a cloud looks like, how large its complex will be, how it is thinned, and what that does to its Betti numbers.
+//! Proposals, size estimates and thinning of clouds, and their effect on Betti numbers.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
@@ -118,7 +118,7 @@ fn a_line_and_a_handful_are_no_surface() {
     assert!(propose(&heap, &normals, Orientation::Free).is_err());
 }
 
-/// Noise breaks the strip of boundary vertices along an end of a half torus; the rim is found all the same, and closed surfaces have none.
+/// Noise breaks the strip of boundary vertices along an end of a half torus; the boundary loop is found nevertheless, and closed surfaces have none.
 #[test]
 fn a_half_torus_has_both_its_rims_in_spite_of_noise() {
     for seed in 0..12 {

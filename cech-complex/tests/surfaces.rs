@@ -1,4 +1,4 @@
-//! Surfaces whose topology is known: Betti numbers, kinds of vertices, rims and loops.
+//! Surfaces of known topology: Betti numbers, kinds of vertices, boundary and other loops.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
@@ -88,7 +88,7 @@ fn noise_is_read_through_persistence() {
     }
 }
 
-/// Gaps of chance need larger cylinders: the classes that live through a range of scales are those of the surface.
+/// Random gaps need larger cylinders: the classes that persist over a range of scales are those of the surface.
 #[test]
 fn random_points_are_read_through_persistence() {
     for (i, surface) in [SURFACES[0], SURFACES[6]].iter().enumerate() {
@@ -153,14 +153,14 @@ fn boundary_vertices_are_those_near_the_rim() {
             assert_eq!(
                 *kind,
                 VertexKind::Boundary,
-                "{inward} spacings from the rim"
+                "{inward} spacings from the boundary"
             );
         }
         if inward > 2.5 {
             assert_eq!(
                 *kind,
                 VertexKind::Interior,
-                "{inward} spacings from the rim"
+                "{inward} spacings from the boundary"
             );
         }
     }
@@ -339,7 +339,7 @@ const JUNCTIONS: [Manifold; 3] = [
     Manifold::TJunction { radius: 2.0 },
 ];
 
-/// Points lie on the surface, and its distance grows along their normals as fast as one walks: the normals are exact.
+/// Points lie on the surface, and the distance from it grows along their normals at rate one: the normals are exact.
 #[test]
 fn samples_lie_on_their_surface_and_normals_point_off_it() {
     for surface in SURFACES.into_iter().chain(JUNCTIONS) {
@@ -370,7 +370,7 @@ fn samples_lie_on_their_surface_and_normals_point_off_it() {
     }
 }
 
-/// `Σ n` of a uniform sample of a closed surface is that of chance, and the divergence theorem `∮ x·n = 3 V` gives known volumes: both see a
+/// `Σ n` of a uniform sample of a closed surface is as expected for random points, and the divergence theorem `∮ x·n = 3 V` gives known volumes: both see a
 /// part that is sampled too much or turned inside out.
 #[test]
 fn samples_are_uniform_by_area() {

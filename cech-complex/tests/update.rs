@@ -1,4 +1,4 @@
-//! An updated complex against a fresh one of the same points, to the last bit.
+//! An updated complex against a new one of the same points, bit for bit.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::Manifold;
@@ -31,7 +31,7 @@ fn content(complex: &Complex, name: impl Fn(u32) -> u32) -> Vec<(Vec<u32>, u64)>
         .collect()
 }
 
-/// Holds the updated complex against a fresh build of the points that are there.
+/// Compares the updated complex with a new build of the present points.
 fn assert_fresh(updated: &Complex, options: &Options) {
     let there: Vec<u32> = (0..updated.points().len() as u32)
         .filter(|&v| updated.contains_vertex(v))

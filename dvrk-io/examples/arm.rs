@@ -1,4 +1,4 @@
-//! Drives a PSM over ROS 2, real or served: `cargo run --features ros2 --example arm -- --help`.
+//! Drives a PSM over ROS 2, real or simulated: `cargo run --features ros2 --example arm -- --help`.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -32,13 +32,13 @@ struct Arguments {
     /// An S or Si instead of a Classic
     #[arg(long)]
     si: bool,
-    /// How far, 0 to 20 mm
+    /// Length of the motion, 0 to 20 mm
     #[arg(long, value_name = "D", default_value_t = 5.0, value_parser = within::<0, 20>)]
     millimetres: f64,
     /// Speed, 1 to 50 mm/s
     #[arg(long, value_name = "V", default_value_t = 10.0, value_parser = within::<1, 50>)]
     speed: f64,
-    /// Connect and read, command nothing
+    /// Only connect and read; send no commands
     #[arg(long)]
     read_only: bool,
     #[command(flatten)]
@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     program::run(drive)
 }
 
-/// Where it returns early, as when nobody reads what it says any more, nothing more is sent, and the arm stays where it is.
+/// When it returns early, for example because its output is closed, nothing more is sent and the arm stays where it is.
 fn drive(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let participant = Participant::join(&Network::from_env()?)?;
     let psm = if arguments.si { Psm::Si } else { Psm::Classic };
@@ -108,7 +108,7 @@ fn drive(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Prints what there is, and returns where the tips are.
+/// Prints the feedback, and returns the pose of the tips.
 fn say(
     arm: &Arm,
     words: &mut dyn Write,

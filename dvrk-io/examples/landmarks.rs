@@ -1,4 +1,4 @@
-//! Landmarks between two frames of a painted ball that turns: colour features carried to 3-D, matched, and compared with the truth.
+//! Landmarks between two frames of a painted ball that turns: colour features lifted to 3-D, matched, and compared with the truth.
 //!
 //! ```sh
 //! cargo run --release -p dvrk-io --example landmarks
@@ -41,7 +41,7 @@ fn landmarks(arguments: &Arguments) -> Result<ExitCode, Failure> {
         Isometry3::from_parts(Translation3::new(0.0, 0.0, 0.5), turn)
     };
     let seen = |turn: f64, frame: u64| -> Result<Vec<Feature>, dvrk_io::Error> {
-        // From a camera: GreyImage::from_rgb, Scan::from_depth, and find_object for the mask.
+        // With a camera: GreyImage::from_rgb, Scan::from_depth, and find_object for the mask.
         let seen = picture(Body::Ball, &pose(turn), &paint, frame);
         let surface = Surface {
             scan: &seen.scan,

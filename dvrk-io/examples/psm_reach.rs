@@ -1,7 +1,7 @@
-//! How much of a table top an arm reaches: `cargo run --example psm_reach`.
+//! The part of a table top that an arm can reach: `cargo run --example psm_reach`.
 //!
 //! A grasp from above, jaws along the arm, in steps of 2 cm: `#` within all safety margins, `+` within joint
-//! limits only, `.` out of reach. Below, why the corners are not reached.
+//! limits only, `.` out of reach. Below it, the reasons why the corners are not reached.
 
 use dvrk_io::Psm;
 use dvrk_io::kinematics::{Kinematics, PsmWorkspace, SafetyMargins};
@@ -11,7 +11,7 @@ use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Draws how much of a table top the arms reach, and says why not more
+/// Draws the part of a table top that the arms can reach, and prints why they reach no farther
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "psm_reach",
@@ -34,11 +34,11 @@ fn main() -> ExitCode {
 fn reach(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (mut words, mut arms) = (arguments.output.words(), Vec::new());
     for psm in [Psm::Classic, Psm::Si] {
-        // Seen from a table frame under the remote centre, axes as those of the arm.
+        // In a table frame below the remote centre, with the axes of the arm.
         let table_from_rcm = Isometry3::translation(0.0, 0.0, HEIGHT);
         let safe = PsmWorkspace::new(Kinematics::new(psm), &table_from_rcm)?;
         let bare = safe.with_margins(SafetyMargins::NONE)?;
-        writeln!(words, "{psm:?}, remote centre {HEIGHT} m over the middle")?;
+        writeln!(words, "{psm:?}, remote centre {HEIGHT} m above the centre")?;
         let (mut map, mut places) = (Vec::new(), Vec::new());
         for row in (-9..=9).rev() {
             let line: String = (-13..=13)
@@ -68,7 +68,7 @@ fn reach(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// Tips at (x, y) on the table, approach straight down.
+/// Pose with the tips at (x, y) on the table, approaching straight down.
 fn grasp(x: f64, y: f64) -> Isometry3<f64> {
     let down = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     let quarter = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -std::f64::consts::FRAC_PI_2);

@@ -1,4 +1,4 @@
-//! A PSM without a robot, served over ROS 2: `cargo run --features ros2 --example serve_arm -- --help`.
+//! Serves a simulated PSM over ROS 2: `cargo run --features ros2 --example serve_arm -- --help`.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -19,13 +19,13 @@ use serde_json::json;
 ROS_DOMAIN_ID, ROS_LOCALHOST_ONLY and ROS_AUTOMATIC_DISCOVERY_RANGE are honoured."
 )]
 struct Arguments {
-    /// Name of the arm, the name space of its topics
+    /// Name of the arm, the namespace of its topics
     #[arg(default_value = "PSM1")]
     name: String,
-    /// Behave as the simulators of the dVRK's maintainers do, instead of as a robot
+    /// Behave like the simulators of the dVRK maintainers instead of like a robot
     #[arg(long)]
     simulator: bool,
-    /// Stop after so many seconds [default: run until killed]
+    /// Stop after this many seconds [default: run until killed]
     #[arg(long, value_name = "S", value_parser = seconds)]
     seconds: Option<Duration>,
     #[command(flatten)]
@@ -52,7 +52,7 @@ fn serve(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let options = ServeOptions::default().with_dialect(dialect);
     let arm = KinematicArm::default();
     let mut server = ArmServer::new(&participant, &arguments.name, arm, options)?;
-    // Said at the beginning: who waits for the arm to be there reads it. A client may need the arm when nobody reads any more.
+    // Printed at the beginning for programs that wait for the arm. The output may be closed later while clients still need the arm.
     let (name, domain, status) = (&arguments.name, network.domain(), server.status());
     program::unless_closed(writeln!(
         arguments.output.words(),

@@ -46,7 +46,7 @@ fn session_info(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     let (mut words, mut failed, mut objects) = (arguments.output.words(), false, Vec::new());
     for path in &arguments.recordings {
-        // One that cannot be read does not hide the others.
+        // A recording that cannot be read does not hide the others.
         match Info::read(&reader, path) {
             Ok(info) => {
                 info.print(&mut words)?;
@@ -68,7 +68,7 @@ fn session_info(arguments: &Arguments) -> Result<ExitCode, Failure> {
     })
 }
 
-/// What a recording holds.
+/// The content of a recording.
 struct Info {
     path: PathBuf,
     complete: bool,

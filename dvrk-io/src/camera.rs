@@ -1,13 +1,13 @@
-//! A depth camera on a ROS 2 network: the newest of what it sends, as a [`Scan`] for
+//! A depth camera on a ROS 2 network: its newest frame, as a [`Scan`] for
 //! [`find_object`](crate::depth::find_object).
 //!
 //! ```text
 //! cloud     sensor_msgs/PointCloud2                               6 MB a frame of 300,000 points
-//! depth     sensor_msgs/Image (16UC1, 32FC1) + CameraInfo         0.6 MB for the same: take this where there is the choice
+//! depth     sensor_msgs/Image (16UC1, 32FC1) + CameraInfo         0.6 MB for the same: preferable if available
 //! ```
-//! Frames that nobody asked for are passed over: the next one is the newest one. Cameras offer reliable or best-effort streams; a
-//! reader that asks for *reliable* hears nothing of a best-effort camera, and one that does not loses whole clouds of a reliable
-//! camera when a single packet is lost. So the reader asks for what the camera offers, and changes when another camera takes over.
+//! Frames that were not requested are skipped: the next one is the newest one. Cameras offer reliable or best-effort streams; a
+//! reader that requests *reliable* receives nothing from a best-effort camera, and one that does not loses whole clouds of a reliable
+//! camera when a single packet is lost. The reader therefore requests what the camera offers, and adapts when another camera takes over.
 //!
 //! A cloud comes in thousands of packets: the receive buffers of the system (`net.core.rmem_max` on Linux) should hold one, 8 MB
 //! or more, or clouds are lost.
@@ -21,7 +21,7 @@ use crate::cdr::{CameraInfo, Header, Image, Message, PointCloud2};
 use crate::depth::{LengthUnit, Scan};
 use crate::transport::{Qos, Reader, Transport};
 
-/// How often it is looked whether the camera still offers what the reader asks for.
+/// Interval for checking whether the camera still offers what the reader requests.
 const LOOK_AGAIN: Duration = Duration::from_millis(500);
 
 /// The topics of a camera.
@@ -30,7 +30,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(500);
 pub enum CameraTopics {
     /// A `sensor_msgs/PointCloud2`.
     Cloud(String),
-    /// A depth image and its camera.
+    /// A depth image and its `CameraInfo`.
     Depth {
         /// A `sensor_msgs/Image`.
         image: String,
@@ -39,13 +39,13 @@ pub enum CameraTopics {
     },
 }
 
-/// How a camera is read.
+/// Options for reading a camera.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct CameraOptions {
-    /// The unit of its lengths; nothing: told as [`Scan`] does.
+    /// The unit of its lengths; `None`: determined as by [`Scan`].
     pub unit: Option<LengthUnit>,
-    /// Frames that are older than this are passed over. Default 1 s.
+    /// Older frames are skipped. Default 1 s.
     pub stale: Duration,
 }
 
@@ -75,15 +75,15 @@ impl CameraOptions {
 /// One frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraFrame {
-    /// When it was taken, by the clock of the camera, since the epoch.
+    /// Time at which it was taken, by the clock of the camera, since the epoch.
     pub stamp: Duration,
     /// The frame of its points.
     pub frame: String,
-    /// What was seen, in metres.
+    /// The points, in metres.
     pub scan: Scan,
 }
 
-/// A reader that asks for what is offered.
+/// A reader that requests the offered quality of service.
 struct Follower<M> {
     reader: Reader<M>,
     looked: Duration,
@@ -115,7 +115,7 @@ impl<M: Message> Follower<M> {
     }
 }
 
-/// What to ask of a topic: reliable if all who write it are.
+/// The quality to request of a topic: reliable if all its publishers are.
 fn offered<M: Message>(transport: &dyn Transport, name: &str) -> Option<Qos> {
     let writers = transport.writers(name);
     let mut ours = writers
@@ -144,7 +144,7 @@ pub struct Camera {
     transport: Arc<dyn Transport>,
     options: CameraOptions,
     source: Source,
-    /// What was wrong with the last frame that was not taken.
+    /// Why the last frame was rejected, if it was.
     trouble: Option<Absence>,
 }
 
@@ -157,7 +157,7 @@ impl std::fmt::Debug for Camera {
 }
 
 impl Camera {
-    /// Starts to listen; [`Camera::next_frame`] tells whether there is anything to hear.
+    /// Starts to listen; [`Camera::next_frame`] reports whether anything arrives.
     ///
     /// # Errors
     /// [`Error::Network`].
@@ -185,7 +185,7 @@ impl Camera {
     /// The newest frame since the last one, if one has come.
     ///
     /// # Errors
-    /// A message that contradicts itself: see [`Scan::from_cloud`] and [`Scan::from_depth`].
+    /// An inconsistent message: see [`Scan::from_cloud`] and [`Scan::from_depth`].
     pub fn try_frame(&mut self) -> Result<Option<CameraFrame>, Error> {
         let (transport, unit) = (self.transport.as_ref(), self.options.unit);
         let (header, scan) = match &mut self.source {
@@ -213,7 +213,7 @@ impl Camera {
         Ok(self.dated(header, scan))
     }
 
-    /// Nothing for a frame that is too old.
+    /// `None` for a frame that is too old.
     fn dated(&mut self, header: Header, scan: Scan) -> Option<CameraFrame> {
         let stamp = Duration::from_nanos(header.stamp.nanoseconds());
         let now = self.transport.now();
@@ -248,7 +248,7 @@ impl Camera {
                     streams: self.missing(),
                 });
             }
-            // Not longer than it takes to look for other cameras.
+            // No longer than the interval for checking for other cameras.
             self.transport.wait(end.min(now + LOOK_AGAIN / 2));
         }
     }

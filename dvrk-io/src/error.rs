@@ -1,11 +1,11 @@
-//! What can be wrong with the bytes, files, images and numbers handed to this crate.
+//! Errors in bytes, files, images and numbers given to this crate.
 
 use std::path::PathBuf;
 
 use crate::arm::{ArmStatus, MissingStream, Stop};
 use crate::kinematics::Unreachable;
 
-/// The one error of this crate. Every variant says where and which value.
+/// The error type of this crate. Every variant has the place and the value.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -14,11 +14,11 @@ pub enum Error {
     Io {
         /// The file.
         path: PathBuf,
-        /// What the operating system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
-    /// A write failed before, so that nothing more can be appended.
-    #[error("{path}: nothing can be written behind the write that failed")]
+    /// An earlier write failed, so that nothing more can be appended.
+    #[error("{path}: nothing can be written after a write that failed")]
     Write {
         /// The file.
         path: PathBuf,
@@ -37,17 +37,17 @@ pub enum Error {
         /// What is missing, or what is stored there instead.
         reason: String,
     },
-    /// A topic that was named is in none of the files.
-    #[error("no topic {topic}: there are {available}")]
+    /// The given topic is in none of the files.
+    #[error("there is no topic {topic}; the topics are {available}")]
     NoSuchTopic {
         /// The topic.
         topic: String,
-        /// Every topic there is.
+        /// All topics.
         available: String,
     },
-    /// Text that names no role of a topic.
+    /// Text that is not a role of a topic.
     #[error(
-        "`{text}` is no role: points, features, table, truth, ARM/measured_cp and ARM/jaw/measured_js are"
+        "`{text}` is not a role; roles are points, features, table, truth, ARM/measured_cp, ARM/jaw/measured_js and so on"
     )]
     BadRole {
         /// The text.
@@ -101,7 +101,7 @@ pub enum Error {
         /// What is wrong with it.
         reason: &'static str,
     },
-    /// A string or sequence is longer than CDR can say (2³² − 1).
+    /// A string or sequence is too long for CDR (2³² − 1).
     #[error("CDR field `{field}` has {length} elements, more than fit in 32 bits")]
     TooLong {
         /// The field.
@@ -109,7 +109,7 @@ pub enum Error {
         /// Its length.
         length: usize,
     },
-    /// A point cloud message contradicts itself.
+    /// A point cloud message is inconsistent.
     #[error("point cloud: {reason}")]
     BadCloud {
         /// What does not fit, with the values.
@@ -133,9 +133,9 @@ pub enum Error {
         /// What it must be.
         expected: &'static str,
     },
-    /// The table is where it was in scans of a camera that stands still only.
+    /// The position of the table in scans is fixed only if the camera does not move.
     #[error(
-        "the camera moves: its recording is read as clouds of the object, not as scans of all it saw"
+        "the camera moves: its recording can be read as clouds of the object, but not as scans of everything in view"
     )]
     ScansOfMovingCamera,
     /// A camera that moves was not measured around the time of a cloud.
@@ -143,11 +143,11 @@ pub enum Error {
     NoCameraPose {
         /// Time of the cloud, seconds.
         stamp: f64,
-        /// How far off a pose may be, seconds.
+        /// Largest time difference of a pose, seconds.
         tolerance: f64,
     },
-    /// Something is given in a coordinate frame other than that of the clouds, or, where the camera moves, than that of its poses.
-    #[error("{topic} is in frame `{found}`, expected is `{expected}`")]
+    /// Data are in another coordinate frame than the clouds, or, with a moving camera, than its poses.
+    #[error("{topic} is in frame `{found}` instead of `{expected}`")]
     FrameMismatch {
         /// The topic.
         topic: String,
@@ -156,10 +156,10 @@ pub enum Error {
         /// Frame of the clouds, or of the poses of the camera.
         expected: String,
     },
-    /// An arm cannot have its tip in this pose.
+    /// The tip of an arm cannot reach this pose.
     #[error("unreachable: {0}")]
     Unreachable(#[from] Unreachable),
-    /// A sample of a calibration cannot be used.
+    /// A sample of a calibration is invalid.
     #[error("sample {index}: {source}")]
     BadSample {
         /// Which sample, from 0.
@@ -175,38 +175,38 @@ pub enum Error {
         /// How many are needed.
         needed: usize,
     },
-    /// Samples of a calibration are too much alike: more than one transform fits them.
+    /// Samples of a calibration are too similar: more than one transform fits them.
     #[error(
         "{what} is {value:.4} {unit}, at least {needed:.4} {unit} is needed: vary the poses more"
     )]
     Degenerate {
-        /// What there is too little of.
+        /// The quantity that is too small.
         what: &'static str,
-        /// How much there is, in `unit`.
+        /// Its value, in `unit`.
         value: f64,
-        /// How much is needed, in `unit`.
+        /// The required value, in `unit`.
         needed: f64,
         /// `m` or `rad`.
         unit: &'static str,
     },
-    /// Half of what a camera measured lies nearer than 2 cm or farther than 20 m.
+    /// Half of the measured points are nearer than 2 cm or farther than 20 m.
     #[error(
-        "the median distance is {median:.3} m, taken in {}: no camera of a cell measures that; is it another unit?",
+        "the median distance is {median:.3} m, taken in {}: this is implausible for a camera; check the unit",
         unit.plural()
     )]
     DepthUnit {
-        /// Median distance of what was measured, m.
+        /// Median distance of the measured points, m.
         median: f64,
-        /// The unit that it was taken to be in.
+        /// The assumed unit.
         unit: crate::depth::LengthUnit,
     },
-    /// Distances in the camera are not those at the arm.
+    /// Distances measured by the camera and by the arm differ.
     #[error("distances in the camera are {ratio:.3} times those at the arm: are both in metres?")]
     ScaleMismatch {
         /// Camera over arm, median.
         ratio: f64,
     },
-    /// A reflection fits the samples of a calibration, a rotation does not.
+    /// A reflection fits the samples of a calibration, but no rotation does.
     #[error(
         "camera and arm points are mirror images: an axis has the wrong sign in one of the two frames"
     )]
@@ -220,9 +220,9 @@ pub enum Error {
         samples: usize,
     },
     /// A calibration without a marker cannot be checked with sightings.
-    #[error("this calibration knows no marker: check it with touches")]
+    #[error("this calibration has no marker: check it with touches")]
     NoMarker,
-    /// A calibration file, or a calibration to be written, is not what it should be.
+    /// A calibration file, or a calibration to be written, is invalid.
     #[error("calibration, line {line}, `{key}`: {reason}")]
     BadCalibration {
         /// Line of the file, from 1; 0 if there is no file yet.
@@ -240,29 +240,29 @@ pub enum Error {
         /// The name.
         name: String,
     },
-    /// An image message contradicts itself or its camera.
+    /// An image message is inconsistent in itself or with its camera.
     #[error("image: {reason}")]
     BadImage {
         /// What does not fit, with the values.
         reason: String,
     },
-    /// No plane holds enough of the points to be the table.
+    /// No plane contains enough of the points to be the table.
     #[error("no table in view: the best plane holds {:.0} % of {points} points, {reason}", 100.0 * share)]
     NoTable {
-        /// Points that were looked at.
+        /// Number of points tested.
         points: usize,
         /// Share of them on the best plane.
         share: f64,
         /// Why that is not enough.
         reason: String,
     },
-    /// Nothing is left that could be the object.
+    /// No points are left for the object.
     #[error("no object: {reason}")]
     NoObject {
-        /// What was removed, or how far the seed point is from everything.
+        /// What was removed, or the distance of the seed point from the nearest point.
         reason: String,
     },
-    /// A depth image has another size than it, or the camera, claims.
+    /// A depth image does not have the stated size.
     #[error("{length} depths do not make an image of {width} × {height}")]
     ImageSize {
         /// Columns.
@@ -272,7 +272,7 @@ pub enum Error {
         /// Number of depths.
         length: usize,
     },
-    /// A network setting has a value that it cannot have.
+    /// A network setting is invalid.
     #[error("{what} is `{value}`: {expected}")]
     BadNetwork {
         /// The setting.
@@ -282,12 +282,12 @@ pub enum Error {
         /// What it must be.
         expected: &'static str,
     },
-    /// The network refuses something.
+    /// An operation on the network failed.
     #[error("network, {what}: {reason}")]
     Network {
-        /// What was asked of it.
+        /// The operation.
         what: &'static str,
-        /// What it said.
+        /// The reason.
         reason: String,
     },
     /// A message of a topic cannot be sent or read.
@@ -324,7 +324,7 @@ pub enum Error {
     ArmTimeout {
         /// The arm.
         arm: String,
-        /// What it was to do.
+        /// The operation.
         what: &'static str,
         /// Seconds that were waited.
         waited: f64,
@@ -333,19 +333,19 @@ pub enum Error {
         /// The last error or warning that it reported, if any.
         said: String,
     },
-    /// An arm refuses a command in its state.
+    /// An arm refuses a command in its present state.
     #[error("{arm} refuses `{command}`: {said}")]
     CommandRefused {
         /// The arm.
         arm: String,
         /// The command.
         command: &'static str,
-        /// What it said.
+        /// The reason it gave.
         said: String,
     },
-    /// The pose that an arm reports is not that of its joint values.
+    /// The pose that an arm reports does not agree with its joint values.
     #[error(
-        "the pose that the arm reports is {:.1} mm and {angle:.3} rad from that of its joint values: another instrument, another generation of arm, or other frames",
+        "the pose that the arm reports differs by {:.1} mm and {angle:.3} rad from that of its joint values: check the instrument, the generation of the arm, and the frames",
         1e3 * distance
     )]
     FramesDisagree {
@@ -354,9 +354,9 @@ pub enum Error {
         /// Radians.
         angle: f64,
     },
-    /// The frame in which an arm reports its poses is not where it should be.
+    /// The reference frame of an arm is not where the calibration expects it.
     #[error(
-        "the base frame of the arm is {:.1} mm and {angle:.3} rad from where the calibration has it",
+        "the base frame of the arm is {:.1} mm and {angle:.3} rad from where the calibration expects it",
         1e3 * distance
     )]
     BaseFrame {

@@ -1,4 +1,4 @@
-//! Where the links of a patient-side manipulator (PSM) are, to take them out of a depth image.
+//! The links of a patient-side manipulator (PSM), for removing them from a depth image.
 //!
 //! ```text
 //! shaft    frame 3 (carriage) … frame 4 (wrist pitch axis)

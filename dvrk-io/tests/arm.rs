@@ -1,4 +1,4 @@
-//! An arm driven on the in-process bus: what it does when all is well.
+//! An arm driven on the in-process bus: operation without faults.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -336,8 +336,8 @@ fn hold_stops_a_line_and_a_trajectory() {
     }
 }
 
-/// What an arm reports lags behind what it was sent: after a hold the next line starts where the arm will be, without a jump back, and the
-/// set-points that are still on their way are no divergence.
+/// The reported pose of an arm lags behind its set-points: after a hold the next line starts where the arm will be, without a jump back, and
+/// set-points still in transit are not a divergence.
 #[test]
 fn a_line_goes_on_after_a_hold() {
     for pause in [0.0, 0.01, 0.03, 0.3, 1.0] {

@@ -1,4 +1,4 @@
-//! An arm driven on the in-process bus: every way in which a motion can be kept from its goal, and every reason not to begin.
+//! An arm driven on the in-process bus: all reasons that stop a motion or prevent its start.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

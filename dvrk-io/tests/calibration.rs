@@ -1,4 +1,4 @@
-//! Calibration: planted transforms are found, noise averages out, outliers are named.
+//! Calibration: known transforms are found, noise averages out, outliers are named.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -183,7 +183,7 @@ fn a_hair_is_no_outlier() {
     }
 }
 
-/// Points in a plane, such as those of a board, leave the sign of the third axis to the hand of the frames.
+/// Points in a plane, such as those of a board, determine the third axis only by the handedness of the frames.
 #[test]
 fn points_in_a_plane() {
     let mut random = ChaCha8Rng::seed_from_u64(21);
@@ -203,7 +203,7 @@ fn points_in_a_plane() {
     }
 }
 
-/// Normal noise alone names nobody.
+/// Gaussian noise alone gives no outliers.
 #[test]
 fn clean_samples_have_no_outliers() {
     let mut random = ChaCha8Rng::seed_from_u64(19);

@@ -1,4 +1,4 @@
-//! Calibration: files come back to the bit, bad files are named, and a check tells whether it still holds.
+//! Calibration: files survive a round trip bit for bit, errors name invalid files, and a check tells whether a calibration is still valid.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! Closes the surface of points: reads a cloud in metres (PLY, PCD, XYZ …; normals are estimated where there are none), writes a closed mesh.
+//! Closes the surface of a point cloud: reads a cloud in metres (PLY, PCD, XYZ …; missing normals are estimated), writes a closed mesh.
 //!
 //! ```text
 //! cargo run --release -p explore-loop --example close_surface -- points.ply closed.ply 0.005
@@ -12,14 +12,14 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Closes the surface that points were sampled from
+/// Closes the surface from which points were sampled
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "close_surface",
     after_help = "Example: close_surface points.ply closed.ply 0.005"
 )]
 struct Arguments {
-    /// Cloud, m (PLY, PCD, XYZ, NPY, …); normals are estimated where there are none
+    /// Cloud, m (PLY, PCD, XYZ, NPY, …); missing normals are estimated
     points: PathBuf,
     /// The closed mesh
     closed: PathBuf,

@@ -1,12 +1,12 @@
-//! Recorded sessions through both reconstructions, this crate's and the DynamicFusion-style baseline, measured alike.
+//! Runs recorded sessions through both reconstructions, this crate's and the DynamicFusion-style baseline, with the same measures.
 //!
 //! ```sh
 //! cargo run --release -p explore-loop --example compare_baseline -- SESSION.mcap...
 //! cargo run --release -p explore-loop --example compare_baseline -- --sweep SESSION.mcap...
 //! ```
-//! Prints Markdown: a row a session, mm; an improvement is `1 − ours / baseline`. With `--sweep` the baseline alone, with other settings one at a
-//! time, means over the sessions; `--try NAME=VALUE,...` adds a row of one's own to it, and `--set NAME=VALUE,...` changes the settings that all
-//! begin from (lengths in mm).
+//! Prints Markdown: one row per session, mm; an improvement is `1 − ours / baseline`. With `--sweep` it runs the baseline only, varying one setting at
+//! a time, and prints means over the sessions; `--try NAME=VALUE,...` adds a row with given settings, and `--set NAME=VALUE,...` changes the base
+//! settings (lengths in mm).
 use dvrk_io::session::TruthFrame;
 use explore_loop::baseline::{Association, DynamicFusion, DynamicFusionOptions};
 use explore_loop::canonical::{surface, topology};
@@ -23,7 +23,7 @@ use std::process::ExitCode;
 /// Spacing of both models, m.
 const SPACING: f64 = 0.005;
 
-/// Takes recorded sessions through both reconstructions, this crate's and the DynamicFusion-style baseline, and measures them alike
+/// Runs recorded sessions through this crate's reconstruction and the DynamicFusion-style baseline, and compares their errors
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "compare_baseline",
@@ -32,16 +32,16 @@ const SPACING: f64 = 0.005;
 Prints Markdown, mean / 95 % in mm; an improvement is 1 - ours / baseline. Some minutes a session."
 )]
 struct Arguments {
-    /// Recordings with the truth
+    /// Recordings with ground truth
     #[arg(required = true, value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
-    /// The baseline alone, with other settings one at a time; means over the sessions
+    /// Run the baseline only, varying one setting at a time; means over the sessions
     #[arg(long)]
     sweep: bool,
     /// One more row of the sweep: settings of the baseline, lengths in mm
     #[arg(long = "try", value_name = "NAME=VALUE,...")]
     tried: Vec<String>,
-    /// Settings that all begin from
+    /// Base settings
     #[arg(long, value_name = "NAME=VALUE,...")]
     set: Option<String>,
     #[command(flatten)]
@@ -122,14 +122,14 @@ fn set_one(options: &mut DynamicFusionOptions, name: &str, value: &str) -> Resul
     Ok(())
 }
 
-/// A recording and its truth.
+/// A recording and its ground truth.
 struct Session {
     path: PathBuf,
     truth: Vec<TruthFrame>,
     rest: TrueSurface,
 }
 
-/// What was measured of a reconstruction of a session.
+/// Measures of a reconstruction of a session.
 struct Outcome {
     accuracy: Spread,
     completeness: Spread,
@@ -314,7 +314,7 @@ fn compare(
     Ok(json!({ "sessions": rows }))
 }
 
-/// The settings that are tried one at a time.
+/// The settings of the sweep.
 const TRIED: [&str; 19] = [
     "voxel=3",
     "voxel=5",
@@ -337,7 +337,7 @@ const TRIED: [&str; 19] = [
     "grip_radius=10",
 ];
 
-/// The baseline with other settings.
+/// The baseline with varied settings.
 fn sweep(
     words: &mut dyn Write,
     sessions: &[Session],
@@ -393,7 +393,7 @@ fn row(
     }))
 }
 
-/// Mean and 95 %, mm.
+/// Mean and 95th percentile, mm.
 fn both(spread: &Spread) -> String {
     format!("{:.2} / {:.2}", 1e3 * spread.mean, 1e3 * spread.p95)
 }

@@ -1,4 +1,4 @@
-//! A pipeline of one's own, for rigid objects: the arms alone say where the object is, and grips are drawn at random.
+//! A custom pipeline for rigid objects: the poses of the tips give the motion of the object, and grips are drawn at random.
 //!
 //! ```sh
 //! cargo run --release -p explore-loop --example custom_pipeline
@@ -20,7 +20,7 @@ use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Explores a rigid egg with a pipeline of one's own
+/// Explores a rigid egg with a custom pipeline
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "custom_pipeline",
@@ -31,7 +31,7 @@ struct Arguments {
     output: Output,
 }
 
-/// What an arm holds moves as its tip does; points that no vertex is near enter the model.
+/// The object moves with the tip that holds it; points without a near vertex enter the model.
 #[derive(Default)]
 struct ByArms {
     model: CanonicalModel,
@@ -70,10 +70,10 @@ impl Reconstruct for ByArms {
     }
 }
 
-/// How it ended, manipulations, and the share of the egg that was shown.
+/// The reason for the stop, the number of manipulations, and the share of the egg that was shown.
 ///
 /// # Errors
-/// What stops the exploration.
+/// Failures of the exploration.
 pub fn explored() -> Result<(&'static str, usize, f64), Error> {
     let mut cell = egg::EggCell::new(0);
     let mut planner = RandomPlanner::new(0);

@@ -1,4 +1,4 @@
-//! A simulated ellipsoid explored while things go wrong: what the loop notices and what it makes of it.
+//! Explores a simulated ellipsoid with faults, and prints what the loop notices and how it reacts.
 //!
 //! ```text
 //! cargo run --release -p explore-loop --example faulty_cell -- blind
@@ -15,11 +15,11 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Explores an ellipsoid while things go wrong
+/// Explores an ellipsoid with simulated faults
 #[derive(Debug, clap::Parser)]
 #[command(name = "faulty_cell", after_help = "Example: faulty_cell blind")]
 struct Arguments {
-    /// What goes wrong while the object is held
+    /// Fault while the object is held
     #[arg(value_enum, default_value_t = Wrong::Slip)]
     wrong: Wrong,
     #[command(flatten)]
@@ -39,7 +39,7 @@ enum Wrong {
 }
 
 impl Wrong {
-    /// What it is, and for how many frames.
+    /// The fault, and its duration in frames.
     fn fault(self) -> (FaultKind, usize) {
         match self {
             Self::Slip => (FaultKind::Slip { arm: 1 }, 1),
@@ -50,12 +50,12 @@ impl Wrong {
     }
 }
 
-/// Prints what happens, with the stamp of the frame before.
+/// Prints events with the stamp of the preceding frame.
 struct Printer {
     words: Box<dyn Write>,
     stamp: f64,
     events: Vec<Value>,
-    /// What could not be written.
+    /// Write errors.
     written: std::io::Result<()>,
 }
 

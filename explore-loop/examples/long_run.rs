@@ -1,10 +1,10 @@
-//! Ten thousand frames of a small object that is turned again and again: memory and the time of a frame stay what they are.
+//! Ten thousand frames of a small object that is turned again and again: memory and frame time must stay constant.
 //!
 //! ```sh
 //! cargo run --release -p explore-loop --example long_run -- 10000
 //! ```
-//! prints a line every thousand frames: vertices of the model, time of a frame (median, 95 %), memory that the program holds. It fails when memory
-//! goes over 600 MB or the median time of the last thousand frames is more than half above that of the second thousand.
+//! prints a line every thousand frames: vertices of the model, frame time (median, 95th percentile), memory of the program. It fails if the memory
+//! exceeds 600 MB or the median time of the last thousand frames is more than 1.5 times that of the second thousand.
 #![allow(dead_code, reason = "the egg has more than is needed here")]
 
 #[path = "own_robot/egg.rs"]
@@ -19,7 +19,7 @@ use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Turns a small object again and again: memory and the time of a frame must stay what they are
+/// Turns a small object again and again: memory and frame time must stay constant
 #[derive(Debug, clap::Parser)]
 #[command(name = "long_run", after_help = "Example: long_run 10000")]
 struct Arguments {
@@ -30,9 +30,9 @@ struct Arguments {
     output: Output,
 }
 
-/// Frames of a turn: reach, grip, lift and turn, let go.
+/// Frames of a cycle: reach, grip, lift and turn, release.
 const CYCLE: usize = 80;
-/// Most memory, MB, and how much slower frames may become.
+/// Largest memory, MB, and largest increase of the frame time.
 const MEMORY: f64 = 600.0;
 const SLOWER: f64 = 1.5;
 
@@ -95,7 +95,7 @@ fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
 }
 
-/// What the first arm does at a step of the cycle.
+/// The command to the first arm at a step of the cycle.
 fn act(cell: &mut egg::EggCell, step: usize) -> Result<(), Failure> {
     let camera_from_egg = cell.camera_from_egg;
     let axis = camera_from_egg * Vector3::x();
@@ -121,7 +121,7 @@ fn act(cell: &mut egg::EggCell, step: usize) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Memory that the program holds, MB, where the system tells.
+/// Memory of the program, MB, if the system provides it.
 fn memory() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;

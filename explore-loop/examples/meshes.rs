@@ -1,4 +1,4 @@
-//! Writes one of the built-in scenes as a closed mesh to try `explore run --mesh` with, at any size.
+//! Writes a built-in scene as a closed mesh of any size, to try `explore run --mesh`.
 //!
 //! ```text
 //! cargo run --release -p explore-loop --example meshes -- tube tube.obj

@@ -1,10 +1,10 @@
-//! Where the tracking of recorded sessions errs: seen and hidden vertices, phase by phase, against the recorded truth.
+//! Tracking errors of recorded sessions: seen and hidden vertices, phase by phase, against the recorded ground truth.
 //!
 //! ```sh
 //! cargo run --release -p explore-loop --example tracking_error -- SESSION.mcap...
 //! ```
-//! For every session a line a phase (R at rest, H held), mm: distance of the seen vertices from the true surface along the normal, how far
-//! they have slid along it, and the error of the hidden ones; then frame times.
+//! Prints for every session a line per phase (R at rest, H held), mm: distance of the seen vertices from the true surface along the normal, their
+//! sliding along it, and the error of the hidden ones; then frame times.
 #![allow(clippy::print_stdout)]
 
 use explore_loop::cell::replay::ReplayCell;
@@ -17,14 +17,14 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Says phase by phase how far tracked vertices are from the recorded truth
+/// Prints the errors of tracked vertices against the recorded ground truth, phase by phase
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "tracking_error",
     after_help = "Example: tracking_error session.mcap"
 )]
 struct Arguments {
-    /// Recordings with the truth (MCAP)
+    /// Recordings with ground truth (MCAP)
     #[arg(required = true, value_name = "SESSION.mcap")]
     sessions: Vec<PathBuf>,
     #[command(flatten)]
@@ -55,7 +55,7 @@ fn tracking_error(arguments: &Arguments) -> Result<ExitCode, Failure> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// What a recording tells.
+/// Result of a recording.
 struct Session {
     phases: Vec<Phase>,
     median_ms: f64,
@@ -104,7 +104,7 @@ impl Mean {
 impl Phase {
     fn words(&self) -> String {
         format!(
-            "{}, {} frames: seen {:.2} off the surface, {:.2} from their material; hidden {:.2}",
+            "{}, {} frames: seen {:.2} off the surface, {:.2} sliding; hidden {:.2}",
             self.name,
             self.frames,
             self.seen.mm(),

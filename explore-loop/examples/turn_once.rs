@@ -1,10 +1,10 @@
-//! Two arms take an object by one side, turn it over once, and let go; the session is recorded with the truth.
+//! Two arms grip an object on one side, turn it over once, and release it; the session is recorded with ground truth.
 //!
 //! ```text
 //! cargo run --release -p explore-loop --example turn_once -- cap cap.mcap --seed 1
 //! cargo run --release --bin explore -- replay cap.mcap
 //! ```
-//! Nothing is planned: the same script turns every scene over, however the reconstruction fares, so that two reconstructions can be
+//! Nothing is planned: the same script turns every scene over, independently of the reconstruction, so that two reconstructions can be
 //! compared on the same frames.
 #![allow(clippy::cast_sign_loss, reason = "pixels are clamped from 0")]
 
@@ -20,20 +20,20 @@ use mesh_io::program::{self, Failure as Error, Output, not_negative, positive};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use serde_json::json;
 
-/// Distance of each grip from the middle, half lengths of the object.
+/// Distance of each grip from the middle, in half lengths of the object.
 const SPREAD: f64 = 0.45;
-/// The tips stop turning here, so that the shafts stay above the table.
+/// Rotation at which the tips stop rotating, so that the shafts stay above the table.
 const LAST_TURN_DEG: f64 = 140.0;
-/// The tips go no lower than this, metres: what a jaw holds is up to 9 mm to either side of it.
+/// Smallest height of the tips, metres: the part in a jaw is up to 9 mm to either side of it.
 const LOWEST: f64 = 0.012;
-/// Straight pieces of the half circle.
+/// Number of straight pieces of the half circle.
 const STEPS: u32 = 60;
-/// Frames of looking before the grips and after, the arms away.
+/// Number of frames observed before and after the grips, with the arms away.
 const LOOK: usize = 10;
-/// Frames for what was let go to come to rest.
+/// Number of frames for the released object to come to rest.
 const REST: usize = 15;
 
-/// Takes an object by one side, turns it over once, lets go, and records it with the truth
+/// Grips an object on one side, turns it over once, releases it, and records the session with ground truth
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "turn_once",
@@ -55,7 +55,7 @@ struct Arguments {
     /// Standard deviation of the depth noise, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
-    /// Radius of the arc on which the grips travel, half widths of the object
+    /// Radius of the arc of the grips, in half widths of the object
     #[arg(long, value_name = "HALF_WIDTHS", default_value_t = 1.4, value_parser = positive)]
     arc: f64,
     /// Folder for a picture (PPM) every second
@@ -135,8 +135,8 @@ struct Turn {
 impl Turn {
     /// Grips the long side that faces the third arm, swings it over the far side, and lays it down beyond.
     ///
-    /// The tips run on a half circle about a line on the table, `arc` half widths beyond the grips, and turn with it
-    /// until the shafts are about to point up from below; the rest of the way they only go down.
+    /// The tips follow a half circle about a line on the table, `arc` half widths beyond the grips, and rotate with it
+    /// until the shafts would nearly point up from below; for the rest of the way they only descend.
     fn turn_over(&mut self, speed: f64, arc: f64) -> Result<(), Error> {
         let table = self.cell.info().table;
         let up = table.normal.into_inner();
@@ -168,7 +168,7 @@ impl Turn {
         self.let_go(up)
     }
 
-    /// Opens the jaws, backs out, rises and goes home, watched all the way.
+    /// Opens the jaws, retreats, rises and returns home, recording all frames.
     fn let_go(&mut self, up: Vector3<f64>) -> Result<(), Error> {
         let last = self.watch(1)?;
         for arm in 0..2 {
@@ -190,7 +190,7 @@ impl Turn {
         self.wait()
     }
 
-    /// Brings two open jaws over the rim, from the side and a little from above; returns the poses of the tips.
+    /// Moves two open jaws over the rim, from the side and a little from above; returns the poses of the tips.
     fn reach(&mut self, object: &Footprint) -> Result<Vec<Isometry3<f64>>, Error> {
         let table = self.cell.info().table;
         let up = table.normal.into_inner();
@@ -247,7 +247,7 @@ impl Turn {
         Ok(observation)
     }
 
-    /// Share of the vertices that were seen; they are spread evenly.
+    /// Share of the vertices that were seen; they are evenly spread.
     fn share(&self) -> f64 {
         self.seen.iter().filter(|&&s| s).count() as f64 / self.seen.len() as f64
     }
@@ -350,7 +350,7 @@ fn picture(path: &Path, truth: &Truth, observation: &Observation) -> Result<(), 
         pixels: vec![[245; 3]; Image::WIDTH * Image::HEIGHT],
         depth: vec![f64::INFINITY; Image::WIDTH * Image::HEIGHT],
     };
-    // A millimetre is a pixel.
+    // One pixel per millimetre.
     let above = |p: &Point3<f64>| Point3::new(280.0 + 1000.0 * p.x, 210.0 + 1000.0 * p.y, p.z);
     let aside =
         |p: &Point3<f64>| Point3::new(280.0 + 1000.0 * p.x, 660.0 - 1000.0 * (0.55 - p.z), -p.y);

@@ -1,11 +1,11 @@
-//! A file from which a run that was broken off goes on.
+//! A file from which an interrupted run is resumed.
 //!
 //! ```text
 //! EXPLORER   version   length of the content   blocks: up to 65,536 bytes of the content, then their CRC-32
 //! 8 bytes    u32       u64                                                            u32          (little endian)
 //! ```
-//! A checkpoint is written beside the last one and then renamed: at any moment there is a whole one, or none yet. The version changes with the content,
-//! and a checkpoint of another version is refused. Every block has its checksum, so that an error names the bytes that are damaged.
+//! A checkpoint is written beside the previous one and then renamed: at any moment there is a whole one, or none yet. The version changes with the
+//! content, and a checkpoint of another version is rejected. Every block has a checksum, so that an error names the damaged bytes.
 
 use crate::Error;
 use serde::Serialize;
@@ -14,14 +14,14 @@ use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 
-/// The version that this program writes and reads.
+/// The version that is written and read.
 pub const VERSION: u32 = 6;
 
 const MAGIC: &[u8; 8] = b"EXPLORER";
 const HEAD: usize = 20;
 const BLOCK: usize = 65_536;
 
-/// What is wrong with a checkpoint.
+/// Why a checkpoint was rejected.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
@@ -31,42 +31,42 @@ pub enum CheckpointError {
     /// It is another kind of file.
     #[error("byte {byte}: this is not a checkpoint")]
     Foreign {
-        /// Where it differs first.
+        /// First byte that differs.
         byte: usize,
     },
-    /// Another version of the program wrote it.
+    /// It was written by another version of the program.
     #[error(
-        "byte 8: a checkpoint of version {found}; this program goes on from version {VERSION} only"
+        "byte 8: a checkpoint of version {found}; this program resumes only from version {VERSION}"
     )]
     Version {
-        /// The version it names.
+        /// Its version.
         found: u32,
     },
-    /// It ends too early, or goes on for too long.
-    #[error("byte {found}: the checkpoint ends here, {expected} bytes belong to it")]
+    /// It is too short or too long.
+    #[error("byte {found}: the checkpoint ends here, but should have {expected} bytes")]
     Length {
-        /// Bytes there are.
+        /// Its length, bytes.
         found: usize,
-        /// Bytes there should be.
+        /// The expected length, bytes.
         expected: u64,
     },
     /// A block does not match its checksum.
-    #[error("bytes {from} to {to}: damaged, the checksum is another")]
+    #[error("bytes {from} to {to}: damaged: the checksum does not match")]
     Damaged {
         /// First byte of the block.
         from: usize,
         /// Last byte of the block.
         to: usize,
     },
-    /// The content is not what this program writes.
+    /// The content is not in the form that this program writes.
     #[error("byte {HEAD}: the content cannot be read: {reason}")]
     Content {
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }
 
-/// Writes a checkpoint: whole or, on an error, not at all, and what was there stays.
+/// Writes a checkpoint atomically: on an error, the previous file stays.
 ///
 /// # Errors
 /// [`Error::Write`] with the file; [`Error::Resume`] when the content cannot be serialised.
@@ -98,7 +98,7 @@ pub fn write(path: &Path, content: &impl Serialize) -> Result<(), Error> {
 /// Reads a checkpoint.
 ///
 /// # Errors
-/// [`Error::Checkpoint`] with the file and the byte at which it is no whole checkpoint of this version.
+/// [`Error::Checkpoint`] with the file and the byte at which it is not a complete checkpoint of this version.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     std::fs::read(path)
         .map_err(CheckpointError::from)

@@ -1,4 +1,4 @@
-//! What can go wrong in an exploration.
+//! Errors of an exploration.
 
 use crate::canonical::closed_surface::ClosedSurfaceError;
 use crate::cell::CellError;
@@ -6,11 +6,11 @@ use crate::checkpoint::CheckpointError;
 use crate::measure::MeasureError;
 use std::path::PathBuf;
 
-/// Why an exploration or a reconstruction could not go on.
+/// Why an exploration or a reconstruction cannot continue.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// The spacing is not a length.
+    /// The spacing is not positive and finite.
     #[error("the spacing must be a positive length, not {spacing} m")]
     BadSpacing {
         /// The value given, metres.
@@ -19,20 +19,20 @@ pub enum Error {
     /// A setting is out of its range.
     #[error("the setting {name} must be {needed}, not {value}")]
     BadSetting {
-        /// Which.
+        /// Its name.
         name: &'static str,
-        /// What it may be.
+        /// The condition on it.
         needed: &'static str,
         /// The value given.
         value: f64,
     },
-    /// A camera that moves, and a reconstruction that needs one that stands still.
-    #[error("{reconstruction} needs a camera that stands still")]
+    /// The camera moves, but the reconstruction requires a fixed one.
+    #[error("{reconstruction} needs a camera that does not move")]
     CameraMoves {
-        /// Which reconstruction.
+        /// The reconstruction.
         reconstruction: &'static str,
     },
-    /// The camera saw (almost) nothing where the object should be.
+    /// The camera sees almost no points of the object.
     #[error("the camera sees {points} points of the object; at least {needed} are needed to begin")]
     NothingToSee {
         /// Points seen.
@@ -40,25 +40,25 @@ pub enum Error {
         /// Points needed.
         needed: usize,
     },
-    /// Registration refused its input.
+    /// Registration rejected its input.
     #[error("registration: {0}")]
     Register(#[from] nonrigid_reg::Error),
-    /// The filter refused its input.
+    /// The filter rejected its input.
     #[error("filter: {0}")]
     Filter(#[from] topo_ekf::Error),
     /// The complex could not be built.
     #[error("topology: {0}")]
     Complex(#[from] cech_complex::Error),
-    /// The planner refused its input.
+    /// The planner rejected its input.
     #[error("planning: {0}")]
     Plan(#[from] grip_planner::Refusal),
-    /// No closed surface could be drawn.
+    /// No closed surface could be computed.
     #[error("surface: {0}")]
     Surface(#[from] ClosedSurfaceError),
-    /// The world failed.
+    /// The cell failed.
     #[error(transparent)]
     Cell(#[from] CellError),
-    /// The ground truth is unusable.
+    /// The ground truth cannot be used.
     #[error(transparent)]
     Measure(#[from] MeasureError),
     /// A session could not be read or written.
@@ -68,13 +68,13 @@ pub enum Error {
     #[cfg(feature = "rerun")]
     #[error("live view: {reason}")]
     LiveView {
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// A run cannot go on from what was saved of it.
+    /// A run cannot be resumed.
     #[error("cannot resume: {reason}")]
     Resume {
-        /// Why not.
+        /// The reason.
         reason: String,
     },
     /// A checkpoint cannot be used.
@@ -82,10 +82,10 @@ pub enum Error {
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The reason.
         source: CheckpointError,
     },
-    /// Somebody asked the program to stop.
+    /// The program was asked to stop.
     #[error("interrupted")]
     Interrupted,
     /// A file could not be written.
@@ -93,7 +93,7 @@ pub enum Error {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the operating system.
         source: std::io::Error,
     },
 }

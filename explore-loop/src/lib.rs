@@ -1,18 +1,19 @@
-//! Robots explore unknown soft objects.
+//! Robotic exploration of unknown soft objects.
 //!
-//! One fixed depth camera looks at an object on a table; two or three arms grip it, turn it over, until its whole surface has
-//! been seen and its topology is that of a solid body.
+//! A depth camera observes an object on a table; two or three arms grip it and turn it over until its whole surface has been seen and its
+//! topology is that of a solid body. The method follows the paper on topology-aware robotic exploration of unknown soft objects, *The International
+//! Journal of Robotics Research*, DOI [10.1177/02783649251415415](https://doi.org/10.1177/02783649251415415), called *the paper* in this crate.
 //!
 //! | step of the method | module |
 //! |---|---|
-//! | a world: camera, table, arms (simulated, recorded, real) | [`cell`] |
-//! | the elastic body from frame to frame, growth, re-fusion | [`reconstruct`] |
-//! | what it is compared with: a volume fused through a warp field | [`baseline`] |
+//! | the cell: camera, table, arms (simulated, recorded or real) | [`cell`] |
+//! | registration of the elastic body in each frame, growth, re-fusion | [`reconstruct`] |
+//! | the baseline: a volume fused through a warp field | [`baseline`] |
 //! | the model: cut, topology, mesh | [`canonical`] |
-//! | what the camera can see of it | [`visibility`] |
+//! | visibility from the camera | [`visibility`] |
 //! | grips and motions | [`plan`] |
 //! | the loop as a state machine | [`explore`] |
-//! | a run that was broken off goes on | [`checkpoint`] |
+//! | checkpoints of an interrupted run | [`checkpoint`] |
 //! | measures against a ground truth | [`measure`] |
 //! | files and pictures | [`report`] |
 //! | meshes and clouds in and out (the crate `mesh-io`) | [`mesh`] |
@@ -21,7 +22,7 @@
 //! observation. The same input gives the same bits.
 //!
 //! # Example
-//! The first looks at an ellipsoid in the simulated cell:
+//! The first frames of an ellipsoid in the simulated cell:
 //! ```
 //! # #[cfg(feature = "sim")] {
 //! use explore_loop::canonical::topology;

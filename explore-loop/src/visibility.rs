@@ -1,11 +1,11 @@
-//! What the camera can see of the model.
+//! Visibility of the model from the camera.
 //!
-//! In its own frame the camera sits at the origin and looks along +z, so a point is seen along the ray `(x/z, y/z)`. The cloud
-//! of a frame, binned by ray, is a depth image without needing the camera's intrinsics:
+//! In its own frame the camera is at the origin and looks along +z, so a point is seen along the ray `(x/z, y/z)`. The cloud of a
+//! frame, binned by ray, is a depth image that does not need the camera's intrinsics:
 //!
 //! ```text
-//! depth(x)  > cloud + behind   → hidden behind something
-//! depth(x)  < cloud − front    → contradicted: the camera looks through it
+//! depth(x)  > cloud + behind   → occluded by something
+//! depth(x)  < cloud − front    → contradicted: the camera sees through it
 //! otherwise                    → supported, when its normal faces the camera
 //! ```
 
@@ -13,7 +13,7 @@ use crate::canonical::CanonicalModel;
 use crate::cell::Observation;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
-/// A depth image made of a cloud: nearest depth per ray bin.
+/// A depth image computed from a cloud: the nearest depth in each bin of rays.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct DepthGrid {
     camera_from_fixed: Isometry3<f64>,
@@ -23,7 +23,7 @@ pub struct DepthGrid {
     nearest: Vec<f64>,
 }
 
-/// What the depth image says about a point.
+/// What the depth image implies for a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sight {
     /// The cloud passes near the point.
@@ -33,7 +33,7 @@ pub enum Sight {
     },
     /// The cloud lies in front of it.
     Occluded,
-    /// The cloud lies behind it: the camera looks through the point.
+    /// The cloud lies behind it: the camera sees through the point.
     Contradicted,
     /// Nothing was seen along this ray.
     NoData,
@@ -58,7 +58,7 @@ impl DepthGrid {
         let low = [0, 1].map(|k| cells.iter().map(|c| c[k]).min().unwrap_or(0));
         let high = [0, 1].map(|k| cells.iter().map(|c| c[k]).max().unwrap_or(0));
         let size = [0, 1].map(|k| (high[k] - low[k] + 1) as usize);
-        // A stray point far away must not allocate a gigapixel image.
+        // An outlier far away must not allocate a gigapixel image.
         if size[0].saturating_mul(size[1]) > 16_000_000 {
             return None;
         }
@@ -76,7 +76,7 @@ impl DepthGrid {
         })
     }
 
-    /// Where the camera was.
+    /// Position of the camera.
     pub fn eye(&self) -> Point3<f64> {
         self.camera_from_fixed.inverse().translation.vector.into()
     }
@@ -87,7 +87,7 @@ impl DepthGrid {
         self.depth(&own).map(|depth| own.z - depth)
     }
 
-    /// The cloud's depth at the ray of a point in the frame of the camera: the bin's own, or the mean of the bins around it.
+    /// The cloud's depth along the ray of a point in the frame of the camera: that of its bin, or the mean of the adjacent bins.
     fn depth(&self, point: &Point3<f64>) -> Option<f64> {
         if point.z <= 1e-6 {
             return None;
@@ -109,7 +109,7 @@ impl DepthGrid {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// Judges `point`: supported when it lies at most `front` before and `back` behind the cloud, metres.
+    /// Classifies `point`: supported when it is at most `front` in front of and `back` behind the cloud, metres.
     pub fn sight(&self, point: &Point3<f64>, front: f64, back: f64) -> Sight {
         match self.behind(point) {
             None => Sight::NoData,
@@ -119,8 +119,8 @@ impl DepthGrid {
         }
     }
 
-    /// A point of the seen silhouette near `point` in the image, at the depth of `point`; `None` when none lies within
-    /// about `most` metres of it. Bins are searched in square rings and the best of the first ring that has any answers, so
+    /// A point of the seen silhouette near `point` in the image, at the depth of `point`; `None` if there is none within about
+    /// `most` metres. Bins are searched in square rings, and the best of the first non-empty ring is returned, so
     /// the true nearest may be closer by up to a factor of √2.
     pub fn nearest_seen(&self, point: &Point3<f64>, most: f64) -> Option<Point3<f64>> {
         let point = self.camera_from_fixed * point;

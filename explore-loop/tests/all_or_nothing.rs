@@ -1,4 +1,4 @@
-//! A frame that fails leaves the model as it was before it: what comes after is the same, to the bit, as if it had never come.
+//! A frame that fails leaves the model as it was before it: the following results are bit for bit as if it had not arrived.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! The baseline follows motions that are known.
+//! The baseline follows known motions.
 
 #![allow(clippy::print_stdout, reason = "the figures that the docs name")]
 
@@ -87,7 +87,7 @@ fn table() -> Plane {
     }
 }
 
-/// Mean and largest distance of the vertices from where the material went that they lay on at rest.
+/// Mean and largest distance of the vertices from the true positions of their material points.
 fn error(
     fusion: &DynamicFusion,
     motion: impl Fn(&Point3<f64>) -> Point3<f64>,
@@ -131,7 +131,7 @@ fn a_rigid_motion_is_followed() -> Tested {
     Ok(())
 }
 
-/// Depth of the plane that a bend does not stretch, m: about that of the surface seen, whose stretch along itself no depth map shows.
+/// Depth of the plane that a bend does not stretch, m: about that of the visible surface, whose stretch along itself a depth map does not show.
 const NEUTRAL: f64 = CENTRE[2] - 0.025;
 
 /// Follows a bend about the y axis to a radius of 330 mm over 20 frames, in which the ends go 12 mm: mean and largest error of the vertices seen.
@@ -170,7 +170,7 @@ fn bend_error(options: DynamicFusionOptions) -> Result<[f64; 2], explore_loop::E
     Ok(found)
 }
 
-/// The defaults are for objects that are turned over whole. Such a field is stiff for a bend, and follows it late.
+/// The defaults are for objects that are turned over as a whole. With them the field is too stiff for a bend and follows it late.
 #[test]
 fn a_gentle_bend_is_followed_late() -> Tested {
     let [mean, worst] = bend_error(DynamicFusionOptions::new(0.005))?;
@@ -178,8 +178,8 @@ fn a_gentle_bend_is_followed_late() -> Tested {
     Ok(())
 }
 
-/// With settings that are not the defaults (rigidity 0.2, not 0.5; nodes 40 mm apart, not 30) the same bend is followed: it is stiffness that holds
-/// the field back, not a fault of its motion.
+/// With settings that are not the defaults (rigidity 0.2, not 0.5; nodes 40 mm apart, not 30) the same bend is followed: the cause is the stiffness, not
+/// an error of the method.
 #[test]
 fn a_softer_field_follows_a_gentle_bend() -> Tested {
     let default = DynamicFusionOptions::new(0.005);
@@ -210,7 +210,7 @@ fn it_is_deterministic() -> Tested {
     Ok(())
 }
 
-/// Frames that show next to nothing leave everything as it was; settings that are no lengths are refused.
+/// Frames that show next to nothing change nothing; settings that are not lengths are rejected.
 #[test]
 fn what_cannot_be_used_is_said() -> Tested {
     let mut fusion = DynamicFusion::new(DynamicFusionOptions::new(0.005))?;

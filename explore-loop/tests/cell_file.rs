@@ -1,4 +1,4 @@
-//! Files that describe a cell: what is wrong in one is named with its line, and nothing that anybody can write into one panics.
+//! Files that describe a cell: errors name the line, and no content causes a panic.
 //!
 //! `PROPTEST_CASES=1000000 cargo test --release -p explore-loop --test cell_file` tries a million damaged files and a million random ones.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
@@ -72,7 +72,7 @@ fn the_network_is_that_of_the_file() {
     assert_eq!(*two.interfaces(), Interfaces::Only(addresses.to_vec()));
 }
 
-/// What is read is whole: everything that is made of it can be made.
+/// A file that is accepted is complete: everything can be constructed from it.
 fn is_whole(file: &CellFile) {
     file.network().unwrap_or_default();
     let options = file.scan_options().unwrap();

@@ -222,7 +222,7 @@ fn close(points: &Points, normals: &Normals) -> Result<ClosedSurface, ClosedSurf
     )
 }
 
-/// What brute force says of a mesh.
+/// Result of the brute-force check of a mesh.
 #[derive(Debug, PartialEq, Eq)]
 struct Counts {
     open: usize,

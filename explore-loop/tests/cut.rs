@@ -1,4 +1,4 @@
-//! Edges that glue what only touched are cut, and no others.
+//! Edges that join parts that only touched are cut, and no others.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -9,7 +9,7 @@ use explore_loop::canonical::cut::distorted;
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 
-/// Two sheets that touch along x = 0, 20 by 12 vertices at 5 mm, in one plane: the graph glues them.
+/// Two sheets that touch along x = 0, 20 by 12 vertices at 5 mm, in one plane: the graph joins them.
 fn touching() -> CanonicalModel {
     let points: Vec<_> = (0..20)
         .flat_map(|i| (0..12).map(move |j| (f64::from(i) - 9.5, f64::from(j))))
@@ -60,7 +60,7 @@ proptest! {
     }
 }
 
-/// What was not seen may be mispredicted: it does not count as opened.
+/// Unseen parts may be predicted wrongly: they do not count as opened.
 #[test]
 fn unseen_ends_are_not_cut() {
     let mut model = touching();
@@ -84,7 +84,7 @@ fn one_wrong_rotation_cuts_nothing() {
     assert!(distorted(&model, &seen, SPACING).is_empty());
 }
 
-/// A cut stays: one round removes all glue, the graph does not join the ends again, nor others across the cut, also
+/// A cut is permanent: one round removes all such edges, and the graph does not join the ends again, nor others across the cut, also
 /// after other vertices are gone.
 #[test]
 fn a_cut_is_for_good() {

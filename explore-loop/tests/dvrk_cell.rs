@@ -1,5 +1,5 @@
-//! The cell of dVRK arms against served arms and a served camera on a bus within this process, in simulated time: what it does when
-//! all is well, and what each fault is to those who command it.
+//! The cell of dVRK arms against served arms and a served camera on a bus within this process, in simulated time: operation
+//! without faults, and how each fault is reported.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -50,7 +50,7 @@ fn way(cell: &DvrkCell, seen: &Observation, arm: usize) -> f64 {
     (seen.arms[arm].camera_from_tip.translation.vector - home.translation.vector).norm()
 }
 
-/// Both arms stand short of their goals, and no command is taken any more: the reason is that of one arm.
+/// Both arms stop before their goals, and further commands are rejected, with the reason of one arm.
 fn all_stand(cell: &mut DvrkCell, world: &World, faulty: usize, why: &str) {
     let jaws = world.jaws();
     let seen = frames(cell, 2);
@@ -176,10 +176,10 @@ fn calibration_table_and_limits_are_looked_at() {
     let good = said("PSM1, calibration", CALIBRATION, None).unwrap();
     assert_eq!(
         good,
-        "12 samples, 1 of them left out, off by 0.4 mm rms and 0.7 mm at most"
+        "12 samples, 1 of them rejected, residuals 0.4 mm rms and 0.7 mm at most"
     );
     let none = said("PSM2, calibration", CALIBRATION, None).unwrap();
-    assert!(none.contains("no residuals"), "{none}");
+    assert!(none.contains("without residuals"), "{none}");
     let poor = CALIBRATION.replace("4e-4", "6e-3").replace("7e-4", "9e-3");
     let poor = said("PSM1, calibration", &poor, None).unwrap_err();
     assert!(
@@ -276,7 +276,7 @@ impl Trouble {
     }
 }
 
-/// The loop computes all the while, for longer than any frame takes: nobody calls the cell.
+/// The loop computes for longer than a frame and does not call the cell.
 #[test]
 fn trouble_of_one_arm_moving_or_at_rest_stops_all_at_once() {
     for (trouble, time, why) in Trouble::ALL {
@@ -362,7 +362,7 @@ fn a_second_writer_stops_all_and_lets_nobody_begin() {
         .map(ToString::to_string)
         .collect();
     assert_eq!(wrong.len(), 1, "{wrong:?}");
-    assert!(wrong[0].contains("PSM2, who else commands"), "{wrong:?}");
+    assert!(wrong[0].contains("PSM2, other commanders"), "{wrong:?}");
     assert!(matches!(preflight.start(), Err(CellError::Failed(_))));
 }
 

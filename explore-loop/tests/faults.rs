@@ -1,4 +1,4 @@
-//! What the loop makes of a cell that misbehaves: no set-point beyond the limits, a safe state at once, and then on or an honest end.
+//! Reaction of the loop to faults of the cell: no set-point beyond the limits, a safe state at once, and then continuation or a stop with the true reason.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 const SPACING: f64 = 0.008;
 const SPEED: f64 = 0.03;
 
-/// Notes when the loop noticed something.
+/// Records when the loop noticed a fault.
 struct Notes {
     world: FakeCell,
     /// True times of the first serious fault of a frame or trouble.
@@ -254,7 +254,7 @@ impl Run {
     }
 }
 
-/// What must come of a fault.
+/// Required outcome of a fault.
 #[derive(Clone, Copy, PartialEq)]
 enum Comes {
     /// The exploration goes on to its manipulation.
@@ -526,7 +526,7 @@ fn survives(case: &Case) -> (String, Result<(), String>) {
     (line, verdict)
 }
 
-/// A body that somebody takes out of the jaws and puts elsewhere, turned, is found by its shape.
+/// A body that is taken out of the jaws and put elsewhere in another orientation is found by its shape.
 #[test]
 fn a_body_taken_away_is_found_again() {
     let taken = Case {
@@ -596,7 +596,7 @@ fn an_interrupt_puts_down_what_is_held() {
     }
 }
 
-/// A panic in a watcher goes on to the caller after the arms have been seen to.
+/// A panic in a watcher goes on to the caller after the arms have been brought to a safe state.
 #[test]
 fn a_panic_in_a_stage_leaves_no_arm_holding() {
     for phase in [Phase::Reach, Phase::Manipulate, Phase::Release] {
@@ -622,7 +622,7 @@ fn a_panic_in_a_stage_leaves_no_arm_holding() {
     }
 }
 
-/// A planner or watcher that fails ends the exploration with its error; the arms are seen to.
+/// A planner or watcher that fails ends the exploration with its error; the arms are brought to a safe state.
 #[test]
 fn an_error_of_a_stage_leaves_no_arm_holding() {
     struct Full(Notes);
@@ -656,7 +656,7 @@ fn an_error_of_a_stage_leaves_no_arm_holding() {
     assert!(cell.worst.iter().all(|w| *w <= 1.0 + 1e-6));
 }
 
-/// The same faults in the same cell end in the same bits.
+/// The same faults in the same cell give the same result bit for bit.
 #[test]
 fn the_same_faults_give_the_same_run() {
     let fault = Fault {

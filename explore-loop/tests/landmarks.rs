@@ -1,4 +1,4 @@
-//! Colour features as landmarks: what geometry does not see, they do; and a camera that is not asked for them costs nothing.
+//! Colour features as landmarks: they show motion that geometry does not; and without them nothing is computed for them.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! The live view: what a run leaves in `live.rrd`, what a viewer gets, and what comes of a viewer that is not there, hangs or goes away.
+//! The live view: the content of `live.rrd`, the data sent to a viewer, and the reaction to a viewer that is absent, hangs or disconnects.
 //!
 //! The file is read by the Rust reader of Rerun's makers, and checked by their program and their Python package: `$EXPLORE_RERUN` names a Python that
 //! has `rerun-sdk`, else a virtual environment is made in the `target` folder (once; it needs a network and 300 MB). Without Python those tests say so

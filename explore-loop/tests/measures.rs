@@ -1,4 +1,4 @@
-//! Measures against planted faults: each fault raises the measure it is for, and the others stay.
+//! Measures against known defects: each defect raises its measure and no other.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use explore_loop::canonical::{CanonicalModel, NewVertex};
@@ -176,7 +176,7 @@ fn share(part: &Mesh) -> f64 {
 
 /// What is measured on a mesh that equals the truth: distances are rounding errors of numbers below 0.1.
 const EXACT: f64 = 1e-12;
-/// A share that is sampled on 6,000 points stratified by area: a few samples at the rim of the part fall on the other side.
+/// A share that is sampled on 6,000 points stratified by area: a few samples at the boundary of the part fall on the other side.
 const SAMPLED: f64 = 0.01;
 
 #[test]

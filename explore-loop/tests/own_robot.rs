@@ -1,4 +1,4 @@
-//! A rigid egg in a cell that was written from the docs of `Cell` alone: what is called closed was seen, and has the right size.
+//! A rigid egg in a cell that was written from the docs of `Cell` alone: a model reported as closed was completely seen and has the right size.
 #![allow(missing_docs, clippy::unwrap_used, dead_code)]
 
 #[path = "../examples/own_robot/egg.rs"]
@@ -27,7 +27,7 @@ fn an_egg_is_closed_only_when_all_of_it_was_shown() {
     assert!(ends.iter().all(|end| end.stop == "closed"));
 }
 
-/// Jaws that lose their hold on the egg while it is pressed on the table say nothing; the pull that they seem to have tells.
+/// Jaws that lose their hold on the egg while it is pressed on the table report nothing; the apparent pull reveals it.
 #[test]
 fn an_egg_that_slips_is_not_believed_to_turn() {
     for seed in [1, 9] {

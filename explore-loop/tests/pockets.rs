@@ -1,4 +1,4 @@
-//! Planted pockets: a surface with a hole that the camera looks into is stretched open; while its underside is missing too, that is done in the turn.
+//! Known holes: a hole that the camera looks into is stretched open, during the turn if the underside is missing too.
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic, reason = "tests")]
 
 mod common;
@@ -26,7 +26,7 @@ struct Body {
     topology: Topology,
 }
 
-/// Where the slit is: 1 on its rim, less inside. `angle` is that of its long axis.
+/// Position relative to the slit: 1 on its edge, less inside. `angle` is that of its long axis.
 fn gauge(p: &Point3<f64>, angle: f64) -> f64 {
     let (sin, cos) = angle.sin_cos();
     ((p.x * cos + p.y * sin) / 0.028).hypot((p.y * cos - p.x * sin) / 0.011)
@@ -66,9 +66,9 @@ impl Body {
             rim
         };
         let outer = ring(&|i| !whole && points[i].z > HEIGHT - HALF[2] - 0.4 * GAP);
-        let mouth = angle.map(|a| ring(&|i| top[i] && gauge(&points[i], a) < 1.35));
+        let hole = angle.map(|a| ring(&|i| top[i] && gauge(&points[i], a) < 1.35));
         let mut boundary = vec![false; points.len()];
-        let loops: Vec<Vec<u32>> = [Some(outer), mouth]
+        let loops: Vec<Vec<u32>> = [Some(outer), hole]
             .into_iter()
             .flatten()
             .filter(|l| !l.is_empty())
@@ -146,9 +146,9 @@ fn opens(body: &Body, plan: &Plan, angle: f64) -> Result<(), TestCaseError> {
         .fold(0.0, f64::max);
     prop_assert!(widest > gap(0.0) + 0.02, "{widest} after {}", gap(0.0));
     let across = Vector3::new(-angle.sin(), angle.cos(), 0.0);
-    let mouth = body.topology.loops.last().unwrap();
-    let sum: Vector3<f64> = mouth.iter().map(|&v| body.points[v as usize].coords).sum();
-    let centre = sum / mouth.len() as f64;
+    let hole = body.topology.loops.last().unwrap();
+    let sum: Vector3<f64> = hole.iter().map(|&v| body.points[v as usize].coords).sum();
+    let centre = sum / hole.len() as f64;
     let sides: Vec<f64> = plan
         .grips
         .iter()
@@ -206,7 +206,7 @@ fn without_a_pocket_the_body_is_turned_over() {
     assert!(plan.turn.is_some() && plan.across.is_none());
 }
 
-/// A mouth that the camera does not see is left for later.
+/// A hole that the camera does not see is left for later.
 #[test]
 fn a_pocket_out_of_sight_is_left() {
     let mut body = Body::new(Some(0.4), false);

@@ -1,4 +1,4 @@
-//! The `explore` program as a user meets it: what it refuses and how, and one whole run with what it leaves behind.
+//! The `explore` program as a user runs it: rejected input, and a complete run with its files.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use explore_loop::measure::{MeshReport, Sampling, Surface, TrueSurface, compare};
@@ -20,7 +20,7 @@ fn explore<A: AsRef<OsStr>>(arguments: &[A]) -> Output {
         .unwrap()
 }
 
-/// The program ends with `code` and says why in one line that names the thing at fault.
+/// The program ends with `code` and one line that names the cause.
 #[track_caller]
 fn refuses<A: AsRef<OsStr>>(arguments: &[A], code: i32, names: &[&str]) {
     let output = explore(arguments);
@@ -152,7 +152,7 @@ fn meshes_that_bound_no_object_are_refused() {
     with(&["--size=-1"], 2, &["--size"]);
     with(&["--size", "3"], 1, &["5.2 m across"]);
     with(&["--up", "w"], 2, &["--up", "x, y or z"]);
-    with(&["--body", "2"], 1, &["no body 2", "consists of 1"]);
+    with(&["--body", "2"], 1, &["no body 2", "in the mesh is 1"]);
     with(&["--export", "obj,docx"], 2, &["--export", "docx"]);
     refuses(&["run", "--units", "mm"], 2, &["--mesh"]);
     // The same again beside itself.
@@ -205,7 +205,7 @@ fn a_folder_that_cannot_be_written_is_refused_before_the_run() {
     }
 }
 
-/// What a run leaves behind.
+/// The files of a run.
 struct Ran {
     output: Output,
     files: BTreeMap<String, Vec<u8>>,
@@ -277,7 +277,7 @@ fn the_ellipsoid_closes() {
     assert!(stdout.contains("closed"));
 }
 
-/// What the mesh is worth, in the file and in the closing table.
+/// Quality of the mesh, in the file and in the closing table.
 #[test]
 fn the_mesh_is_measured() {
     let run = &twice()[0];
@@ -412,7 +412,7 @@ fn the_model_is_a_watertight_mesh_with_unit_normals() {
     assert_eq!(mesh["euler"], 2);
 }
 
-/// The keys that others read.
+/// The keys that other programs read.
 #[test]
 fn the_metrics_have_their_keys() {
     let metrics = twice()[0].metrics();
@@ -602,7 +602,7 @@ fn true_tracks(session: &Path, jump: usize) -> String {
     table
 }
 
-/// A replay is compared with the pixel tracks of a tracker: with true ones the model agrees, and tracks that go astray show.
+/// A replay is compared with the pixel tracks of a tracker: true ones agree with the model, and wrong tracks are detected.
 #[test]
 fn pixel_tracks_are_compared_with_the_model() {
     let run = &twice()[0];
@@ -648,7 +648,7 @@ fn pixel_tracks_are_compared_with_the_model() {
     refused("0,1,2\n", "4 columns");
 }
 
-/// A study takes over what is finished, and says the same then.
+/// A study reuses finished runs and gives the same result.
 #[test]
 fn a_study_of_seeds_is_a_table_and_can_be_taken_up_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -780,7 +780,7 @@ fn a_run_killed_fifty_times_goes_on_to_the_same_end() {
     killed("tube", 50, 1);
 }
 
-/// A run that was asked to stop closes its recording, says how to go on, and does.
+/// A run that was asked to stop closes its recording, prints how to resume, and can be resumed.
 #[cfg(unix)]
 #[test]
 fn an_interrupted_run_says_how_to_go_on() {
@@ -812,7 +812,7 @@ fn an_interrupted_run_says_how_to_go_on() {
     }
 }
 
-/// A checkpoint that is none, is damaged or belongs to another run is refused and stays as it is.
+/// A file that is no checkpoint, is damaged or belongs to another run is rejected and stays unchanged.
 #[test]
 fn checkpoints_that_cannot_be_resumed_are_refused() {
     let folder = tempfile::tempdir().unwrap();
@@ -846,7 +846,7 @@ fn checkpoints_that_cannot_be_resumed_are_refused() {
     assert_eq!(std::fs::read(&path).unwrap(), damaged);
 }
 
-/// A disk that is full is said to be, and what was saved before stays.
+/// A full disk is reported, and files saved before are kept.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_an_error_and_the_last_checkpoint_stays() {
@@ -878,7 +878,7 @@ fn a_full_disk_is_an_error_and_the_last_checkpoint_stays() {
     }
 }
 
-/// A folder that takes no files is named before anything is run.
+/// A folder that cannot be written is reported before the run.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_read_only_folder_is_an_error() {

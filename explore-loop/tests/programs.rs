@@ -1,4 +1,4 @@
-//! Every program of the workspace as a user meets it: help, wrong command lines, JSON, closed pipes, files that are missing or none.
+//! Every program of the workspace as a user runs it: help, wrong command lines, JSON, closed pipes, missing and invalid files.
 //!
 //! The programs are `explore` and all examples of the crates beside this one; an example that is not in the table below fails the first test.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
@@ -236,7 +236,7 @@ fn a_reader_may_go_away() {
     }
 }
 
-/// The writing end of a pipe whose reader has gone, as that of `head`.
+/// The writing end of a pipe whose reader has closed it, as `head` does.
 fn nobody_reads() -> Stdio {
     let (reader, writer): (PipeReader, _) = std::io::pipe().unwrap();
     drop(reader);

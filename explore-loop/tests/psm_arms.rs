@@ -1,4 +1,4 @@
-//! Simulated arms with the joints of a dVRK: what they cannot reach is not planned, and not commanded.
+//! Simulated arms with the joints of a dVRK: unreachable poses are neither planned nor commanded.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use explore_loop::cell::sim::{ArmModel, Scene, SimCell, SimOptions};

@@ -1,4 +1,4 @@
-//! The reconstruction through its public door: a rigid body is followed and grows, and frames that show nothing cost nothing.
+//! The reconstruction through its public interface: a rigid body is tracked, its model grows, and empty frames change nothing.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -287,7 +287,7 @@ fn frames_that_show_nothing_leave_the_model_alone() {
     );
 }
 
-/// Points that are no points among good ones are passed over.
+/// Invalid points among valid ones are skipped.
 #[test]
 fn single_nan_points_are_passed_over() {
     let clean = [frame(0, false, 0), frame(0, false, 1)];
@@ -379,7 +379,7 @@ fn a_spacing_that_is_no_length_is_refused() {
     }
 }
 
-/// Nothing to fuse is nothing to do.
+/// Without data, fusion changes nothing.
 #[test]
 fn consolidating_nothing_is_harmless() {
     let mut reconstructor = reconstructor();
@@ -391,7 +391,7 @@ fn consolidating_nothing_is_harmless() {
     assert!(!reconstructor.model().is_empty());
 }
 
-/// What is left out is not done: no hollow body is followed, and the shape is not fused anew.
+/// Disabled parts are not executed: no hollow body is followed, and the shape is not fused anew.
 #[test]
 fn a_hypothesis_and_the_fusion_can_be_left_out() {
     let mut without = ReconstructOptions::new(SPACING);

@@ -1,6 +1,6 @@
-//! The report as its reader meets it: in a real browser, which loads nothing else, shows the figures of `metrics.json` and draws what moves.
+//! The report in a real browser: it loads nothing else, shows the figures of `metrics.json`, and draws the moving model.
 //!
-//! Where no Chromium is found the pages are still written and checked as text; `.ci/run` installs one and insists (`BROWSER_REQUIRED`).
+//! Where no Chromium is found the pages are still written and checked as text; `.ci/run` installs and requires one (`BROWSER_REQUIRED`).
 #![allow(missing_docs, clippy::unwrap_used)]
 
 #[path = "common/browser.rs"]
@@ -212,7 +212,7 @@ fn a_browser_shows_the_run() {
     assert!(own.len() == 1 && own[0].starts_with("file://"), "{own:?}");
 }
 
-/// What the camera saw is ochre all over: red above green above blue, but for the rims that are marked.
+/// What the camera saw is ochre all over: red above green above blue, except for the marked boundary.
 fn as_seen(page: &mut Page) {
     page.value(&format!(
         "(() => {{ const s = document.querySelector('#rest .colour'); \
@@ -252,7 +252,7 @@ fn turn(page: &mut Page) {
     assert!(difference(&before, &back) < 0.002);
 }
 
-/// What a page holds fits a mail, and says what it is of.
+/// A page is small enough for an e-mail and names its run.
 #[test]
 fn the_report_is_one_small_file() {
     let page = report(run());
@@ -320,7 +320,7 @@ fn without_truth(from: &Path, to: &Path) {
     writer.finish().unwrap();
 }
 
-/// A page without anything in it is a page.
+/// A report without data is a valid page.
 #[test]
 fn a_browser_shows_a_run_that_failed_at_once() {
     use explore_loop::report::html::{About, Closing, Report};

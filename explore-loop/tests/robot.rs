@@ -133,7 +133,7 @@ fn a_served_cell_is_found_well_and_commanded_by_nobody() {
     for check in [
         "PSM1, streams",
         "PSM2, clock",
-        "PSM3, who else commands",
+        "PSM3, other commanders",
         "PSM2, jaw",
         "camera",
         "table",
@@ -215,7 +215,7 @@ fn a_file_that_is_not_there_is_named() {
     assert!(text(&output).contains("/nowhere/CELL.toml"));
 }
 
-/// Reads the jaws of arms that somebody else commands: by listening only, as a client that could command them too would stop them.
+/// Reads the jaws of arms that another client commands, only by listening: a second client that could command them would stop them.
 struct Jaws(Vec<(Reader<JointState>, Option<f64>)>, Participant);
 
 impl Jaws {
@@ -248,8 +248,8 @@ impl Jaws {
     }
 }
 
-/// An exploration under way, a jaw that holds something, and its angle. Where a machine has so much else to do that the arms cannot follow, the
-/// exploration ends before that, as it says why, and is begun again.
+/// An exploration under way, a jaw that holds something, and its angle. If the machine is too busy for the arms to follow, the
+/// exploration ends early with that reason and is started again.
 fn until_a_jaw_holds(served: &Served, jaws: &mut Jaws, out: &Path) -> (Child, (usize, f64)) {
     for _ in 0..3 {
         let mut robot = explore()
@@ -295,7 +295,7 @@ fn ctrl_c_opens_nothing_and_drops_nothing() {
         .unwrap();
     assert_eq!(next.status.code(), Some(1));
     assert!(
-        text(&next).contains("it holds something"),
+        text(&next).contains("seems to hold something"),
         "{}",
         text(&next)
     );

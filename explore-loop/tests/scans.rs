@@ -1,4 +1,4 @@
-//! Recordings of everything that a camera saw, as a camera driver and a robot leave them: `explore replay` finds the object in them.
+//! Recordings of unsegmented camera data, as written by a camera driver and a robot: `explore replay` finds the object in them.
 //!
 //! A ball lies on a table, and the tip of an arm is above it, in view. What the camera sees of them is computed ray by ray.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
@@ -435,7 +435,7 @@ fn what_is_missing_is_named_and_what_is_damaged_is_passed_over() {
     );
 }
 
-/// Both hang together in what is seen: only its joint values tell the arm from the ball.
+/// Both are connected in the cloud: only its joint values separate the arm from the ball.
 #[test]
 fn an_arm_that_holds_the_object_is_taken_away() {
     let depths = depths(WITHIN);

@@ -1,4 +1,4 @@
-//! Runs that once went wrong, kept with their seeds.
+//! Runs that once failed, with their seeds.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use serde_json::Value;

@@ -1,7 +1,7 @@
 //! Recordings as users of other tools reported them: `explore replay` rebuilds the same as from the plain one, or says what is wrong.
 //!
 //! The plain recording is planted: a camera half a metre above a table looks at an ellipsoid that lies still, with an open arm beside it. What
-//! is seen is a patch with a rim: Betti numbers (1, 0, 0).
+//! is seen is a patch with a boundary: Betti numbers (1, 0, 0).
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 #[path = "sessions/mcap.rs"]
@@ -194,7 +194,7 @@ fn is_the_same(plain: &Answer, name: &str, file: &[u8], words: &[&str]) {
     }
 }
 
-/// A patch with a rim again, from as many registered frames.
+/// A patch with a boundary again, from as many registered frames.
 #[track_caller]
 fn is_alike(name: &str, file: &[u8], frames: u64, words: &[&str]) {
     let answer = replay(name, file, &[]);

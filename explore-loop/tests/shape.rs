@@ -1,4 +1,4 @@
-//! Shares explored and distances of the model, against planted ones.
+//! Shares explored and distances of the model, against known ones.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;
@@ -41,7 +41,7 @@ fn the_truth_itself_is_explored_and_exact() {
     assert!((measures.relative - measures.difference / size).abs() < 1e-15);
 }
 
-/// One spacing on either side of its rim is explored by the upper half, and nothing else of the lower half.
+/// One spacing on either side of its boundary is explored by the upper half, and nothing else of the lower half.
 #[test]
 fn the_upper_half_is_half() {
     let (surface, normals) = body();

@@ -1,4 +1,4 @@
-//! The simulated cell: what it promises as a `Cell`, as physics, and as a camera.
+//! The simulated cell: the contract of `Cell`, physics, and camera.
 #![allow(
     clippy::unwrap_used,
     clippy::format_push_string,
@@ -504,7 +504,7 @@ fn options_out_of_range_are_named() {
     assert!(SimCell::new(&bad).is_err());
 }
 
-/// Of two arms that pull a body apart one loses it, and nothing explodes.
+/// Of two arms that pull a body apart one loses it, and the simulation stays stable.
 #[test]
 fn pulled_too_hard_it_slips_out_of_a_jaw() {
     let (mut cell, truth) = cell(&options());

@@ -1,4 +1,4 @@
-//! Scenes and meshes: closed, oriented, even, of the size they claim; bad ones are refused with the value that is wrong.
+//! Scenes and meshes: closed, oriented, even, of the right size; invalid ones are rejected with the wrong value.
 #![allow(
     clippy::unwrap_used,
     clippy::format_push_string,

@@ -1,4 +1,4 @@
-//! Triangulation and surface graph, against surfaces whose answer is known by construction.
+//! Triangulation and surface graph, against surfaces with known results.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod common;

@@ -1,5 +1,5 @@
-//! `explore tables` as a user meets it: studies that are killed, interrupted, spread over machines and merged; what its tables say of results whose
-//! medians are known; its plots.
+//! `explore tables` as a user runs it: studies that are killed, interrupted, divided among machines and merged; its tables of results with
+//! known medians; its plots.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use explore_loop::measure::Spread;
@@ -80,12 +80,12 @@ fn wait_for(child: &mut Child, what: impl Fn() -> bool) {
     }
 }
 
-/// Looks only: no manipulation, a few seconds a run.
+/// Observation only: no manipulation, a few seconds per run.
 const STUDY: [&str; 4] = ["--only", "spacing", "--seeds", "0"];
 const LOOKING: [&str; 3] = ["--", "--max-manipulations", "0"];
 
 /// One study in one go, two jobs at a time, and again one by one as two shards: the first is killed after its first job and goes on, the second is interrupted in its first job and
-/// goes on. Merged they say the same, to the last digit of everything that is not a time.
+/// goes on. Merged they give the same results, except for times.
 #[test]
 fn killed_interrupted_sharded_and_merged_it_is_the_study_in_one_go() {
     let folder = tempfile::tempdir().unwrap();
@@ -319,9 +319,9 @@ fn results_with_known_medians_are_summed_up_as_such() {
     assert!(!markdown.contains("With 3 arms"), "{markdown}");
     // Below the table: what the ends that occurred mean, and which runs count.
     for words in [
-        "- *ended by a fault of ours*: the body was lost",
+        "- *ended by a system fault*: the body was lost",
         "- *manipulations needed, at least*: a run that closed counts its manipulations, at least 1; one that its grips ended counts 8",
-        "a fault of ours ended is left out",
+        "one ended by a system fault is not counted",
     ] {
         assert!(markdown.contains(words), "{markdown}");
     }
@@ -483,12 +483,12 @@ fn what_makes_no_sense_is_refused() {
     refuses(
         tables(&out, &["--only", "seeds,speed"]),
         1,
-        &["seeds stands alone"],
+        &["seeds cannot be combined"],
     );
     refuses(
         tables(&out, &["--only", "seeds", "--shard", "1/2"]),
         1,
-        &["seeds stands alone"],
+        &["seeds cannot be combined"],
     );
     refuses(
         tables(&out, &["--only", "speed", "--scene", "glove"]),

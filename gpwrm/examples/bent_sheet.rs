@@ -1,4 +1,4 @@
-//! Draws a sheet of nodes that is rolled up, and what the field makes of the space around it.
+//! Draws a sheet of nodes that is rolled up, and the deformation of a grid around it.
 //!
 //! `cargo run --release -p gpwrm --example bent_sheet [-- OUT.svg]` writes `doc/bent_sheet.svg` of this crate, the picture of the README.
 
@@ -23,7 +23,7 @@ const LAYERS: i32 = 7;
 /// Grid lines across.
 const COLUMNS: i32 = 21;
 
-/// Draws a sheet of nodes that is rolled up, and says how far the field is from a solid that rolls with it
+/// Draws a sheet of nodes that is rolled up, and prints how far the field is from a solid that rolls with it
 #[derive(Debug, clap::Parser)]
 #[command(name = "bent_sheet", after_help = "Example: bent_sheet sheet.svg")]
 struct Arguments {
@@ -98,7 +98,7 @@ fn picture(field: &Field, curtain: &[Point3<f64>], samples: &[Sample]) -> String
          <rect width=\"760\" height=\"440\" fill=\"#fff\"/>\n",
     );
     let mut panel = |left: f64, nodes: &[Point3<f64>], grid: &[Point3<f64>]| {
-        // Back to front: the far half of the sheet, the grid that stands in its middle, the near half.
+        // Back to front: the far half of the sheet, the grid in its middle, the near half.
         sheet(&mut svg, left, nodes, 3..7);
         lines(&mut svg, left, grid, samples);
         sheet(&mut svg, left, nodes, 0..4);
@@ -128,7 +128,7 @@ fn sheet(svg: &mut String, left: f64, nodes: &[Point3<f64>], rows: std::ops::Ran
     }
 }
 
-/// The grid, piece by piece, in the colour of where it lies.
+/// The grid, piece by piece, coloured by position.
 fn lines(svg: &mut String, left: f64, grid: &[Point3<f64>], samples: &[Sample]) {
     let width = COLUMNS as usize;
     for k in 0..grid.len() {

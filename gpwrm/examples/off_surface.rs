@@ -1,6 +1,6 @@
-//! What a field says off the surface its nodes lie on: a bent sheet of nodes turns, and probes float above it.
+//! Accuracy of a field off the surface of its nodes: a bent sheet of nodes rotates, and probes are above it.
 //!
-//! Prints, per height, how far the field is off, beside a field that sets the derivative along the normal to zero.
+//! Prints the error of the field at each height, compared with that of a field whose derivative along the normal is zero.
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -10,7 +10,7 @@ use mesh_io::program::{self, Failure, Output};
 use nalgebra::{Point3, Rotation3, Vector3};
 use serde_json::json;
 
-/// Says how far a field is off above a turning sheet, beside one without rotations
+/// Prints the error of a field above a rotating sheet, compared with a field without rotations
 #[derive(Debug, clap::Parser)]
 #[command(name = "off_surface", after_help = "Example: off_surface --json")]
 struct Arguments {
@@ -32,7 +32,7 @@ fn off_surface(arguments: &Arguments) -> Result<ExitCode, Failure> {
         })
         .map(|(x, y)| Point3::new(x, y, 2.0 * (x * x - y * y)))
         .collect();
-    // A turn by half a radian and a bend on top.
+    // A rotation by half a radian and additional bending.
     let turn = Rotation3::new(Vector3::new(0.5, 0.1, 0.0));
     let motion = |p: &Point3<f64>| {
         let bent = p + Vector3::new(-4.0 * p.x * p.z, 0.0, 2.0 * p.x * p.x);

@@ -1,4 +1,4 @@
-//! Warps points from a file by the field on the nodes of another: `cargo run --release -p gpwrm --example warp -- --help`.
+//! Warps the points of one file by the field on the nodes of another: `cargo run --release -p gpwrm --example warp -- --help`.
 
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -11,7 +11,7 @@ use mesh_io::{Format, Mesh, Property, Table, read_table};
 use nalgebra::{Point3, Vector3};
 use serde_json::json;
 
-/// Carries points along with nodes that are known to move
+/// Moves points with nodes whose displacements are known
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "warp",
@@ -24,14 +24,14 @@ Tables may start with a line of column names; OUT has one if QUERY has. Exit cod
 file could not be read, understood or written, 2 if the call was wrong."
 )]
 struct Arguments {
-    /// Table x,y,z,ux,uy,uz: where each node stands and how it moves, m
+    /// Table x,y,z,ux,uy,uz: position and displacement of each node, m
     nodes: PathBuf,
-    /// Points to carry along, m: a table x,y,z, or a cloud or mesh (PLY, PCD, OBJ, STL, OFF, NPY)
+    /// Points to move, m: a table x,y,z, or a cloud or mesh (PLY, PCD, OBJ, STL, OFF, NPY)
     query: PathBuf,
-    /// How far a node reaches, m [default: to its 16 nearest]
+    /// Support radius of a node, m [default: the distance to its 16 nearest]
     #[arg(long, value_name = "R", value_parser = positive)]
     radius: Option<f64>,
-    /// The points where the field puts them, in the same order: a table x,y,z,determined, or a cloud or mesh
+    /// The moved points, in the same order: a table x,y,z,determined, or a cloud or mesh
     #[arg(long)]
     out: PathBuf,
     #[command(flatten)]
@@ -88,12 +88,12 @@ fn load<const N: usize>(path: &Path, columns: [&str; N]) -> Result<Table<N>, Fai
     Ok(read_table(&bytes, columns).map_err(|error| error.in_file(path))?)
 }
 
-/// Whether the ending is that of a cloud or a mesh; all others are tables.
+/// Whether the file extension is that of a cloud or a mesh; all others are tables.
 fn is_cloud(path: &Path) -> bool {
     !matches!(Format::of(path), Ok(Format::Xyz) | Err(_))
 }
 
-/// The points, and whether a heading stands over them.
+/// The points, and whether the table has a heading.
 fn load_query(path: &Path) -> Result<(Mesh, bool), Failure> {
     if is_cloud(path) {
         return Ok((mesh_io::read(path)?, true));
@@ -104,7 +104,7 @@ fn load_query(path: &Path) -> Result<(Mesh, bool), Failure> {
     Ok((cloud, table.headed))
 }
 
-/// What was asked about, where the field puts it, with the column `determined`. Normals turn with the field, and are left out.
+/// The moved points with the column `determined`. Normals would have to be rotated, and are left out.
 fn carried(query: &Mesh, samples: &[Sample]) -> Result<Mesh, mesh_io::Error> {
     let points = query.points().iter().zip(samples);
     let points = points.map(|(p, sample)| p + sample.displacement).collect();
@@ -118,7 +118,7 @@ fn carried(query: &Mesh, samples: &[Sample]) -> Result<Mesh, mesh_io::Error> {
     Ok(mesh)
 }
 
-/// Numbers as short as they can be and still read back to the same bits.
+/// Numbers as short as possible such that they are read back to the same bits.
 fn table(points: &[Point3<f64>], samples: &[Sample], headed: bool) -> String {
     let mut text = String::new();
     if headed {

@@ -1,7 +1,7 @@
 //! Whole-field evaluation: many points at once, on all cores with the feature `rayon`.
 //!
-//! Every point is evaluated by itself, in the same order of operations as alone, so threads change the time and never a bit
-//! of the answer.
+//! Every point is evaluated independently, in the same order of operations as alone, so that threads change only the time and not a bit
+//! of the result.
 
 use nalgebra::{Matrix3, Point3, Unit, UnitVector3, Vector3};
 
@@ -11,7 +11,7 @@ use crate::options::Sample;
 use crate::partition::Part;
 use crate::rotation::nearest_rotation;
 
-/// Points that one thread takes at a time: enough to outweigh handing them over (a point takes about a microsecond).
+/// Points that one thread processes at a time: enough to outweigh the overhead (a point takes about a microsecond).
 #[cfg(feature = "rayon")]
 const SHARE: usize = 256;
 
@@ -20,7 +20,7 @@ pub(crate) fn map_indexed<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync +
     map_with_room(count, |i, _| f(i))
 }
 
-/// [`map_indexed`], with room for the parts of an evaluation that is reused from one index to the next.
+/// [`map_indexed`] with a buffer for the parts of an evaluation, reused from one index to the next.
 fn map_with_room<T: Send>(
     count: usize,
     f: impl Fn(usize, &mut Vec<Part>) -> T + Sync + Send,
@@ -45,7 +45,7 @@ impl Field {
     /// [`Field::evaluate`] at every point, in the order of the points.
     ///
     /// # Complexity
-    /// `O(n (log N + k))` for `n` points, `N` nodes and `k` nodes in reach, shared between the cores with the feature `rayon`.
+    /// `O(n (log N + k))` for `n` points, `N` nodes and `k` nodes in reach, divided among the cores with the feature `rayon`.
     pub fn evaluate_all(&self, points: &[Point3<f64>]) -> Vec<Sample> {
         map_with_room(points.len(), |i, room| self.evaluate_with(&points[i], room))
     }
@@ -64,10 +64,10 @@ impl Field {
         })
     }
 
-    /// Normals carried by the field: `n' ∝ F⁻ᵀ n`, at the points where they stand before the motion.
+    /// Normals transformed by the field: `n' ∝ F⁻ᵀ n`, at the points before the motion.
     ///
-    /// Computed with the cofactor matrix, `det F · F⁻ᵀ`, which exists even where the field folds; where it kills the normal,
-    /// the local rotation turns it instead.
+    /// Computed with the cofactor matrix, `det F · F⁻ᵀ`, which exists even where the field folds; where the result is zero,
+    /// the local rotation is applied instead.
     ///
     /// # Errors
     /// Slices of different lengths.

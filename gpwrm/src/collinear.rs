@@ -1,24 +1,24 @@
-//! The rotation of a thin neighbourhood: nodes in a line, or nearly so.
+//! The rotation of a thin neighbourhood: nodes on a line, or nearly so.
 //!
-//! A line leaves the roll about itself free, and nearly a line determines it from offsets so small that their squares
-//! drown in `M`. So the two are found one after the other: the smallest turn that lays the line where it went, and then the roll
-//! from the offsets `y` (turned) and `z` (moved) across it,
+//! A line does not determine the roll about itself, and an almost straight one determines it by offsets so small that their squares
+//! are lost in `M`. The two are therefore found one after the other: the smallest rotation that maps the line to its moved direction, and then
+//! the roll from the offsets `y` (rotated) and `z` (moved) perpendicular to it,
 //!
 //! ```text
 //! θ = atan2( Σ w b·(y × z), Σ w y·z )        b = direction of the moved line
-//! S = the length of that pair of sums        E = Σ w (y² + z²) − 2 S      what the best roll leaves of the offsets
+//! S = the length of that pair of sums        E = Σ w (y² + z²) − 2 S      residual of the best roll
 //! R = Roll(b, max(0, 1 − E/S) θ) · Turn(a → b)
 //! ```
 //!
-//! A rigid motion leaves `E = 0`, and the roll is taken in full however small the offsets are, down to the rounding of the coordinates.
-//! Offsets that are noise leave as much as they explain, and the roll is not taken at all.
+//! For a rigid motion `E = 0`, and the roll is applied in full however small the offsets are, down to the rounding of the coordinates.
+//! If the offsets are noise, the residual is as large as the explained part, and no roll is applied.
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
 use crate::moments::{Moments, Sample};
 use crate::rotation::shortest_turn;
 
-/// The rotation, and whether the nodes determine its roll; whatever they leave free stays as in `base`.
+/// The rotation, and whether the nodes determine its roll; undetermined parts are taken from `base`.
 pub(crate) fn rotation(
     moments: &Moments,
     samples: &[Sample],
@@ -27,7 +27,7 @@ pub(crate) fn rotation(
     let eigen = moments.scatter.symmetric_eigen();
     let along: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into();
     let moved = (moments.scatter + moments.cross) * along;
-    // A line crushed to a point has no direction left.
+    // A line that has collapsed to a point has no direction.
     let Some(line) = Unit::try_new(moved, 1e-12) else {
         return (*base, false);
     };
@@ -37,7 +37,7 @@ pub(crate) fn rotation(
     (rolled, trust > 0.5)
 }
 
-/// The roll about `line` and how far to trust it, 0 to 1.
+/// The roll about `line` and its confidence, 0 to 1.
 fn roll(
     moments: &Moments,
     samples: &[Sample],
@@ -50,7 +50,7 @@ fn roll(
         let d = s.position - moments.centre;
         let m = d + s.displacement - moments.shift;
         let (y, z) = (across(laid * d), across(m));
-        // An offset at the rounding of coordinates and direction is none, and would drown the others if its weight is large.
+        // Offsets at the level of rounding are ignored: with a large weight they would dominate the others.
         if y.norm() <= moments.grain + moments.rounding * d.norm() {
             continue;
         }

@@ -1,16 +1,16 @@
 use thiserror::Error;
 
-/// What was wrong with the input, and where.
+/// An invalid input, with its place.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A field or surface needs at least one node.
     #[error("no nodes were given")]
     NoNodes,
-    /// Two slices that run in parallel have different lengths.
+    /// Two parallel slices have different lengths.
     #[error("{expected} nodes, but {found} {what}")]
     LengthMismatch {
-        /// What the second slice holds.
+        /// The content of the second slice.
         what: &'static str,
         /// Number of nodes.
         expected: usize,
@@ -24,17 +24,17 @@ pub enum Error {
         what: &'static str,
         /// Index in that slice.
         index: usize,
-        /// The offending coordinate.
+        /// The coordinate.
         value: f64,
     },
-    /// An option lies outside its range.
+    /// An option is out of range.
     #[error("{option} = {value}, but it must be {bound}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
         /// The value given.
         value: f64,
-        /// The admissible range, in words.
+        /// The admissible range.
         bound: &'static str,
     },
     /// No node lies within the radius of the query point.
@@ -55,7 +55,7 @@ pub(crate) fn is_sound(coordinate: f64) -> bool {
     coordinate.abs() <= LARGEST
 }
 
-/// Refuses coordinates that are not finite or too large to square.
+/// Rejects coordinates that are not finite or too large to square.
 pub(crate) fn check_coordinates<'a>(
     what: &'static str,
     triples: impl Iterator<Item = &'a nalgebra::Vector3<f64>>,
@@ -68,7 +68,7 @@ pub(crate) fn check_coordinates<'a>(
     Ok(())
 }
 
-/// Refuses slices that do not run in parallel.
+/// Rejects slices of different lengths.
 pub(crate) fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {
     if expected == found {
         Ok(())

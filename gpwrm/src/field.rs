@@ -7,8 +7,8 @@
 //! ```
 //!
 //! The bracket integrates the gradient from node to point by the trapezoid rule, which cancels the second-order error
-//! that a straight extension `u_i + G_i (p − x_i)` makes on a bent surface. The support grows with the distance
-//! to the nearest node, so that a point off the surface sees a wider patch of it and no point of space is without nodes.
+//! that a linear extrapolation `u_i + G_i (p − x_i)` has on a bent surface. The support grows with the distance
+//! to the nearest node, so that a point off the surface uses a wider patch of it and every point of space has nodes in reach.
 //!
 //! The gradient is exact, `ψ` included:
 //!
@@ -31,15 +31,15 @@ use crate::tree::Tree;
 /// A deformation field on scattered nodes.
 ///
 /// # Guarantees
-/// Rigid motions, half turns included, are reproduced to rounding on and off the surface, wherever there are three nodes that are not
-/// in line: a node whose own neighbours are in line, or missing, takes what they leave free from the nearest node that knows. Affine
-/// motions are reproduced up to the share `ε/(λ + ε)` of their strain along an axis of the neighbourhood that holds the
-/// share `λ` of its spread; it vanishes with the shrinkage `ε` wherever [`Determinacy::Determined`]. The field is continuous, and differentiable except
-/// where the nearest node changes. Results depend on the input alone, to the bit, with and without threads.
+/// Rigid motions, including half turns, are reproduced to rounding on and off the surface if three nodes are not collinear: a node whose own
+/// neighbours are collinear, or missing, takes the undetermined part of its rotation from the nearest node that has it. Affine
+/// motions are reproduced up to the share `ε/(λ + ε)` of their strain along an axis of the neighbourhood with the
+/// share `λ` of its spread, which vanishes with the shrinkage `ε` wherever [`Determinacy::Determined`]. The field is continuous, and differentiable
+/// except where the nearest node changes. Results depend only on the input, to the bit, with and without threads.
 ///
 /// # Limits
-/// The strain across a surface cannot be known from nodes on it ([`Determinacy::Partly`]); the local rotation stands in.
-/// A node value is met to a few hundredths of the local bending, not exactly: this is a fit.
+/// The strain across a surface is not determined by nodes on it ([`Determinacy::Partly`]); the local rotation is used instead.
+/// A node value is reproduced to a few hundredths of the local bending, not exactly: this is a fit.
 ///
 /// # Complexity
 /// `O(N k)` to build after an `O(N log N)` tree, `O(log N + k)` an evaluation, with `k` nodes in reach.
@@ -63,11 +63,11 @@ pub struct Field {
     pub(crate) displacements: Vec<Vector3<f64>>,
     pub(crate) fits: Vec<NodalFit>,
     pub(crate) options: FieldOptions,
-    /// How each node's displacement is known; empty where all were given.
+    /// How well each node's displacement is known; empty if all were given.
     pub(crate) hearsay: Vec<Hearsay>,
 }
 
-/// How the displacement of a node is known that was read off other fields: at worst.
+/// Uncertainty of a node's displacement that was evaluated from other fields: the worst of them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Hearsay {
     pub determinacy: Determinacy,
@@ -76,14 +76,14 @@ pub(crate) struct Hearsay {
 }
 
 impl Hearsay {
-    /// As good as a displacement that was given.
+    /// As certain as a given displacement.
     pub const GIVEN: Self = Self {
         determinacy: Determinacy::Determined,
         extrapolation: 0.0,
         extrapolated: false,
     };
 
-    /// Known through both.
+    /// The worse of both.
     pub fn and(self, other: &Self) -> Self {
         Self {
             determinacy: self.determinacy.min(other.determinacy),
@@ -121,7 +121,7 @@ impl Field {
         Ok(field)
     }
 
-    /// Displacement, gradient, and how far either can be believed.
+    /// Displacement, gradient, and how well they are determined.
     ///
     /// At a point that is not finite (or beyond 1e60) the sample is zero, undetermined, and infinitely far.
     pub fn evaluate(&self, p: &Point3<f64>) -> Sample {
@@ -133,7 +133,7 @@ impl Field {
         self.displacement_with(p, &mut Vec::with_capacity(32))
     }
 
-    /// [`Field::evaluate`] with room for the parts.
+    /// [`Field::evaluate`] with a buffer for the parts.
     pub(crate) fn evaluate_with(&self, p: &Point3<f64>, parts: &mut Vec<Part>) -> Sample {
         let Some(place) = self.partition.at(p, parts) else {
             return Sample {
@@ -168,13 +168,13 @@ impl Field {
         }
     }
 
-    /// Mean over the parts of what is said of nodes whose displacement was read off other fields.
+    /// Mean over the parts of a quantity of nodes whose displacement was evaluated from other fields.
     fn heard(&self, parts: &[Part], what: impl Fn(&Hearsay) -> f64) -> f64 {
         let of = |part: &Part| Some(part.weight * what(self.hearsay.get(part.node)?));
         parts.iter().filter_map(of).sum()
     }
 
-    /// [`Field::displacement`] with room for the parts.
+    /// [`Field::displacement`] with a buffer for the parts.
     pub(crate) fn displacement_with(&self, p: &Point3<f64>, parts: &mut Vec<Part>) -> Vector3<f64> {
         if self.partition.at(p, parts).is_none() {
             return Vector3::zeros();
@@ -191,22 +191,22 @@ impl Field {
         nearest_rotation(&(Matrix3::identity() + self.evaluate(p).gradient))
     }
 
-    /// The nodes where they stand at rest, in the order given.
+    /// The rest positions of the nodes, in the given order.
     pub fn nodes(&self) -> &[Point3<f64>] {
         &self.partition.nodes
     }
 
-    /// The displacements of the nodes, in the order given.
+    /// The displacements of the nodes, in the given order.
     pub fn node_displacements(&self) -> &[Vector3<f64>] {
         &self.displacements
     }
 
-    /// What the neighbours of each node alone determine of the gradient there, in the order of the nodes.
+    /// How well its neighbours alone determine the gradient at each node, in the order of the nodes.
     pub fn node_determinacy(&self) -> Vec<Determinacy> {
         (0..self.fits.len()).map(|i| self.known(i)).collect()
     }
 
-    /// What is known of the gradient at node `i`, through its neighbours and through the fields that its displacement was read off.
+    /// How well the gradient at node `i` is determined, by its neighbours and by the fields from which its displacement was evaluated.
     fn known(&self, i: usize) -> Determinacy {
         let heard = self.hearsay.get(i).map(|h| h.determinacy);
         let own = self.fits[i].determinacy;
@@ -226,7 +226,7 @@ impl Field {
             .sum()
     }
 
-    /// The level that nodes with at least half of the weight reach.
+    /// The level that nodes with at least half of the weight have.
     fn determinacy(&self, parts: &[Part]) -> Determinacy {
         let share = |level: Determinacy| -> f64 {
             parts
@@ -244,7 +244,7 @@ impl Field {
         }
     }
 
-    /// The nodes within the radius of node `i`, as its fit takes them.
+    /// The nodes within the radius of node `i`, in the form of its fit.
     pub(crate) fn neighbourhood(&self, i: usize) -> (Vec<usize>, Vec<moments::Sample<'_>>) {
         let (nodes, radius) = (&self.partition.nodes, self.partition.radii[i]);
         self.partition
@@ -266,8 +266,8 @@ impl Field {
         NodalFit::new(&self.neighbourhood(i).1, self.options.shrinkage, base)
     }
 
-    /// Nodes that do not know their rotation take it, as far as their neighbours leave it free, from the nearest node that does;
-    /// where none does, from the fit of all nodes together.
+    /// Nodes with an undetermined rotation take the undetermined part from the nearest node with a determined one;
+    /// if there is none, from the fit of all nodes together.
     fn spread_rotations(&mut self) {
         let knows = |i: &usize| self.fits[*i].determinacy > Determinacy::Undetermined;
         let (known, unknown): (Vec<usize>, Vec<usize>) = (0..self.fits.len()).partition(knows);

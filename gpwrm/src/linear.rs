@@ -6,8 +6,8 @@
 //! φ_i(p) = w_i [ 1 + (p − x̄)ᵀ (M + κ τ I)⁻¹ (x_i − x̄) ],   x̄ = Σ w x,  M = Σ w (x − x̄)(x − x̄)ᵀ,  τ = tr M
 //! ```
 //!
-//! `Σ φ = 1` always. `φ` is the same for every component and every displacement, which is what registration, filter and
-//! planner need: `u(p) = Φ(p) U` is linear in `U`. The price is that the direction across a flat neighbourhood is damped
+//! `Σ φ = 1` always. `φ` is the same for every component and every displacement, as registration, filter and
+//! planner require: `u(p) = Φ(p) U` is linear in `U`. On the other hand, the derivative across a flat neighbourhood is damped
 //! by `κ`, so use these on the surface and [`Field::shape`](crate::Field::shape) off it.
 
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -17,7 +17,7 @@ use crate::nodal::weight_at;
 use crate::tree::{Neighbour, Tree};
 use crate::weight::Weight;
 
-/// `κ`: keeps `M` invertible for nodes in a plane or on a line, and costs 2 % of the in-plane gradient.
+/// `κ`: keeps `M` invertible for coplanar or collinear nodes, and costs 2 % of the in-plane gradient.
 const DAMPING: f64 = 0.01;
 
 /// Linear shape functions over a set of nodes.
@@ -76,7 +76,7 @@ fn linear(nodes: &[Point3<f64>], tree: &Tree, p: &Point3<f64>, count: usize) -> 
         near.pop();
         last.distance()
     } else {
-        // Every node takes part; reach beyond the last so that it counts too.
+        // All nodes are used: the support extends beyond the last, so that it counts too.
         1.5 * last.distance()
     };
     let weights = normalised_weights(&near, radius);
@@ -88,7 +88,7 @@ fn linear(nodes: &[Point3<f64>], tree: &Tree, p: &Point3<f64>, count: usize) -> 
         scatter += weights[k] * d * d.transpose();
     }
     let damped = scatter + Matrix3::from_diagonal_element(DAMPING * scatter.trace());
-    // With all nodes coincident there is nothing to fit: the weights alone remain.
+    // If all nodes coincide only the weights remain.
     let slope = damped
         .cholesky()
         .map_or_else(Vector3::zeros, |factor| factor.solve(&-mean));
@@ -100,7 +100,7 @@ fn linear(nodes: &[Point3<f64>], tree: &Tree, p: &Point3<f64>, count: usize) -> 
         .collect()
 }
 
-/// Weights with sum one; equal if rounding left none (all nodes exactly at the support radius).
+/// Weights with sum one; equal if all are zero (all nodes exactly at the support radius).
 fn normalised_weights(near: &[Neighbour], radius: f64) -> Vec<f64> {
     let raw: Vec<f64> = near
         .iter()

@@ -8,10 +8,10 @@
 //! q ← q + h₀ n                               until |h₀| is negligible
 //! ```
 //!
-//! Where the points do not carry a quadratic (fewer than nine, or on a line) the fit falls back to the weighted mean plane.
+//! Where the points do not determine a quadratic (fewer than nine, or collinear) the fit falls back to the weighted mean plane.
 //!
 //! # Bias on a sphere
-//! Seen from a point of a sphere of radius `r`, with `a² = s² + t²` and densely and evenly sampled,
+//! At a point of a densely and evenly sampled sphere of radius `r`, with `a² = s² + t²`,
 //!
 //! ```text
 //! h(a) = −a²/(2r) − a⁴/(8r³) − …                    m_k = ∫₀¹ W(x) x^{k+1} dx:   1/14, 5/504, 1/396, 1/1144  for k = 0, 2, 4, 6
@@ -22,8 +22,8 @@
 //! ```
 //!
 //! (the weights are Wendland's C2; `c < 0` by the inequality of Cauchy and Schwarz, for every weight). The fixed point of the iteration lies
-//! where `h₀ = 0`, which is as far off the sphere. So the plane eats a sphere at every pass, and the quadratic does not shrink it at all: it
-//! grows by [`sphere_bias`], 0.6 µm for `r` = 50 mm and `ρ` = 12 mm, 300 times less than the plane takes.
+//! where `h₀ = 0`, which is as far off the sphere. A plane fit therefore shrinks a sphere in every pass, whereas the quadratic one enlarges it only once,
+//! by [`sphere_bias`]: 0.6 µm for `r` = 50 mm and `ρ` = 12 mm, 300 times less than the plane fit shrinks it.
 
 use nalgebra::{Matrix6, Point3, Unit, UnitVector3, Vector3, Vector6};
 
@@ -42,7 +42,7 @@ pub struct Projection {
     pub normal: UnitVector3<f64>,
 }
 
-/// A cloud drawn onto its own smooth surface.
+/// A cloud projected onto its own smooth surface.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Smoothed {
@@ -54,7 +54,7 @@ pub struct Smoothed {
 
 /// A quadratic has six coefficients; a few more points make it a fit instead of an interpolation of noise.
 const QUADRATIC_NEEDS: usize = 9;
-/// Newton-like steps; smooth clouds settle in three.
+/// Newton-like steps; smooth clouds converge in three.
 const STEPS: usize = 12;
 /// A step below this share of the radius is rounding.
 const SETTLED: f64 = 1e-10;
@@ -102,7 +102,7 @@ pub fn smooth(
     radius: f64,
 ) -> Result<Smoothed, Error> {
     let surface = Surface::new(points, normals, radius)?;
-    // All first, then the first error by index, whichever thread met one first.
+    // All points are projected before the first error by index is returned, so that threads do not affect which.
     let projected = map_indexed(points.len(), |i| surface.project_indexed(&points[i], i))
         .into_iter()
         .collect::<Result<Vec<Projection>, _>>()?;
@@ -112,13 +112,13 @@ pub fn smooth(
     })
 }
 
-/// By how much a sphere of radius `sphere_radius` grows when densely sampled and drawn onto its smooth surface with reach `radius`: the
-/// leading order, `917/261976 ρ⁴/r³`, in m. The derivation stands at the head of this module.
+/// The growth of a sphere of radius `sphere_radius` when densely sampled and projected onto its smooth surface with support `radius`: the
+/// leading order, `917/261976 ρ⁴/r³`, in m. The derivation is at the head of this module.
 pub fn sphere_bias(radius: f64, sphere_radius: f64) -> f64 {
     917.0 / 261_976.0 * radius.powi(4) / sphere_radius.powi(3)
 }
 
-/// The smooth surface of a cloud, ready for many projections.
+/// The smooth surface of a cloud, prepared for many projections.
 #[derive(Debug, Clone)]
 pub struct Surface<'a> {
     points: &'a [Point3<f64>],
@@ -128,7 +128,7 @@ pub struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// Surface of `points` with `normals` on one side, seen at `radius`.
+    /// Surface of `points` with `normals` on one side, with support `radius`.
     ///
     /// # Errors
     /// No points, slices of different lengths, coordinates that are not finite, or a radius that is not positive.
@@ -191,7 +191,7 @@ impl<'a> Surface<'a> {
             .map(|n| self.normals[n.index])
     }
 
-    /// The height polynomial over `q`; nothing if no point is within the radius.
+    /// The height polynomial over `q`; `None` if no point is within the radius.
     fn local_fit(&self, q: &Point3<f64>) -> Option<LocalFit> {
         let near = self.tree.within(q, self.radius);
         let weight = |distance: f64| Weight::WendlandC2.value(distance / self.radius);
@@ -199,14 +199,14 @@ impl<'a> Surface<'a> {
             .iter()
             .map(|n| weight(n.distance()) * self.normals[n.index].as_ref())
             .sum();
-        // Opposite normals cancel: then the nearest point decides the side.
+        // Opposite normals cancel: then that of the nearest point is used.
         let normal = Unit::try_new(blend, 1e-9).or_else(|| self.nearest_normal(&near))?;
         let (s, t) = tangents(&normal);
         let mut normal_matrix = Matrix6::zeros();
         let mut right = Vector6::zeros();
         let (mut total, mut mean) = (0.0, 0.0);
         for n in &near {
-            // In units of the radius, so that the damping below has one meaning at every scale.
+            // In units of the radius, so that the damping below is independent of scale.
             let d = (self.points[n.index] - q) / self.radius;
             let (w, a, b, h) = (weight(n.distance()), d.dot(&s), d.dot(&t), d.dot(&normal));
             let row = Vector6::new(1.0, a, b, a * a, a * b, b * b);
@@ -233,7 +233,7 @@ impl<'a> Surface<'a> {
             return Some(plane);
         };
         let h = factor.solve(&right);
-        // A height beyond the heights of the points is extrapolation, not a fit.
+        // A height beyond the heights of the points is extrapolation.
         if h[0].abs() > 1.0 {
             return Some(plane);
         }

@@ -13,7 +13,7 @@ pub(crate) struct Sample<'a> {
     pub displacement: &'a Vector3<f64>,
 }
 
-/// `M` and `C` over `τ`, and what they were taken about.
+/// `M` and `C` divided by `τ`, and their reference points.
 pub(crate) struct Moments {
     /// `M/τ`, of unit trace.
     pub scatter: Matrix3<f64>,
@@ -23,9 +23,9 @@ pub(crate) struct Moments {
     pub centre: Point3<f64>,
     /// `ū`.
     pub shift: Vector3<f64>,
-    /// `τ` with weights as given, not normalised.
+    /// `τ` with the given weights, not normalised.
     pub trace: f64,
-    /// Rounding of a coordinate over the length `Σ w ‖d‖³ / Σ w ‖d‖²` of the neighbourhood: what equality means in `scatter` and `cross`,
+    /// Rounding of a coordinate over the length `Σ w ‖d‖³ / Σ w ‖d‖²` of the neighbourhood: the tolerance for equality in `scatter` and `cross`,
     /// and for directions within it.
     pub rounding: f64,
     /// Rounding of a coordinate, in m, with room for a dozen operations.
@@ -33,7 +33,7 @@ pub(crate) struct Moments {
 }
 
 impl Moments {
-    /// Nothing if all samples coincide.
+    /// `None` if all samples coincide.
     pub fn new(samples: &[Sample]) -> Option<Self> {
         let first = samples.first()?;
         let (origin, base) = (first.position, first.displacement);
@@ -60,7 +60,7 @@ impl Moments {
         }
         let trace = scatter.trace();
         let grain = 16.0 * f64::EPSILON * largest;
-        // Below this the spread is rounding error of coincident nodes, not geometry.
+        // A smaller spread is rounding error of coincident nodes, not geometry.
         (trace > f64::MIN_POSITIVE * 1e20).then(|| Self {
             scatter: scatter / trace,
             cross: cross / trace,

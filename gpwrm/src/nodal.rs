@@ -8,9 +8,9 @@
 //! G = R − I + (C − (R − I) M)(M + ε τ I)⁻¹
 //! ```
 //!
-//! `M` of nodes on a surface has (almost) no spread along the normal, so the data do not say how displacement changes
-//! along it. Any rule that then answers "not at all" (pseudo-inverse, truncation, Tikhonov on `G`) shears a patch that
-//! has turned. Here the prior is the local rotation `R`, which the spread within the surface does determine.
+//! `M` of nodes on a surface has (almost) no spread along the normal, so the data do not determine the derivative of the displacement
+//! along it. Any rule that sets this derivative to zero (pseudo-inverse, truncation, Tikhonov on `G`) shears a patch that
+//! has rotated. Here the prior is the local rotation `R`, which the spread within the surface does determine.
 //!
 //! For a rigid motion `C = (R − I) M`, whatever `M` is, so `G = R − I` whatever `ε` is. For an affine motion `x ↦ F x + t`,
 //! `C = (F − I) M`, and along an axis of `M` with share `λ` of the spread
@@ -19,7 +19,7 @@
 //! G v = (F − I) v − ε/(λ + ε) (F − R) v
 //! ```
 //!
-//! so the part of the strain that the shrinkage takes is `ε/(λ + ε)`: nothing of a rotation, 0.6 % of an in-plane strain at the default
+//! so the shrinkage removes the share `ε/(λ + ε)` of the strain: nothing of a rotation, 0.6 % of an in-plane strain at the default
 //! `ε` (`λ ≈ ½`), and everything along a direction without spread.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -30,12 +30,12 @@ use crate::options::Determinacy;
 use crate::rotation::least_rotation;
 use crate::weight::Weight;
 
-/// Shares of the spread across the longest direction below which a neighbourhood counts as thin: 1 : 30 in width.
+/// Share of the spread perpendicular to the longest direction below which a neighbourhood counts as thin: 1 : 30 in width.
 const THIN: f64 = 1e-3;
-/// How many roundings may gather in the strain of a rigid motion: 8 is the most seen in 20,000 random neighbourhoods.
+/// Number of roundings that may accumulate in the strain of a rigid motion: 8 is the most observed in 20,000 random neighbourhoods.
 const SLACK: f64 = 64.0;
 
-/// Gradient of the displacement at a node, the rotation it was drawn to, and how much of it the neighbours determine.
+/// Gradient of the displacement at a node, the rotation towards which it was shrunk, and how well the neighbours determine it.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NodalFit {
     pub gradient: Matrix3<f64>,
@@ -44,7 +44,7 @@ pub(crate) struct NodalFit {
 }
 
 impl NodalFit {
-    /// Fits `samples`, with the shrinkage `ε`; what they leave free of the rotation stays as in `base`.
+    /// Fits `samples` with the shrinkage `ε`; undetermined parts of the rotation are taken from `base`.
     pub fn new(samples: &[Sample], shrinkage: f64, base: &Rotation3<f64>) -> Self {
         let Some(moments) = Moments::new(samples) else {
             return Self::unknown(base);
@@ -61,7 +61,7 @@ impl NodalFit {
         };
         let turn = rotation.matrix() - Matrix3::identity();
         let mut strain = cross - turn * scatter;
-        // Rounding of a rigid motion, which a tiny `ε` would blow up along directions without spread.
+        // Rounding of a rigid motion, which a tiny `ε` would amplify along directions without spread.
         if strain.amax() <= SLACK * moments.rounding {
             strain.fill(0.0);
         }
@@ -72,7 +72,7 @@ impl NodalFit {
         }
     }
 
-    /// Nothing known beyond `base`.
+    /// The fit without any data beyond `base`.
     fn unknown(base: &Rotation3<f64>) -> Self {
         Self {
             gradient: base.matrix() - Matrix3::identity(),
@@ -82,7 +82,7 @@ impl NodalFit {
     }
 }
 
-/// Lemma 2 of the [paper](https://doi.org/10.1177/02783649251415415) by spread: a direction counts as observed when the data along it outweigh the prior.
+/// The paper's Lemma 2, in terms of spread: a direction counts as observed when the data along it outweigh the prior.
 fn determinacy(spread: &Vector3<f64>, shrinkage: f64, rotation_known: bool) -> Determinacy {
     if sorted(spread)[2] >= shrinkage.max(1e-9) {
         Determinacy::Determined
@@ -100,7 +100,7 @@ fn sorted(spread: &Vector3<f64>) -> [f64; 3] {
     shares
 }
 
-/// `W(distance / radius)`, where a radius of zero still weighs the node itself.
+/// `W(distance / radius)`; with a radius of zero the node itself still has a weight.
 pub(crate) fn weight_at(weight: Weight, distance: f64, radius: f64) -> f64 {
     if distance <= 0.0 {
         1.0

@@ -3,18 +3,18 @@ use nalgebra::{Matrix3, Vector3};
 use crate::error::Error;
 use crate::weight::Weight;
 
-/// How far a node reaches.
+/// Support of a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Support {
     /// The same radius for every node, in m; about 2.3 spacings is best on surfaces.
     Radius(f64),
-    /// Each node reaches to its nearest so many others; follows a varying spacing.
+    /// Each node reaches to this number of nearest other nodes, which adapts to a varying spacing.
     Nearest(usize),
 }
 
-/// Settings of a [`Field`](crate::Field).
+/// Options of a [`Field`](crate::Field).
 ///
 /// ```
 /// use gpwrm::{FieldOptions, Support};
@@ -25,13 +25,13 @@ pub enum Support {
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FieldOptions {
-    /// Reach of a node. Default: its 16 nearest, which on a surface is 2.3 spacings.
+    /// Support of a node. Default: its 16 nearest, which on a surface is 2.3 spacings.
     pub support: Support,
     /// Radial weight. Default: [`Weight::WendlandC2`].
     pub weight: Weight,
-    /// `ε`: how strongly a gradient is drawn to the local rotation, relative to the spread of the neighbours.
-    /// Default .003, for displacements that are exact; .01 suits a node noise of 3 % of the spacing. Along an axis with the share `λ` of
-    /// the spread (about ½ within a surface) it takes `ε/(λ + ε)` of a strain, and nothing of a rotation.
+    /// `ε`: how strongly a gradient is shrunk towards the local rotation, relative to the spread of the neighbours.
+    /// Default .003, for exact displacements; .01 suits a node noise of 3 % of the spacing. Along an axis with the share `λ` of
+    /// the spread (about ½ within a surface) it removes `ε/(λ + ε)` of a strain, and nothing of a rotation.
     pub shrinkage: f64,
 }
 
@@ -82,7 +82,7 @@ impl FieldOptions {
             }
             _ => {}
         }
-        // Zero would make flat neighbourhoods singular, which is what the shrinkage is for.
+        // With zero, flat neighbourhoods would be singular.
         if !(self.shrinkage >= 1e-12 && self.shrinkage <= 1e6) {
             return Err(Error::BadOption {
                 option: "shrinkage",
@@ -94,16 +94,16 @@ impl FieldOptions {
     }
 }
 
-/// What the nodes around a point say about the gradient there (Lemma 2 of the [paper](https://doi.org/10.1177/02783649251415415)).
+/// How well the nodes around a point determine the gradient there (paper, Lemma 2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Determinacy {
-    /// Fewer than three nodes, or all on a line: their roll is a guess, that of the nearest node that knows its own or else
-    /// none.
+    /// Fewer than three nodes, or all collinear: their roll is assumed to be that of the nearest node with a determined one, or
+    /// else zero.
     Undetermined,
-    /// Three nodes or more that spread within a surface: the rotation is known, the strain across the surface is not.
+    /// Three or more nodes that spread within a surface: the rotation is determined, the strain across the surface is not.
     Partly,
-    /// Four nodes or more that spread in all directions: the whole gradient comes from data.
+    /// Four or more nodes that spread in all directions: the whole gradient is determined by data.
     Determined,
 }
 
@@ -115,12 +115,12 @@ pub struct Sample {
     pub displacement: Vector3<f64>,
     /// Gradient of the displacement, `∂u_a/∂x_b`; the deformation gradient is `F = I + gradient`.
     pub gradient: Matrix3<f64>,
-    /// How much of the gradient comes from data.
+    /// How well the gradient is determined by data.
     pub determinacy: Determinacy,
-    /// Distance to the nearest node, in m: how far the value is extrapolated; after [`Field::then`](crate::Field::then) at least as far as the nodes around were
-    /// from those of the later field.
+    /// Distance to the nearest node, in m; after [`Field::then`](crate::Field::then) at least the distance of the nodes around from
+    /// those of the later field.
     pub extrapolation: f64,
-    /// Whether the point lies outside the support of every node: none of the given reach surrounds it, and the value is
-    /// continued from the nearest ones; or that the nodes around did so of the later field.
+    /// Whether the point lies outside the support of every node, so that the value is extrapolated from the nearest ones; or whether the nodes around
+    /// were outside that of the later field.
     pub extrapolated: bool,
 }

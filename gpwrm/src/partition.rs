@@ -1,11 +1,11 @@
-//! The partition of unity: how much every node counts at a point.
+//! The partition of unity: the weight of every node at a point.
 //!
 //! ```text
 //! ψ_i(p) = W(‖p − x_i‖ / ρ_i(p)) / Σ_j W(‖p − x_j‖ / ρ_j(p)),      ρ_i(p) = ρ_i + min_j ‖p − x_j‖
 //! ```
 //!
-//! The support grows with the distance to the nearest node, so that a point off the surface sees a wider patch of it
-//! and no point of space is without nodes.
+//! The support grows with the distance to the nearest node, so that a point off the surface uses a wider patch of it
+//! and every point of space has nodes in reach.
 
 use nalgebra::{Point3, Vector3};
 
@@ -23,7 +23,7 @@ pub(crate) struct Partition {
     weight: Weight,
 }
 
-/// One node's part in an evaluation: `ψ_i` and `∇ψ_i`.
+/// The part of one node in an evaluation: `ψ_i` and `∇ψ_i`.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Part {
     pub node: usize,
@@ -31,7 +31,7 @@ pub(crate) struct Part {
     pub slope: Vector3<f64>,
 }
 
-/// How a point lies to the nodes.
+/// The position of a point relative to the nodes.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Place {
     /// Distance to the nearest node.
@@ -52,7 +52,7 @@ impl Partition {
         }
     }
 
-    /// Fills `parts` with the nodes in reach of `p`; nothing if `p` is not finite.
+    /// Fills `parts` with the nodes in reach of `p`; returns `None` if `p` is not finite.
     pub fn at(&self, p: &Point3<f64>, parts: &mut Vec<Part>) -> Option<Place> {
         parts.clear();
         let nearest = self.tree.nearest(p)?.index;
@@ -76,7 +76,7 @@ impl Partition {
         Some(Place { distance, reached })
     }
 
-    /// `W` and `∇W` of node `i`, which `d` leads away from, before normalisation.
+    /// `W` and `∇W` of node `i`, at the offset `d` from it, before normalisation.
     fn raw(
         &self,
         i: usize,
@@ -86,7 +86,7 @@ impl Partition {
     ) -> Option<Part> {
         let radius = self.radii[i] + distance;
         if radius <= 0.0 {
-            // All nodes coincide, and the point with them.
+            // All nodes coincide with the point.
             return Some(Part {
                 node: i,
                 weight: 1.0,
@@ -107,11 +107,11 @@ impl Partition {
     }
 }
 
-/// Weights that sum to one, and their slopes.
+/// Weights that sum to one, and their gradients.
 fn normalise(parts: &mut Vec<Part>, nearest: usize) {
     let total: f64 = parts.iter().map(|part| part.weight).sum();
     if total < 1e-200 {
-        // So far away that all weights underflow: the nearest node speaks for all.
+        // So far away that all weights underflow: only the nearest node is used.
         parts.clear();
         parts.push(Part {
             node: nearest,

@@ -1,4 +1,4 @@
-//! Who reaches where: the support radius of every node, and which nodes can weigh at a point.
+//! Support radii: the radius of every node, and which nodes can have weight at a point.
 
 use nalgebra::Point3;
 
@@ -18,20 +18,20 @@ pub(crate) fn node_radii(nodes: &[Point3<f64>], tree: &Tree, support: Support) -
 
 /// The distance to the node after the `count` nearest others, where the weight is zero.
 fn nearest_radius(x: &Point3<f64>, nodes: usize, tree: &Tree, count: usize) -> f64 {
-    // The node itself comes first, and one more closes the support.
+    // The node itself comes first, and one more node bounds the support.
     let wanted = count.saturating_add(2);
     let near = tree.nearest_n(x, wanted.min(nodes));
     let last = near.last().map_or(0.0, Neighbour::distance);
     if near.len() == wanted {
         last
     } else {
-        // Every node takes part; reach beyond the last so that it counts too.
+        // All nodes are used: the support extends beyond the last, so that it counts too.
         1.5 * last
     }
 }
 
-/// For every node `n`, the nodes that can weigh at a point whose nearest node is `n`, by the distance from which on
-/// they do: spares a tree search per evaluation near the surface.
+/// For every node `n`, the nodes that can have weight at a point whose nearest node is `n`, with the distance from which on
+/// they do. This saves a tree search for each evaluation near the surface.
 #[derive(Debug, Clone)]
 pub(crate) struct Reach {
     /// `lists[starts[n]..starts[n + 1]]` belongs to node `n`, sorted by `gap`.
@@ -43,7 +43,7 @@ pub(crate) struct Reach {
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     node: usize,
-    /// `‖x_n − x_i‖ − ρ_i`: node `i` weighs only at points farther than half of this from `n`.
+    /// `‖x_n − x_i‖ − ρ_i`: node `i` has weight only at points farther than half of this from `n`.
     gap: f64,
 }
 
@@ -73,13 +73,13 @@ impl Reach {
         }
     }
 
-    /// Lists are complete for points closer to their node than half of this: with the usual reach that is somewhat more than half
+    /// Lists are complete for points closer to their node than half of this: with the usual support this is slightly more than half
     /// a spacing, so that points on the surface need no search and lists stay short.
     fn span(radius: f64) -> f64 {
         0.6 * radius
     }
 
-    /// Calls `take` for every node that can weigh at `p`, whose nearest node `n` is `distance` away.
+    /// Calls `take` for every node that can have weight at `p`, whose nearest node `n` is at `distance`.
     pub fn visit(
         &self,
         n: usize,

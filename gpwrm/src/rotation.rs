@@ -6,8 +6,8 @@
 //!
 //! is the rotational polar factor of `A` when `det A > 0`, and the best proper rotation otherwise. As a unit quaternion it
 //! is the eigenvector of the largest eigenvalue of a symmetric 4 × 4 matrix that is linear in `A`; unlike a singular value
-//! decomposition it needs no case for reflections and keeps full accuracy when `A` has rank two, as every flat
-//! neighbourhood gives.
+//! decomposition it needs no case for reflections and keeps full accuracy when `A` has rank two, as in every flat
+//! neighbourhood.
 
 use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, SymmetricEigen, UnitQuaternion, Vector3};
 
@@ -35,17 +35,17 @@ pub fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
     UnitQuaternion::new_normalize(quaternion).to_rotation_matrix()
 }
 
-/// Strength of the pull toward the rotation of the previous round, as a share of the spread of the nodes.
+/// Weight of the rotation of the previous round, as a share of the spread of the nodes.
 const PULL: f64 = 1e-4;
-/// The pull shrinks the error by `PULL / (width of the neighbourhood)` a round: 12 rounds settle every neighbourhood
-/// that is not narrower than 1 : 30, and narrower ones go another way.
+/// Each round reduces the error by `PULL / (width of the neighbourhood)`: 12 rounds converge for every neighbourhood
+/// that is not narrower than 1 : 30; narrower ones are handled by `collinear`.
 const ROUNDS: usize = 12;
 
 /// The rotation of a neighbourhood with unit-trace scatter `M` and `A = M + C`: the polar factor where the nodes
-/// determine it, the least rotation where they do not (as when the motion crushes a patch onto a line).
+/// determine it, the least rotation where they do not (as when the motion collapses a patch onto a line).
 ///
-/// `R ← argmax tr(Rᵀ(A + δR))`, from the identity, is a proximal iteration: whatever `A` leaves free stays as it was, that
-/// is, not rotated. One round with a fixed pull toward the identity would leave an error of order `δ` in every rigid
+/// `R ← argmax tr(Rᵀ(A + δR))`, from the identity, is a proximal iteration: what `A` does not determine stays as it was, that
+/// is, unrotated. One round with a fixed pull toward the identity would leave an error of order `δ` in every rigid
 /// motion; the iteration leaves none.
 pub(crate) fn least_rotation(a: &Matrix3<f64>) -> Rotation3<f64> {
     let mut rotation = Rotation3::identity();
@@ -53,7 +53,7 @@ pub(crate) fn least_rotation(a: &Matrix3<f64>) -> Rotation3<f64> {
         let next = nearest_rotation(&(a + PULL * rotation.matrix()));
         let change = (next.matrix() - rotation.matrix()).amax();
         rotation = next;
-        // What is left is `PULL` of the change at most where the rotation is determined: below rounding.
+        // Where the rotation is determined, the remaining error is at most `PULL` times the change: below rounding.
         if change < 1e-11 {
             break;
         }
@@ -61,10 +61,10 @@ pub(crate) fn least_rotation(a: &Matrix3<f64>) -> Rotation3<f64> {
     rotation
 }
 
-/// The smallest rotation that takes unit vector `from` to unit vector `to`: the half turn about `from`, then the half turn about
+/// The smallest rotation that maps unit vector `from` to unit vector `to`: the half turn about `from`, then the half turn about
 /// the vector half-way between the two.
 ///
-/// Opposite vectors leave the axis open; one perpendicular to `from` is taken.
+/// For opposite vectors, whose axis is undetermined, one perpendicular to `from` is used.
 pub(crate) fn shortest_turn(from: &Vector3<f64>, to: &Vector3<f64>) -> Rotation3<f64> {
     let between = |from: &Vector3<f64>| {
         let half = (from + to)
@@ -72,12 +72,12 @@ pub(crate) fn shortest_turn(from: &Vector3<f64>, to: &Vector3<f64>) -> Rotation3
             .unwrap_or_else(|| from.cross(&axis_aside(from)).normalize());
         half_turn(&half) * half_turn(from)
     };
-    // Near opposition the sum loses digits; a second turn from where the first one led gives them back.
+    // Near opposition the sum loses digits; a second rotation, from the result of the first, restores them.
     let first = between(from);
     between(&(first * from)) * first
 }
 
-/// Half a turn about the unit vector `axis`: `2aaᵀ − I`.
+/// The half turn about the unit vector `axis`: `2aaᵀ − I`.
 fn half_turn(axis: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(2.0 * axis * axis.transpose() - Matrix3::identity())
 }

@@ -1,6 +1,6 @@
 //! The field as a function of its nodes: exact shape functions, and the derivative by node.
 //!
-//! With the rotations `R_i` held, every nodal gradient is linear in the displacements, and so is the field:
+//! With fixed rotations `R_i`, every nodal gradient is linear in the displacements, and so is the field:
 //!
 //! ```text
 //! v_i = (p − x_i)/2 + (p − x̄)/2,    x̄ = Σ ψ_i x_i,    K_i = (M_i + ε τ_i I)⁻¹
@@ -10,8 +10,8 @@
 //! u(p) = Σ_j φ_j(p) u_j + turn(p),    turn(p) = Σ_i ψ_i (R_i − I) s_i,    Σ_j φ_j = 1
 //! ```
 //!
-//! `s_i` is the part of the way from node to point that the neighbours do not determine, so `turn` is what the local rotations add off the
-//! surface. It moves with the nodes too. From `A_i = M_i + C_i = R_i S_i`, `S_i` symmetric:
+//! `s_i` is the part of the offset from node to point that the neighbours do not determine, so `turn` is the contribution of the local rotations
+//! off the surface. It depends on the nodes too. From `A_i = M_i + C_i = R_i S_i`, `S_i` symmetric:
 //!
 //! ```text
 //! ∂R_i/∂u_j = −R_i [s_i]× (tr S_i · I − S_i)⁻¹ [w_ij (x_j − x̄_i)/τ_i]× R_iᵀ        applied to s_i
@@ -29,14 +29,14 @@ use crate::partition::Part;
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Shape {
-    /// Nodes and their `φ`, by index of the node; `Σ φ = 1`. Sparse: the nodes in reach of those in reach.
+    /// Nodes and their `φ`, by index of the node; `Σ φ = 1`. Sparse: the neighbours of the nodes in reach.
     pub functions: Vec<(usize, f64)>,
-    /// What the local rotations add along directions that the nodes do not determine, in m.
+    /// Contribution of the local rotations along directions that the nodes do not determine, in m.
     pub turn: Vector3<f64>,
 }
 
 impl Shape {
-    /// `Σ φ_j u_j + turn`; nodes beyond the end of `displacements` count as still.
+    /// `Σ φ_j u_j + turn`; nodes beyond the end of `displacements` count as not displaced.
     pub fn displacement(&self, displacements: &[Vector3<f64>]) -> Vector3<f64> {
         let moved = |&(j, phi): &(usize, f64)| displacements.get(j).map(|u| phi * u);
         self.turn
@@ -48,7 +48,7 @@ impl Shape {
     }
 }
 
-/// What the fit of one node adds at a point.
+/// The contribution of the fit of one node at a point.
 struct NodeShare {
     /// `ψ_i w_ij (x_j − x̄_i)ᵀ K_i v_i` by node `j`.
     functions: Vec<(usize, f64)>,
@@ -57,12 +57,12 @@ struct NodeShare {
 }
 
 impl Field {
-    /// Shape functions of the field at `p`, rotations held: `u(p) = Σ φ_j u_j + turn`, exactly.
+    /// Shape functions of the field at `p`, for fixed rotations: `u(p) = Σ φ_j u_j + turn`, exactly.
     ///
-    /// Empty and still if `p` is not finite.
+    /// Empty, with zero displacement, if `p` is not finite.
     ///
     /// # Complexity
-    /// `O(k²)` with `k` nodes in reach. [`ShapeFunctions`](crate::ShapeFunctions) are cheaper and purely linear, but shear what turns.
+    /// `O(k²)` with `k` nodes in reach. [`ShapeFunctions`](crate::ShapeFunctions) are faster and purely linear, but shear patches that rotate.
     ///
     /// ```
     /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Rotation3, Vector3}};
@@ -92,14 +92,14 @@ impl Field {
         shape
     }
 
-    /// Nodes and `φ` at `p`: [`Field::shape`] without its turn.
+    /// Nodes and `φ` at `p`: [`Field::shape`] without its `turn`.
     pub fn shape_functions(&self, p: &Point3<f64>) -> Vec<(usize, f64)> {
         self.shape(p).functions
     }
 
-    /// Nodes and `∂u(p)/∂u_j` at `p`, by index of the node: how the displacement answers to each node, rotations included.
+    /// Nodes and `∂u(p)/∂u_j` at `p`, by index of the node: the derivative of the displacement by each node, rotations included.
     ///
-    /// Rotations of nodes whose neighbours do not determine them ([`Determinacy::Undetermined`]) are held. Empty if `p` is not finite.
+    /// Rotations of nodes whose neighbours do not determine them ([`Determinacy::Undetermined`]) are treated as fixed. Empty if `p` is not finite.
     ///
     /// # Complexity
     /// `O(k²)` with `k` nodes in reach.
@@ -131,7 +131,7 @@ impl Field {
         parts.into_iter().map(way).collect()
     }
 
-    /// What the fit of the node of `part` adds over the way `v`.
+    /// The contribution of the node of `part` for the offset `v`.
     fn share(&self, part: &Part, v: &Vector3<f64>) -> NodeShare {
         let (indices, samples) = self.neighbourhood(part.node);
         let shrinkage = self.options.shrinkage;
@@ -177,9 +177,9 @@ impl Field {
     }
 }
 
-/// Entries of the same node added up, by index of the node.
+/// Entries with equal nodes are summed, ordered by index of the node.
 fn merged<T>(mut entries: Vec<(usize, T)>, add: impl Fn(&mut T, T)) -> Vec<(usize, T)> {
-    // Stable, so that the order of summation is the order of the nodes in reach.
+    // Stable sort, so that the order of summation is the order of the nodes in reach.
     entries.sort_by_key(|entry| entry.0);
     let mut sums: Vec<(usize, T)> = Vec::new();
     for (node, value) in entries {

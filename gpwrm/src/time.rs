@@ -1,4 +1,4 @@
-//! The field over time: nodes keep where they stood at rest and where they stand now, and frames are composed at the nodes.
+//! The field over time: nodes store their rest and live positions, and frames are composed at the nodes.
 //!
 //! ```text
 //! y_i = x_i + u_i                          live position of node i
@@ -7,9 +7,8 @@
 //! inverse:                nodes y_i, displacements −u_i
 //! ```
 //!
-//! Composing at the nodes instead of chaining fields point by point keeps the cost of an evaluation the same after a thousand
-//! frames, and makes the field a matter of where the nodes stand and not of the way they came: when they come home, so does all that lies
-//! between them.
+//! Composing at the nodes instead of chaining fields point by point keeps the cost of an evaluation constant over a thousand
+//! frames, and makes the field independent of the path of the nodes: when they return to rest, so does everything between them.
 
 use nalgebra::{Point3, Vector3};
 
@@ -18,16 +17,16 @@ use crate::field::{Field, Hearsay};
 use crate::options::Sample;
 
 impl Field {
-    /// Where the nodes stand now: `x_i + u_i`, in the order given.
+    /// The live positions of the nodes: `x_i + u_i`, in the given order.
     pub fn live_nodes(&self) -> Vec<Point3<f64>> {
         let moved = self.nodes().iter().zip(&self.displacements);
         moved.map(|(x, u)| x + u).collect()
     }
 
-    /// The field from the same rest, after the nodes have moved on by `motion`, which is measured from where they stand now.
+    /// The field from the same rest, after the nodes have moved by a further `motion`, relative to their live positions.
     ///
     /// # Errors
-    /// `motion` of another length than the nodes, or not finite.
+    /// `motion` with another length than the nodes, or not finite.
     ///
     /// ```
     /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Vector3}};
@@ -51,7 +50,7 @@ impl Field {
         Ok(self.handing_on(later))
     }
 
-    /// `later`, whose nodes are known no better than those of this field.
+    /// `later`, with the uncertainty of the nodes of this field.
     fn handing_on(&self, later: Self) -> Self {
         Self {
             hearsay: self.hearsay.clone(),
@@ -59,8 +58,8 @@ impl Field {
         }
     }
 
-    /// This field and then `next`, whose rest is where this one ends; the nodes are those of this field. What `next` has not determined, or had to
-    /// extrapolate, stays so: a [`Sample`](crate::Sample) of the result is as good as the worse of the two.
+    /// This field followed by `next`, whose rest is the live state of this one; the nodes are those of this field. Where `next` is undetermined
+    /// or extrapolates, so does the result: a [`Sample`](crate::Sample) of it is as certain as the worse of the two.
     ///
     /// # Errors
     /// A node moved beyond the coordinate bound.
@@ -99,10 +98,10 @@ impl Field {
         })
     }
 
-    /// The field from live to rest: every node stands at `x + u` and moves by `−u`.
+    /// The field from live to rest: every node is at `x + u` and moves by `−u`.
     ///
-    /// The two are inverse to each other at the nodes to the accuracy of the fit and between them to that of interpolation; for rigid
-    /// motions exactly.
+    /// The two are inverse to each other at the nodes to the accuracy of the fit, and between them to that of interpolation; exactly
+    /// for rigid motions.
     ///
     /// # Errors
     /// A node whose moved position exceeds the coordinate bound.

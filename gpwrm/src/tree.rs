@@ -1,4 +1,4 @@
-//! Neighbour search: a thin face over the k-d tree library, in nalgebra types.
+//! Neighbour search: a thin wrapper of the k-d tree library with nalgebra types.
 
 use std::num::NonZero;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use nalgebra::Point3;
 
 use crate::error::{Error, check_coordinates, is_sound};
 
-/// A point of a [`Tree`] and how far it is.
+/// A point of a [`Tree`] and its distance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Neighbour {
@@ -32,10 +32,10 @@ impl Neighbour {
     }
 }
 
-/// The k-d tree that field, shape functions and surface search: public, because whoever registers, filters or plans on the
-/// same nodes asks the same questions of them.
+/// The k-d tree used by field, shape functions and surface, public for use by registration, filters and planners on the
+/// same nodes.
 ///
-/// A clone shares the tree. Ties are broken by the tree alone: the same points give the same answers.
+/// A clone shares the tree. The same points give the same results, also in ties.
 ///
 /// ```
 /// use gpwrm::{Tree, nalgebra::Point3};
@@ -65,7 +65,7 @@ impl Tree {
         Self::over(points).ok_or(Error::NoNodes)
     }
 
-    /// Tree over points already known to be finite; nothing if there are none.
+    /// Tree over points that are known to be finite; `None` if there are none.
     pub(crate) fn over(points: &[Point3<f64>]) -> Option<Self> {
         if points.is_empty() {
             return None;
@@ -77,7 +77,7 @@ impl Tree {
         })
     }
 
-    /// The nearest point, in `O(log n)`; nothing if `p` is not finite.
+    /// The nearest point, in `O(log n)`; `None` if `p` is not finite.
     pub fn nearest(&self, p: &Point3<f64>) -> Option<Neighbour> {
         let hit = self
             .tree
@@ -119,7 +119,7 @@ impl Tree {
     }
 }
 
-/// Coordinates to search from; nothing if they are not finite or too large to square.
+/// Coordinates for a search; `None` if they are not finite or too large to square.
 fn finite(p: &Point3<f64>) -> Option<[f64; 3]> {
     p.iter().all(|&c| is_sound(c)).then_some([p.x, p.y, p.z])
 }

@@ -7,14 +7,14 @@
 //! quartic      W(t) = 1 − 6t² + 8t³ − 3t⁴
 //! ```
 //!
-//! Every one is flat at 0, so `W'(t)/t` stays bounded and the gradient of `W(‖x‖/ρ)` needs no division by `‖x‖`.
+//! All are flat at 0, so `W'(t)/t` is bounded and the gradient of `W(‖x‖/ρ)` needs no division by `‖x‖`.
 
 /// Radial weight of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Weight {
-    /// Wendland's function of smoothness two: the measured best of the three on surfaces.
+    /// Wendland's function of smoothness two: the most accurate of the three on surfaces.
     #[default]
     WendlandC2,
     /// Wendland's function of smoothness four: narrower, smoother.

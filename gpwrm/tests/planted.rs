@@ -1,4 +1,4 @@
-//! Fields and surfaces whose answer is known by construction, and answers to wrong input.
+//! Fields and surfaces with known results, and errors for invalid input.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use gpwrm::{Determinacy, Error, Field, FieldOptions, ShapeFunctions, Support, Tree};

@@ -154,7 +154,7 @@ fn three_nodes_carry_a_half_turn() {
     }
 }
 
-/// A node out of everybody's reach turns with the rest, and says that it does not know.
+/// A node out of reach of all others rotates with the rest, and is reported as undetermined.
 #[test]
 fn a_lonely_node_turns_with_its_neighbours() {
     let mut nodes: Vec<_> = (0..36)

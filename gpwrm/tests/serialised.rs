@@ -1,4 +1,4 @@
-//! With the feature `serde`, options come back from JSON and results from bytes as they went.
+//! With the feature `serde`, options survive a round trip through JSON and results one through bytes.
 #![cfg(feature = "serde")]
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 

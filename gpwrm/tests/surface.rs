@@ -1,4 +1,4 @@
-//! Surfaces by moving least squares: the bias that the derivation gives, noise, layers, and answers to wrong input.
+//! Surfaces by moving least squares: bias as derived, noise, layers, and errors for invalid input.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use gpwrm::Error;

@@ -1,4 +1,4 @@
-//! The program `warp`, run as a user runs it.
+//! The program `warp` as a user runs it.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use std::fmt::Write as _;
@@ -19,7 +19,7 @@ fn program() -> PathBuf {
     program
 }
 
-/// What it prints, or its exit code and complaint.
+/// Its output, or its exit code and error message.
 fn call(arguments: &[&str]) -> Result<String, (i32, String)> {
     let output = Command::new(program()).args(arguments).output().unwrap();
     let [said, complaint] = [output.stdout, output.stderr].map(|b| String::from_utf8(b).unwrap());

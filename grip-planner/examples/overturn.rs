@@ -1,4 +1,4 @@
-//! Plans the turn of a half seen body and prints the way of the tips.
+//! Plans the turn of a half-seen body and prints the paths of the tips.
 //!
 //! `cargo run --release -p grip-planner --example overturn`
 
@@ -12,7 +12,7 @@ use grip_planner::{Action, Plan, PlanOptions, missing_vector_area, plan, turns};
 use mesh_io::program::{self, Failure, Output};
 use serde_json::{Value, json};
 
-/// Plans the turn of a half seen body and prints the way of the tips
+/// Plans the turn of a half-seen body and prints the paths of the tips
 #[derive(Debug, clap::Parser)]
 #[command(name = "overturn", after_help = "Example: overturn --json")]
 struct Arguments {
@@ -50,7 +50,7 @@ fn overturn(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let plan = plan(&model, &scene, Action::TurnOver, &PlanOptions::default())?;
     writeln!(
         words,
-        "planned in {:.1} ms after {} refusals",
+        "planned in {:.1} ms after {} rejected sets",
         1e3 * start.elapsed().as_secs_f64(),
         plan.refused.len()
     )?;
@@ -63,7 +63,7 @@ fn overturn(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     writeln!(
         words,
-        "coverage {:.3}, score {:.3}, {:.1} s to the grips, {:.1} s, {:.1} s home; at most {:.3} m/s",
+        "coverage {:.3}, score {:.3}, {:.1} s to the grips, {:.1} s motion, {:.1} s home; at most {:.3} m/s",
         plan.coverage,
         plan.score,
         plan.reach.duration,

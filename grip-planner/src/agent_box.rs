@@ -1,9 +1,9 @@
-//! Agent box: the smallest box round the live model with one axis along the table normal.
+//! Agent box: the smallest box around the live model with one axis along the table normal.
 //!
 //! The footprint is the convex hull of the points in the table plane (Andrew's monotone chain). A rectangle
-//! of least area has a side along a hull edge (Freeman and Shapira 1975), so the three supporting points turn once round
+//! of least area has a side along a hull edge (Freeman and Shapira 1975), so the three supporting points move once around
 //! the hull with the edge: rotating calipers, linear after the sort. Principal axes are not used: they
-//! are undefined for square footprints and pulled about by the sampling density.
+//! are undefined for square footprints and depend on the sampling density.
 
 use nalgebra::{Point2, Point3, UnitVector3, Vector2, Vector3};
 
@@ -134,7 +134,7 @@ fn least_rectangle(hull: &[Point2<f64>]) -> Rectangle {
         let across = Vector2::new(-along.y, along.x);
         let directions = [along, across, -along];
         for (k, d) in directions.iter().enumerate() {
-            // Each pointer starts where the one before it stands, and never goes round more than once.
+            // Each pointer starts where the previous one stopped, and goes around at most once.
             if i == 0 {
                 support[k] = if k == 0 { 1 % count } else { support[k - 1] };
             }
@@ -157,7 +157,7 @@ fn least_rectangle(hull: &[Point2<f64>]) -> Rectangle {
     }
 }
 
-/// Goes on round the hull from `from` as long as the next vertex is farther along `d`.
+/// Continues around the hull from `from` as long as the next vertex is farther along `d`.
 fn climb(hull: &[Point2<f64>], from: usize, d: &Vector2<f64>) -> usize {
     let mut at = from;
     for _ in 0..hull.len() {

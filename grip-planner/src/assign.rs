@@ -1,17 +1,17 @@
-//! Which arm takes which grip.
+//! Assigns arms to grips.
 //!
-//! The sum of the ways from base to grip, seen along the table normal, is made least over all arms that reach. Without limits of
-//! reach such ways never cross (swapping the ends of two that cross would shorten both, by the triangle
-//! inequality); with limits they may, and then the assignment is refused.
+//! The total length of the lines from base to grip, seen along the table normal, is minimised over all arms in reach. Without limits of
+//! reach such lines never cross (swapping the ends of two that cross would shorten both, by the triangle
+//! inequality); with limits they may, and then the assignment is rejected.
 //!
-//! A turn carries the grips to the other side of the body: the ways are counted at its beginning and at its end, otherwise an arm that
+//! A turn moves the grips to the other side of the body, so the lines are counted at its beginning and at its end; otherwise an arm that
 //! stands behind the lifted side would be chosen for being near, and reach across the body at the end.
 
 use nalgebra::Point3;
 
 use crate::{Candidate, Scene};
 
-/// The arms for two grips that pass the given positions (both at a time): least way, no crossing, in reach.
+/// The arms for two grips that move through the given positions (both at a time): least length, no crossing, in reach.
 pub(crate) fn assign(
     scene: &Scene,
     grips: [&Candidate; 2],
@@ -37,7 +37,7 @@ pub(crate) fn assign(
     best.map(|(_, arms)| arms)
 }
 
-/// Whether two ways, each from a base to a grip, cross when seen along the table normal.
+/// Whether two lines, each from a base to a grip, cross when seen along the table normal.
 pub(crate) fn cross(scene: &Scene, [a, p]: [&Point3<f64>; 2], [b, q]: [&Point3<f64>; 2]) -> bool {
     let n = scene.table.normal;
     let side = |from: &Point3<f64>, to: &Point3<f64>, x: &Point3<f64>| {

@@ -3,9 +3,9 @@
 //! ```text
 //! hit(a, b) = argmin_i { dist(p_i, segment ab) : dist < ρ }
 //! ```
-//!
-//! A part of a tool is a segment; half a jaw is its thickness, which is given to the vertices. Surfaces sampled
-//! more finely than that have no gaps. The hierarchy (parry) makes a query logarithmic where nothing is near, which is nearly always: a plan
+//! A part of a tool is a segment; its thickness, half a jaw, is added to the vertices. Surfaces sampled
+//! more finely than that have no gaps. The hierarchy (parry) makes a query logarithmic where nothing is near, which is the usual case; a plan
+//! makes a few thousand queries.
 //! asks a few thousand times.
 
 use nalgebra::{Isometry3, Point3};
@@ -23,7 +23,7 @@ pub(crate) struct Body {
 }
 
 impl Body {
-    /// `radius` is how near a tool may come, metres.
+    /// `radius` is the least distance of a tool, metres.
     pub(crate) fn new(points: &[Point3<f64>], radius: f64) -> Self {
         let points: Vec<Vector> = points.iter().map(|p| p.coords.into()).collect();
         let leaves: Vec<Aabb> = points
@@ -37,7 +37,7 @@ impl Body {
         }
     }
 
-    /// The vertex nearest to the segment and its distance, when it is too near; the first of equals.
+    /// The vertex nearest to the segment and its distance, if it is too near; the first of equal ones.
     pub(crate) fn hit(&self, [a, b]: [Point3<f64>; 2]) -> Option<(u32, f64)> {
         let (a, b): (Vector, Vector) = (a.coords.into(), b.coords.into());
         let ray = Ray::new(a, b - a);
@@ -74,7 +74,7 @@ impl Tool {
         }
     }
 
-    /// The same tool seen from another frame.
+    /// The same tool in another frame.
     pub(crate) fn seen_from(&self, frame_from_camera: &Isometry3<f64>) -> Self {
         Self {
             tip: frame_from_camera * self.tip,
@@ -83,7 +83,7 @@ impl Tool {
         }
     }
 
-    /// The straight part behind the first `jaws` metres; nothing when the jaws are all of it.
+    /// The straight part behind the first `jaws` metres; `None` if it is not longer.
     pub(crate) fn shaft(&self, jaws: f64) -> Option<[Point3<f64>; 2]> {
         let length = (self.wrist - self.tip).norm();
         (length > jaws).then(|| {
@@ -99,7 +99,7 @@ impl Tool {
         [self.wrist, self.base]
     }
 
-    /// Distance of the centre lines of two tools.
+    /// Distance between the centre lines of two tools.
     pub(crate) fn distance(&self, other: &Self) -> f64 {
         use parry3d_f64::query::details::closest_points_segment_segment_with_locations_nD as closest;
         let parts = |t: &Self| -> [[Vector; 2]; 2] {

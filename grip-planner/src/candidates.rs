@@ -1,14 +1,14 @@
-//! Grip candidates: which vertices an arm could take hold of, and why the others are none.
+//! Grip candidates: which vertices an arm could grip, and why the others cannot be gripped.
 //!
 //! A vertex on the boundary of the explored part (or, to fill up, on the visible outline) is a candidate when
 //! 1. the camera sees it and the surface does not face the table;
-//! 2. a tool comes to it with its tip above the table (module `orientation`);
+//! 2. a tool can reach it with its tip above the table (module `orientation`);
 //! 3. an arm reaches the approach, grasp and retreat poses;
-//! 4. the open jaws go round it: the surface does not stand up beside it;
-//! 5. the body is not in the way of the tool at these poses;
-//! 6. it is as far as possible from those already taken, while there is room.
+//! 4. the open jaws fit around it: the surface beside it is not in the way;
+//! 5. the body does not obstruct the tool at these poses;
+//! 6. it is as far as possible from those already selected, while there is room.
 //!
-//! Every vertex that was looked at and failed comes back with its [`Reason`].
+//! Every vertex that was tested and failed is returned with its [`Reason`].
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
@@ -23,13 +23,13 @@ use crate::{Error, Model, Options, Reason, Scene, Waypoint};
 pub struct Candidate {
     /// The vertex.
     pub vertex: u32,
-    /// Where it is.
+    /// Its position.
     pub point: Point3<f64>,
-    /// The way the tool comes: tip +z.
+    /// Approach direction: tip +z.
     pub approach: UnitVector3<f64>,
-    /// The way the jaws open: tip ±y.
+    /// Direction in which the jaws open: tip ±y.
     pub roll: UnitVector3<f64>,
-    /// Where the tip grips: a little beyond the vertex, never nearer to the table than the clearance.
+    /// Position of the tip: slightly beyond the vertex, never nearer to the table than the clearance.
     pub tip: Point3<f64>,
     /// The arms that reach the approach, the grasp and the retreat.
     pub arms: Vec<usize>,
@@ -50,26 +50,26 @@ impl Candidate {
 pub struct Candidates {
     /// Accepted, in vertex order.
     pub accepted: Vec<Candidate>,
-    /// Every other vertex that was looked at, with its reason, in vertex order.
+    /// Every other vertex that was tested, with its reason, in vertex order.
     pub rejected: Vec<(u32, Reason)>,
 }
 
 /// Grip candidates of `model`.
 ///
 /// # Errors
-/// A model, scene or setting that is not usable.
+/// An invalid model, scene or setting.
 ///
 /// # Complexity
-/// `O(n log n)` for the obstacle, `O(log n)` per candidate where the body is not near its tool.
+/// `O(n log n)` for the obstacle, `O(log n)` for each candidate where the body is not near its tool.
 pub fn candidates(model: &Model, scene: &Scene, options: &Options) -> Result<Candidates, Error> {
     Ok(Search::new(model, scene, options)?.run())
 }
 
-/// The same judgement on vertices of one's own choice, whether they are on the boundary or not; none is thinned out while
+/// The same tests on given vertices, whether they are on the boundary or not; none is thinned out while
 /// there is room.
 ///
 /// # Errors
-/// A model, scene, setting or vertex that is not usable.
+/// An invalid model, scene, setting or vertex.
 pub fn candidates_among(
     model: &Model,
     scene: &Scene,
@@ -129,7 +129,7 @@ impl<'a> Search<'a> {
         let rim = (0..self.model.points.len() as u32).filter(|&v| self.model.boundary[v as usize]);
         let reachable = self.examine(rim, &mut rejected);
         let fill = self.options.source == CandidateSource::BoundaryThenVisible;
-        // A quarter is kept free for the outline: the boundary may lie on one side only.
+        // A quarter is reserved for the outline: the boundary may be on one side only.
         let room = if fill {
             self.options.max_candidates - self.options.max_candidates / 4
         } else {
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
         reachable
     }
 
-    /// Everything but the way of the tool, which is the costly part.
+    /// All tests except that of obstruction, which is the expensive one.
     fn look_at(&self, vertex: u32) -> Result<Candidate, Reason> {
         let v = vertex as usize;
         if !self.model.visible[v] {
@@ -202,7 +202,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// The poses of a grip, in the order in which they are passed.
+    /// The poses of a grip, in order.
     fn waypoints(&self, grasp: &Isometry3<f64>) -> [(Waypoint, Isometry3<f64>); 3] {
         let distance = self.options.approach_distance;
         [
@@ -212,7 +212,7 @@ impl<'a> Search<'a> {
         ]
     }
 
-    /// The arms that reach all poses of the grip, or what the nearest one does not reach.
+    /// The arms that reach all poses of the grip, or the pose that the nearest arm does not reach.
     fn reached_by(&self, grasp: &Isometry3<f64>) -> Result<Vec<usize>, Reason> {
         let poses = self.waypoints(grasp);
         let missed = |arm: usize| {
@@ -237,8 +237,8 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Takes candidates one by one, each as far as possible from those already taken (farthest point sampling),
-    /// when the way of the tool is free. The rest is thinned out.
+    /// Selects candidates one by one, each as far as possible from those already selected (farthest point sampling),
+    /// if the tool is not obstructed. The others are thinned out.
     fn keep_free(
         &self,
         from: &[Candidate],
@@ -246,7 +246,7 @@ impl<'a> Search<'a> {
         taken: &[Candidate],
         rejected: &mut Vec<(u32, Reason)>,
     ) -> Vec<Candidate> {
-        // Without anything taken the first is the one farthest from the middle of the box.
+        // If none is selected yet, the first is the one farthest from the centre of the box.
         let middle = |c: &Candidate| 1e3 + (c.point - self.orientation.outline.center).norm();
         let mut gap: Vec<(f64, u32)> = from.iter().map(|c| (middle(c), c.vertex)).collect();
         let near = |gap: &mut [(f64, u32)], kept: &Candidate| {
@@ -282,19 +282,19 @@ impl<'a> Search<'a> {
         kept
     }
 
-    /// Room for the jaws and for the tool behind them.
+    /// Tests the space for the jaws and for the tool behind them.
     fn check_way(&self, candidate: &Candidate) -> Result<(), Reason> {
         let grasp = candidate.camera_from_tip();
         let (jaw, depth) = (self.scene.jaw_radius, self.options.grip_depth);
         for side in [-jaw, jaw] {
-            // Tissue may bulge by half an opening between the fingers.
+            // Tissue may bulge between the fingers by half the opening.
             let finger = [1.0, 2.0].map(|k| grasp * Point3::new(0.0, side, -depth - k * jaw));
             if let Some((by, _)) = self.body.hit(finger) {
                 return Err(Reason::TooWide { by });
             }
         }
         for (at, pose) in self.waypoints(&grasp) {
-            // The wrist link differs from arm to arm and is looked at when the way is planned.
+            // The wrist link differs between arms and is tested when the path is planned.
             let tool = Tool::new(&pose, &candidate.tip, self.scene.shaft_length);
             let jaws = self.scene.jaw_length();
             if let Some((by, _)) = tool.shaft(jaws).and_then(|s| self.body.hit(s)) {

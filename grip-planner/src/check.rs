@@ -1,15 +1,15 @@
-//! What makes a motion impossible.
+//! Checks whether a motion is feasible.
 //!
 //! At every key frame and half-way between: each tip in its workspace; tip, jaws and wrist above the table; the tools apart; and no tool
-//! in the body, which moves. The body is seen from each tool as a rigid one:
+//! in the body, which moves. For each tool the body is treated as rigid:
 //!
 //! ```text
-//! lies still                camera_from_body = constant
-//! carried by a tip          camera_from_body = T(p(t)) · R(t) · T(−p(0))
+//! at rest                   camera_from_body = constant
+//! moved by a tip            camera_from_body = T(p(t)) · R(t) · T(−p(0))
 //! ```
 //!
-//! with `R` how far the body is turned and `p` the tip of that tool, or the middle of the lifting tips for a tool that does not hold. A soft body hangs lower than that, away from the
-//! tools, but where a tool holds it there is tissue whatever the rest does. The poses of the tools are taken back into the frame of the body at
+//! with `R` the rotation of the body and `p` the tip of that tool, or the centre of the lifting tips for a tool that does not hold. A soft body hangs lower than
+//! that, away from the tools, but where a tool holds it there is tissue in any case. The poses of the tools are transformed to the frame of the body at
 //! rest, so the obstacle is built once.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3};
@@ -18,21 +18,21 @@ use crate::body::{Body, Tool};
 use crate::motion::between;
 use crate::{ArmPath, Motion, Refusal, Role, Scene};
 
-/// Rounding of poses that touch a bound exactly (the grasp itself may stand at the clearance).
+/// Tolerance for rounding of poses exactly at a bound (the grasp itself may be at the clearance).
 const ROUNDING: f64 = 1e-9;
 
-/// How the body goes with the tools.
+/// How the body moves with the tools.
 pub(crate) enum Carried<'a> {
-    /// It lies at `body_from_camera`; jaws are in it within `approach` metres of a grasp.
+    /// It rests at `body_from_camera`; jaws are in it within `approach` metres of a grasp.
     Still {
         body_from_camera: Isometry3<f64>,
         grasps: &'a [Point3<f64>],
         approach: f64,
     },
-    /// It is held, and turned by so much at every key frame.
+    /// It is held, and rotated by these angles at every key frame.
     Turned {
         turned: &'a [UnitQuaternion<f64>],
-        /// A supporting tool is still leaving its grip within this distance of where it let go.
+        /// Distance from its release within which a supporting tool is still leaving its grip.
         leaving: f64,
     },
 }
@@ -61,7 +61,7 @@ impl<'a> Surroundings<'a> {
         }
     }
 
-    /// Refuses a motion that leaves a workspace, meets the table or the body, or lets two tools meet.
+    /// Rejects a motion that leaves a workspace, collides with the table or the body, or lets two tools collide.
     pub(crate) fn check(&self, motion: &Motion, carried: &Carried) -> Result<(), Refusal> {
         let Some(first) = motion.arms.first() else {
             return Ok(());
@@ -127,7 +127,7 @@ impl<'a> Surroundings<'a> {
         }
         let table = &self.scene.table;
         let opening = table.normal.dot(&(pose.rotation * Vector3::y())).abs();
-        // The tip keeps the clearance; a jaw may come down to the table.
+        // The tip keeps the clearance; a jaw may touch the table.
         let lowest_jaw = table.height(&tool.tip) - opening * self.scene.jaw_radius;
         let height = table
             .height(&tool.tip)
@@ -168,7 +168,7 @@ impl<'a> Surroundings<'a> {
                 let let_go = path.at(path.release).unwrap_or_else(Isometry3::identity);
                 let let_go = Point3::from(let_go.translation.vector);
                 let near = holds || (let_go - tool.tip).norm() <= *leaving;
-                // What a tool lets go lies where it was let go.
+                // A released part of the body stays where it was released.
                 let by = near.then_some((path, if holds { tool.tip } else { let_go }));
                 let body = carried_by(motion, by, moment, turned_at(turned, moment));
                 (body.inverse(), if near { self.jaws } else { 0.0 })
@@ -191,7 +191,7 @@ impl<'a> Surroundings<'a> {
     }
 }
 
-/// Where the body is when it goes with a tip that is at a point now, or with the middle of the lifting tips.
+/// Pose of a body that moves with a tip at a given point, or with the centre of the lifting tips.
 fn carried_by(
     motion: &Motion,
     by: Option<(&ArmPath, Point3<f64>)>,
@@ -217,7 +217,7 @@ fn turned_at(turned: &[UnitQuaternion<f64>], moment: Moment) -> UnitQuaternion<f
     a.try_slerp(&b, moment.share, 1e-9).unwrap_or(a)
 }
 
-/// Where the body lies after a motion that turned it by `angle` about `axis`: with the middle of the lifting tips.
+/// Pose of the body after a motion that rotated it by `angle` about `axis`, with the centre of the lifting tips.
 pub(crate) fn laid_down(motion: &Motion, axis: &UnitVector3<f64>, angle: f64) -> Isometry3<f64> {
     let frames = motion.arms.first().map_or(1, |p| p.keyframes.len());
     let end = Moment {

@@ -1,6 +1,6 @@
-//! What can be wrong with an input, said with the index and the value.
+//! Errors of the input, with the index and the value.
 
-/// An input that nothing can be computed from. Why something could not be planned is a [`crate::Refusal`].
+/// Invalid input. Why something could not be planned is a [`crate::Refusal`].
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -49,9 +49,9 @@ pub enum Error {
         /// The area.
         area: f64,
     },
-    /// An edge names a vertex that does not exist, or joins a vertex to itself.
+    /// An edge refers to a vertex that does not exist, or joins a vertex with itself.
     #[error(
-        "edge {index} joins {vertices:?}: the model has {points} vertices and no loops of one edge"
+        "edge {index} joins {vertices:?}, but must join two different ones of the {points} vertices"
     )]
     BadEdge {
         /// Index of the edge.
@@ -62,38 +62,38 @@ pub enum Error {
         points: usize,
     },
     /// A vertex index is out of range.
-    #[error("vertex {vertex} does not exist: the model has {points}")]
+    #[error("vertex {vertex} does not exist: the model has {points} vertices")]
     NoSuchVertex {
-        /// The index asked for.
+        /// The index.
         vertex: u32,
         /// Number of vertices.
         points: usize,
     },
-    /// A setting is outside its range.
-    #[error("{name} is {value}, it should be {expected}")]
+    /// A setting is out of range.
+    #[error("{name} is {value}, but must be {expected}")]
     BadSetting {
         /// Name of the setting.
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What it should be.
+        /// The range.
         expected: &'static str,
     },
-    /// Something of an arm is not finite or not positive.
-    #[error("arm {arm}: {what} is not usable")]
+    /// A property of an arm is not finite or not positive.
+    #[error("arm {arm}: {what} is invalid")]
     BadArm {
         /// Index of the arm.
         arm: usize,
-        /// What is wrong.
+        /// The property.
         what: &'static str,
     },
-    /// Turning over takes two arms.
-    #[error("{count} arms: turning over takes at least 2")]
+    /// Turning over requires two arms.
+    #[error("turning over requires at least 2 arms, but there are {count}")]
     TooFewArms {
         /// Number of arms.
         count: usize,
     },
-    /// A grip vertex is not among the candidates whose covariance was solved.
+    /// A grip vertex is not among the candidates for which covariances were computed.
     #[error("vertex {vertex} is not among the candidates of this coverage")]
     NotACandidate {
         /// The vertex.
@@ -107,13 +107,13 @@ pub enum Error {
     },
     /// The stiffness matrix is not positive definite.
     #[error(
-        "the stiffness matrix is not positive definite: every piece needs something that holds it"
+        "the stiffness matrix is not positive definite: every connected part needs something that holds it"
     )]
     NotPositiveDefinite,
     /// The target weights are all zero.
-    #[error("the target weights sum to {total}: nothing to move")]
+    #[error("the target weights sum to {total}: there is no target")]
     NoTarget {
-        /// Their weighted prior variance.
+        /// Their sum, weighted by the prior variances.
         total: f64,
     },
 }

@@ -4,7 +4,7 @@
 //! P K Pᵀ = L Lᵀ,   Z = (L Lᵀ)⁻¹,   Z_ij = δ_ij / L_jj² − Σ_{k>j} (L_kj / L_jj) Z_ik
 //! ```
 //!
-//! Takahashi's recursion, from the last column to the first, needs `Z` only where `L` has entries, so the whole diagonal
+//! costs about as much as the factorisation (Erisman and Tinney 1975). This makes `tr(S K⁻¹)` exact and cheap.
 //! costs about as much as the factorisation (Erisman and Tinney 1975). That is what makes `tr(S K⁻¹)` exact and cheap.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -27,11 +27,11 @@ pub(crate) struct Factor {
 }
 
 impl Factor {
-    /// Factorises the matrix with the given lower triangle (entries at the same place add up).
+    /// Factorises the matrix with the given lower triangle (entries at the same index are added).
     pub(crate) fn new(size: usize, lower: &[Triplet<usize, usize, f64>]) -> Result<Self, Error> {
         let matrix = SparseColMat::<usize, f64>::try_new_from_triplets(size, size, lower)
             .map_err(|_| Error::NotPositiveDefinite)?;
-        // Takahashi reads plain columns, hence simplicial.
+        // Takahashi's recursion needs plain columns, hence simplicial.
         let params = CholeskySymbolicParams {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SIMPLICIAL,
             ..Default::default()
@@ -61,7 +61,7 @@ impl Factor {
         Ok(Self { symbolic, values })
     }
 
-    /// Columns of the inverse, one after the other.
+    /// Columns of the inverse, concatenated.
     pub(crate) fn inverse_columns(&self, which: &[u32]) -> Vec<f64> {
         let size = self.symbolic.nrows();
         let mut columns = vec![0.0; size * which.len()];
@@ -84,7 +84,7 @@ impl Factor {
     /// Diagonal of the inverse.
     pub(crate) fn inverse_diagonal(&self) -> Vec<f64> {
         let SymbolicCholeskyRaw::Simplicial(symbolic) = self.symbolic.raw() else {
-            // Unreachable with the forced threshold; the slow way gives the same numbers.
+            // Unreachable with the forced threshold; the slow computation gives the same numbers.
             return self.diagonal_by_columns();
         };
         let diagonal = takahashi(symbolic, &self.values);
@@ -113,7 +113,7 @@ fn takahashi(symbolic: &SymbolicSimplicialCholesky<usize>, l: &[f64]) -> Vec<f64
     let (start, rows) = (symbolic.col_ptr(), symbolic.row_idx());
     let size = start.len() - 1;
     let mut z = vec![0.0; l.len()];
-    // Place of a row in the column at hand, counted from 1; 0 means not there.
+    // Index of a row in the present column, counted from 1; 0 if absent.
     let mut place = vec![0u32; size];
     let mut sums: Vec<f64> = Vec::new();
     for j in (0..size).rev() {

@@ -1,14 +1,14 @@
-//! What grips do to every vertex: the field they command, the motion they leave free, the map of their coverage.
+//! Effect of grips on every vertex: the field they command, the remaining free motion, and the map of their coverage.
 //!
 //! With `C = K⁻¹`, `Φ` the rows of the identity at the grips and `G = ΦCΦᵀ`:
 //!
 //! ```text
-//! field       u = C Φᵀ G⁻¹ v                  most probable motion when the grips move with v
+//! field       u = C Φᵀ G⁻¹ v                  most probable motion if the grips move with v
 //! projector   P = I − C Φᵀ G⁻¹ Φ = Z(ZᵀKZ)⁻¹ZᵀK     ΦP = 0,  P² = P,  rank P = n − g
 //! map         1 − [Z(ZᵀKZ)⁻¹Zᵀ]_ii / C_ii  =  Σ_k (C w_k)_i² / C_ii      w_k orthonormal in G
 //! ```
 //!
-//! `P` is the projection onto the null space of `Φ` along what the grips command, orthogonal in the metric of `K`. The mean of the map
+//! `P` is the projection onto the null space of `Φ` along the commanded motions, orthogonal in the metric of `K`. The mean of the map
 //! with weights `S_ii C_ii` is the coverage.
 
 use nalgebra::{DMatrix, Vector3};
@@ -17,7 +17,7 @@ use crate::null_space::REPEATED;
 use crate::{Coverage, Error};
 
 impl Coverage {
-    /// Motion of every vertex when the grips move with the given velocities: the most probable field.
+    /// Velocity of every vertex if the grips move with the given velocities: the most probable field.
     /// With unit velocities these are the `J_i v̂` of [`crate::speed_limit`].
     ///
     /// # Errors
@@ -49,11 +49,11 @@ impl Coverage {
         Ok(field)
     }
 
-    /// What is left of a motion of all vertices when the grips are held still: its projection `P u` onto the null space
+    /// The part of a motion of all vertices that remains if the grips are fixed: its projection `P u` onto the null space
     /// of the grips.
     ///
     /// # Errors
-    /// A motion that has not one entry per vertex, a vertex that is not a candidate, or given twice.
+    /// A motion without exactly one entry for each vertex, a vertex that is not a candidate, or given twice.
     pub fn free_motion(
         &self,
         grips: &[u32],
@@ -72,7 +72,7 @@ impl Coverage {
         Ok(motion.iter().zip(&commanded).map(|(u, c)| u - c).collect())
     }
 
-    /// The share of each vertex's motion that the grips command, between 0 and 1: the coverage as a picture. Repeated grips do no harm.
+    /// The share of each vertex's motion that the grips command, between 0 and 1, as a map of the coverage. Repeated grips are ignored.
     ///
     /// # Errors
     /// A vertex that is not a candidate.
@@ -106,7 +106,7 @@ impl Coverage {
         Ok(map)
     }
 
-    /// The solved column of a candidate.
+    /// The column of the covariance of a candidate.
     fn covariance(&self, column: usize) -> &[f64] {
         &self.columns[column * self.size..(column + 1) * self.size]
     }

@@ -1,14 +1,14 @@
-//! Algorithm 2 of the [paper](https://doi.org/10.1177/02783649251415415): sets of grips, best first.
+//! Ranked sets of grips (paper, Algorithm 2).
 //!
 //! ```text
 //! score(g) = (NSC(g) / max NSC)^(1−ω) · (suitability(g) · gain)^ω
 //! ```
 //!
-//! over all pairs of candidates and all turns, `ω` = [`Options::turning_weight`]. Coverage alone (`ω = 0`) would like to hold a body by two
-//! opposite corners, and nobody can turn it over like that; suitability alone forgets what the grips are to
-//! move. A geometric mean lets neither be zero. Sets without any suitability are left out whatever `ω` is.
+//! over all pairs of candidates and all turns, `ω` = [`Options::turning_weight`]. Coverage alone (`ω = 0`) prefers to hold a body by two
+//! opposite corners, by which it cannot be turned over; suitability alone ignores what the grips should
+//! move. A geometric mean lets neither be zero. Sets with zero suitability are excluded for any `ω`.
 //!
-//! A grip that is not on the boundary of the explored part counts less ([`Options::outline_weight`]). A third arm holds the body near the pivot, at the vertex with the best coverage of all three.
+//! A grip that is not on the boundary of the explored part has a lower score ([`Options::outline_weight`]). A third arm holds the body near the pivot, at the vertex with the best coverage of all three.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -19,13 +19,13 @@ use crate::orientation::{backed_off, retreat};
 use crate::turn::{Turn, turns};
 use crate::{Candidate, Candidates, Coverage, Error, Model, Options, Refusal, Scene, candidates};
 
-/// What a grip is for.
+/// The purpose of a grip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Role {
     /// It lifts.
     Lift,
-    /// It holds the body down: near the pivot for the first part of a lift, or beyond the reach of a stretch all the time.
+    /// It holds the body down: near the pivot for the first part of a lift, or outside of the pulled part during a whole stretch.
     Support,
 }
 
@@ -37,25 +37,25 @@ pub struct Grip {
     pub arm: usize,
     /// The vertex.
     pub vertex: u32,
-    /// What the grip is for.
+    /// The purpose of the grip.
     pub role: Role,
-    /// Where the tip closes its jaws.
+    /// Pose of the tip when the jaws close.
     pub camera_from_tip: Isometry3<f64>,
-    /// Where the straight last part of the way begins: back along the tool.
+    /// Start of the straight last part of the approach, back along the tool.
     pub camera_from_approach: Isometry3<f64>,
-    /// Where the tip goes when the grip is given up here: back along the tool and up.
+    /// Pose to which the tip retreats if the grip is given up here: back along the tool and up.
     pub camera_from_retreat: Isometry3<f64>,
 }
 
 impl Grip {
-    /// The way from a pose to the grip: turn in place, go to the approach pose, go straight in.
+    /// The path from a pose to the grip: rotate in place, move to the approach pose, then straight in.
     pub fn reach(&self, camera_from_start: &Isometry3<f64>) -> [Isometry3<f64>; 3] {
         let turned =
             Isometry3::from_parts(camera_from_start.translation, self.camera_from_tip.rotation);
         [turned, self.camera_from_approach, self.camera_from_tip]
     }
 
-    /// Where the tip is in the grasp pose.
+    /// Position of the tip in the grasp pose.
     pub fn tip(&self) -> Point3<f64> {
         Point3::from(self.camera_from_tip.translation.vector)
     }
@@ -69,21 +69,21 @@ pub struct GripSet {
     pub grips: Vec<Grip>,
     /// Null-space coverage of all of them, 0 to 1.
     pub coverage: f64,
-    /// Null-space coverage of the lifting grips alone, 0 to 1.
+    /// Null-space coverage of the lifting grips only, 0 to 1.
     pub lifting_coverage: f64,
-    /// How well the lifting grips turn, 0 to 1.
+    /// Suitability of the lifting grips for turning, 0 to 1.
     pub suitability: f64,
-    /// What the sets are ranked by, 0 to 1.
+    /// The score by which sets are ranked, 0 to 1.
     pub score: f64,
-    /// The turn they are meant for.
+    /// The turn that they are planned for.
     pub turn: Turn,
 }
 
 impl GripSet {
-    /// The set that lifts with two candidates of one's own choice; the arms are assigned by the shortest ways that do not cross.
+    /// The set that lifts with two given candidates; the arms are assigned by the shortest lines that do not cross.
     ///
     /// # Errors
-    /// [`Refusal::ArmsCross`] when no two arms take them; a candidate that is not in `coverage`.
+    /// [`Refusal::ArmsCross`] if no two arms reach them without crossing; a candidate that is not in `coverage`.
     pub fn lifting(
         scene: &Scene,
         options: &Options,
@@ -112,7 +112,7 @@ impl GripSet {
     /// The same set with a third arm that holds the body at a candidate near the pivot.
     ///
     /// # Errors
-    /// [`Refusal::CannotSupport`] when the candidate is not near the pivot, too near a lifting grip, or no free arm reaches it
+    /// [`Refusal::CannotSupport`] if the candidate is not near the pivot, too near a lifting grip, or no free arm reaches it
     /// without crossing; a candidate that is not in `coverage`.
     pub fn supported(
         &self,
@@ -161,7 +161,7 @@ impl GripSet {
             let lifting = [&scene.arms[g.arm].base, &g.tip()];
             cross(scene, [&scene.arms[arm].base, &candidate.tip], lifting)
         };
-        // From the lifted side it would have to reach across the body, and back while that is in the air.
+        // From the lifted side it would have to reach across the body, and retreat while the body is lifted.
         let behind = |arm: usize| self.turn.local(&scene.arms[arm].base).y < 0.5 * self.turn.span;
         let free =
             |arm: usize| self.grips.iter().all(|g| g.arm != arm && !crosses(arm, g)) && behind(arm);
@@ -169,13 +169,13 @@ impl GripSet {
     }
 }
 
-/// Sets of grips, and what they were chosen from.
+/// Sets of grips, and the data from which they were chosen.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Ranked {
     /// Sets for turning the body over, best first, different from one another.
     pub sets: Vec<GripSet>,
-    /// The candidates, and why the others are none.
+    /// The candidates, and why other vertices are not.
     pub candidates: Candidates,
     /// The covariance of the candidates: scores, fields and maps of any set of them.
     pub coverage: Coverage,
@@ -184,7 +184,7 @@ pub struct Ranked {
 /// Sets of grips for turning the body over, best first, different from one another.
 ///
 /// # Errors
-/// A model, scene or setting that is not usable; fewer than two arms; no two candidates that can lift a side.
+/// An invalid model, scene or setting; fewer than two arms; no two candidates that can lift a side.
 ///
 /// # Complexity
 /// `m` candidates: one factorisation, `m` solves, `4·m²/2` pair scores.
@@ -192,7 +192,7 @@ pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ran
     rank(model, scene, options, None)
 }
 
-/// The same, for opening a hole meanwhile: only sets whose grips are on both sides of `hole`.
+/// The same, for opening a hole during the turn: only sets with grips on both sides of `hole`.
 pub(crate) fn rank(
     model: &Model,
     scene: &Scene,
@@ -250,7 +250,7 @@ struct Ranking<'a> {
 }
 
 impl Ranking<'_> {
-    /// All pairs with all turns they suit, best first.
+    /// All pairs with all turns for which they are suitable, best first.
     fn pairs(&self) -> Vec<Pair> {
         let mut pairs = Vec::new();
         let mut covered = Vec::new();
@@ -293,7 +293,7 @@ impl Ranking<'_> {
         pairs
     }
 
-    /// What is left of the score for grips beside the boundary.
+    /// Factor on the score for grips that are not on the boundary.
     fn source_weight(&self, pair: &Pair) -> f64 {
         let weight = |g: &usize| {
             if self.found[*g].boundary {
@@ -305,7 +305,7 @@ impl Ranking<'_> {
         pair.grips.iter().map(weight).product()
     }
 
-    /// The turns that lift the wanted side; all when none is wanted.
+    /// The turns that lift the requested side, or all if none is requested.
     fn wanted_turns(&self) -> impl Iterator<Item = usize> + '_ {
         let best = self.options.lift.map(|l| {
             self.turns
@@ -319,8 +319,8 @@ impl Ranking<'_> {
         })
     }
 
-    /// The best pairs that an arm pair can take and that are not near copies of better ones: a motion
-    /// that is refused for one is refused for its neighbour too.
+    /// The best pairs for which there are arms and that are not near-duplicates of better ones: a motion
+    /// that is rejected for one would be rejected for its neighbour too.
     fn choose(&self, pairs: &[Pair]) -> Vec<GripSet> {
         let mut chosen: Vec<&Pair> = Vec::new();
         let mut sets = Vec::new();
@@ -357,7 +357,7 @@ impl Ranking<'_> {
         a.turn == b.turn && ((near(p, r) && near(q, s)) || (near(p, s) && near(q, r)))
     }
 
-    /// With a third arm at the candidate that has the best coverage together with the pair, if there is one.
+    /// Adds a third arm at the candidate that has the best coverage together with the pair, if there is one.
     fn with_support(&self, set: GripSet) -> GripSet {
         if self.options.support == Support::None {
             return set;
@@ -366,14 +366,14 @@ impl Ranking<'_> {
             set.supported(self.scene, self.options, self.coverage, c)
                 .ok()
         });
-        // The first of equals.
+        // The first of equal ones.
         let best = supported.reduce(|a, b| if b.coverage > a.coverage { b } else { a });
         best.unwrap_or(set)
     }
 }
 
 impl Grip {
-    /// The grip of an arm at a candidate. Both signs of the roll are the same grip; the one nearer to the arm's home is taken.
+    /// The grip of an arm at a candidate. Both signs of the roll are the same grip; the one nearer to the arm's home is used.
     pub(crate) fn new(
         arm: usize,
         candidate: &Candidate,

@@ -1,10 +1,10 @@
-//! The opening of a hole: where it is, which way it is long, which way it opens.
+//! The geometry of a hole: its centre, its long axis, and the direction in which it opens.
 //!
 //! ```text
-//! c = mean of the loop,   u = first principal direction,   n = mean normal,   v = n × u  (made level)
+//! c = mean of the loop,   u = first principal direction,   n = mean normal,   v = n × u  (projected to horizontal)
 //! ```
 //!
-//! `v` is defined for a slit without width too, where the second principal direction is not.
+//! `v` is defined for a slit of zero width too, for which the second principal direction is not.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
@@ -41,7 +41,7 @@ impl Hole {
             .sum();
         let eigen = SymmetricEigen::new(scatter);
         let longest = eigen.eigenvalues.imax();
-        // Shorter than a nanometre is rounding, not a loop.
+        // Lengths below a nanometre are rounding.
         if eigen.eigenvalues[longest] <= 1e-18 {
             return Err(flat);
         }
@@ -53,7 +53,7 @@ impl Hole {
         let normal = faces
             .try_normalize(1e-6)
             .unwrap_or(scene.table.normal.into_inner());
-        // The pull is along the table: up is what `lift` is for.
+        // The pull is horizontal; the vertical part is `lift`.
         let across =
             UnitVector3::try_new(scene.table.along(&normal.cross(&long)), 1e-6).ok_or(flat)?;
         Ok(Self {
@@ -63,13 +63,13 @@ impl Hole {
         })
     }
 
-    /// How far a point is to the second side of the slit, metres; negative on the first side.
+    /// Signed distance of a point to the second side of the slit, metres; negative on the first side.
     pub(crate) fn side(&self, point: &Point3<f64>) -> f64 {
         self.across.dot(&(point - self.center))
     }
 
-    /// How well grips that go apart along `axis` open the hole, 0 to 1; 0 when they are not on both sides of it: a grip in line with
-    /// the slit pulls it along and not apart.
+    /// How well grips that move apart along `axis` open the hole, 0 to 1; 0 if they are not on both sides of it: a grip in line with
+    /// the slit pulls along it and does not open it.
     pub(crate) fn opened_by(&self, grips: [&Point3<f64>; 2], axis: &UnitVector3<f64>) -> f64 {
         let [a, b] = grips.map(|p| self.beside(p));
         let least = a.abs().min(b.abs());
@@ -80,7 +80,7 @@ impl Hole {
         }
     }
 
-    /// Sine of the angle between the slit and the way from its middle to a point, negative on the first side.
+    /// Sine of the angle between the slit and the direction from its centre to a point, negative on the first side.
     fn beside(&self, point: &Point3<f64>) -> f64 {
         let d = point - self.center;
         let (side, along) = (self.across.dot(&d), self.long.dot(&d));

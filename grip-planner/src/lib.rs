@@ -5,34 +5,34 @@
 //! | step | item | module |
 //! |---|---|---|
 //! | a model from a mesh, or from points and the graph that joins them | [`Surface`] | `surface` |
-//! | what is missing, `m = −Σ area_i n_i` | [`missing_vector_area`] | `model` |
-//! | box round the body, one axis along the table normal | [`agent_box`] | `agent_box` |
+//! | vector area of the missing surface, `m = −Σ area_i n_i` | [`missing_vector_area`] | `model` |
+//! | box around the body, one axis along the table normal | [`agent_box`] | `agent_box` |
 //! | which vertices can be gripped, and the [`Reason`] why others cannot | [`candidates`], [`candidates_among`] | `candidates`, `orientation`, `reason` |
 //! | stiffness `K`, target weights `S` | [`Stiffness`], [`target_weights`] | `stiffness` |
 //! | null-space coverage, exact for every set | [`Coverage::score`], [`Coverage::pairs`] | `null_space`, `factor` |
 //! | the best set of any size | [`Coverage::best_set`] | `select` |
 //! | commanded field, null-space projector, map for pictures | [`Coverage::field`], [`Coverage::free_motion`], [`Coverage::map`] | `field` |
 //! | the four turns about the sides of the box | [`turns`], [`Turn`] | `turn` |
-//! | sets of grips, ranked (Algorithm 2) | [`plan_grips`], [`GripSet`] | `grips`, `assign` |
+//! | sets of grips, ranked (paper, Algorithm 2) | [`plan_grips`], [`GripSet`] | `grips`, `assign` |
 //! | lift, retract, lower | [`turn_over`], [`TurnOptions`] | `turn_over`, `turn_options`, `motion` |
 //! | opening a hole | [`Action::Stretch`], [`StretchOptions`] | `stretch`, `hole` |
 //! | to the grips and back home | [`Plan::reach`], [`Plan::withdraw`] | `reach` |
-//! | from where the tips are: put down, give up, go home | [`carry`], [`put_down`], [`lower`], [`go_home`] | `way` |
+//! | from the present poses: put down, give up, go home | [`carry`], [`put_down`], [`lower`], [`go_home`] | `way` |
 //! | workspaces, table, other tools, the moving body | [`Refusal`] | `check`, `body`, `refusal` |
-//! | the best set whose motions can be done | [`plan`], [`plan_set`] | `plan` |
+//! | the best set with feasible motions | [`plan`], [`plan_set`] | `plan` |
 //! | `v_max = ξ F / max ‖J_i v̂‖`, ramp, slowing down | [`speed_limit`], [`SpeedGovernor`] | `speed` |
 //!
 //! # Guarantees
 //!
-//! The same input gives the same bits out: no randomness, no threads, no clock. No input panics; what cannot be used is named by its index
-//! and value in an [`Error`], what cannot be done by stage, arm and time in a [`Refusal`]. A [`Motion`] that is returned has, at all way points and half-way between
-//! them, every tip in its workspace and above the table, every two tools apart, and no tool in the body; no tip exceeds the speed limit.
+//! The same input gives the same bits: no randomness, no threads, no clock. No input panics; an [`Error`] has the index and value of
+//! invalid input, a [`Refusal`] the stage, arm and time of an infeasible motion. In a returned [`Motion`], at all way points and half-way between them, every tip is
+//! in its workspace and above the table, every two tools are apart, and no tool is in the body; no tip exceeds the speed limit.
 //!
 //! # Limits
 //!
-//! For the checks the body is rigid and goes with the tool that holds it; a base is a point, so what an arm is behind its last straight part and the line
-//! to its base is not looked at. Where grips are chosen the body is a membrane on a bed of springs, and where the motion is planned a tumbling block with
-//! slack; neither knows folds or self-contact, which is why the loop looks again after every turn.
+//! In the checks the body is rigid and moves with the tool that holds it; a base is a point, so only the straight part of a tool and the line to its base
+//! are checked, not the rest of the arm. Grips are chosen for a membrane on a bed of springs, and motions are planned for a tumbling block with
+//! slack; neither models folds or self-contact, so the scene must be observed again after every turn.
 mod agent_box;
 mod assign;
 mod body;

@@ -1,11 +1,11 @@
-//! The canonical model as the planner borrows it, and the vector area of what is missing from it.
+//! The canonical model as input of the planner, and the vector area of the surface missing from it.
 //!
 //! ```text
 //! closed surface:  Σ area_i n_i = 0        partly seen:  m = −Σ area_i n_i
 //! ```
 //!
-//! `m` is the vector area of the hidden surface: its direction is where that surface faces on
-//! average, its length a lower bound on the hidden area.
+//! `m` is the vector area of the hidden surface: its direction is the mean orientation of that surface,
+//! its length a lower bound on the hidden area.
 
 use nalgebra::{Point3, UnitVector3, Vector3};
 
@@ -20,19 +20,19 @@ pub struct Model<'a> {
     pub normals: &'a [UnitVector3<f64>],
     /// Share of the surface that belongs to each vertex, m².
     pub areas: &'a [f64],
-    /// Neighbouring vertices (1-simplices); duplicates do no harm.
+    /// Neighbouring vertices (1-simplices); duplicates are allowed.
     pub edges: &'a [[u32; 2]],
     /// Whether the vertex is on the boundary of the explored part.
     pub boundary: &'a [bool],
     /// Whether the camera sees the vertex now.
     pub visible: &'a [bool],
-    /// Vector areas, m², of the pieces of surface that were never seen, as they face now, when a whole surface has been drawn through what was;
-    /// empty when none has: then the boundary and the vector area of the known part tell where the hidden one faces.
+    /// Vector areas, m², of the pieces of surface that were never seen, in their present orientation, if a closed surface is known;
+    /// otherwise empty: then the boundary and the vector area of the known part are used.
     pub hidden: &'a [Vector3<f64>],
 }
 
 impl Model<'_> {
-    /// Refuses slices of different lengths, values that are not finite, edges that lead nowhere.
+    /// Rejects slices of different lengths, values that are not finite, edges to vertices that do not exist.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let points = self.points.len();
         if points == 0 {
@@ -103,21 +103,21 @@ pub(crate) fn check_points(points: &[Point3<f64>]) -> Result<(), Error> {
 /// Vector area of the surface that is still missing, `m = −Σ area_i n_i`, in m².
 ///
 /// ```text
-/// m = Σ_hidden area n        |m| ≤ hidden area        −m · camera direction = area of the shadow of what is seen > 0
+/// m = Σ_hidden area n        |m| ≤ hidden area        −m · camera direction = projected area of the seen part > 0
 /// ```
 ///
 /// *Guarantees.* Zero to rounding when the model is closed. Otherwise it is the area-weighted sum of the hidden normals, so it never points toward the camera that
-/// saw the rest. With normals off by up to 10° about each axis and areas by up to 20 %, the direction is within 5° of that sum for
+/// saw the rest. With errors of the normals of up to 10° about each axis and of the areas of up to 20 %, the direction is within 5° of that sum for
 /// half-seen ellipsoids, tori and random convex bodies of at least 300 samples, and within 3° of straight away from the camera for half-seen
 /// spheres (`tests/vector_area.rs`).
 ///
-/// *Limits.* It is a mean: hidden sides that face opposite ways cancel. What is left at last is a band round the body, and there [`crate::turns`] looks at the boundary
-/// instead.
+/// *Limits.* It is a mean: hidden sides with opposite orientations cancel. At the end of an exploration a band around the body is left, for which [`crate::turns`]
+/// uses the boundary instead.
 ///
 /// ```
 /// # use grip_planner::{missing_vector_area, Model};
 /// # use nalgebra::{Point3, Vector3};
-/// // The top of a slab of 0.02 m²: what is missing faces down.
+/// // The top of a slab of 0.02 m²: the missing surface faces down.
 /// let model = Model {
 ///     points: &[Point3::origin()],
 ///     normals: &[Vector3::z_axis()],
@@ -207,7 +207,7 @@ impl Adjacency {
     }
 }
 
-/// A queue entry that comes out smallest distance first.
+/// A queue entry; the smallest distance comes first.
 struct Reached {
     distance: f64,
     vertex: u32,

@@ -1,15 +1,15 @@
-//! Motions: what each tip does, and when.
+//! Motions: the timed paths of the tips.
 //!
 //! All tips pass their way points together. Between two way points the motion is straight (translation and slerp), and
-//! the time it takes is what the slowest needs:
+//! takes the time that the slowest tip needs:
 //!
 //! ```text
 //! Δt = max over arms( |Δp| / v,  Δφ / ω ),     v(σ) = min(v_max, min over corners √(v_c² + 2 a |σ − σ_c|))
 //! ```
 //!
-//! with `σ` the way gone by the tip that moves most. The corners are both ends, with `v_c = v_0`, and the way points, with `v_c = v_0 / b`
-//! where `b` is how much the velocity of a tip changes there for each m/s of speed: the body is never jerked at the start, dropped at the
-//! end, nor pulled round a corner.
+//! with `σ` the path length of the tip that moves most. The corners are both ends, with `v_c = v_0`, and the way points, with `v_c = v_0 / b`
+//! where `b` is the change of a tip's velocity there for each m/s of speed. This avoids jerks at the start, at the
+//! end, and at corners of the path.
 
 use std::fmt;
 
@@ -17,15 +17,15 @@ use nalgebra::Isometry3;
 
 use crate::{Grip, Role};
 
-/// What the arms are doing.
+/// The stage of a motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Stage {
-    /// They come from home, open the jaws, and go straight in.
+    /// The arms move from home to the grips, open the jaws, and move straight in.
     Reach,
-    /// First quarter of a turn: the lifted side goes up, the slack is taken up.
+    /// First quarter of a turn: the lifted side is raised until the body hangs.
     Lift,
-    /// The hanging body is tilted to one side and to the other: its ends are shown.
+    /// The hanging body is tilted to one side and to the other, to show its ends.
     Tilt,
     /// Second quarter: the body is retracted and laid down on its other side.
     Lower,
@@ -33,7 +33,7 @@ pub enum Stage {
     Pull,
     /// The hole is held open.
     Hold,
-    /// It is closed again as far as wanted, and set down.
+    /// The hole is closed again by the wanted amount, and set down.
     Ease,
     /// The jaws are open: back along the tools, and home.
     Withdraw,
@@ -54,13 +54,13 @@ impl fmt::Display for Stage {
     }
 }
 
-/// A stage and when it ends.
+/// A stage and its end.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Leg {
-    /// What the arms are doing.
+    /// The stage.
     pub stage: Stage,
-    /// Until when, seconds since the motion began.
+    /// Its end, seconds since the motion began.
     pub until: f64,
 }
 
@@ -74,24 +74,24 @@ pub struct Keyframe {
     pub camera_from_tip: Isometry3<f64>,
 }
 
-/// The way of one arm.
+/// The path of one arm.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ArmPath {
     /// The arm.
     pub arm: usize,
-    /// What its grip is for.
+    /// The purpose of its grip.
     pub role: Role,
     /// Poses in order of time; straight in between. The first is the grasp pose.
     pub keyframes: Vec<Keyframe>,
-    /// When the jaws open: the end for a lifting arm, earlier for a supporting one, 0 for an empty one.
+    /// Time at which the jaws open: the end for a lifting arm, earlier for a supporting one, 0 for an empty one.
     pub release: f64,
-    /// Where to go after the end, once the jaws are open: back along the tool and up.
+    /// Pose after the end, once the jaws are open: back along the tool and up.
     pub camera_from_retreat: Isometry3<f64>,
 }
 
 impl ArmPath {
-    /// Pose of the tip at `time`; before the start and after the end it rests.
+    /// Pose of the tip at `time`, constant before the start and after the end.
     pub fn at(&self, time: f64) -> Option<Isometry3<f64>> {
         let after = self.keyframes.partition_point(|k| k.time <= time);
         let (Some(from), to) = (
@@ -107,7 +107,7 @@ impl ArmPath {
         Some(between(&from.camera_from_tip, &to.camera_from_tip, share))
     }
 
-    /// The pose at `time`, now, and the key frames to which `moved` gives a time after that.
+    /// The pose at `time`, and the key frames for which `moved` gives a time after that.
     fn part(&self, time: f64, moved: &dyn Fn(f64) -> Option<f64>) -> Vec<Keyframe> {
         let now = self.at(time).map(|camera_from_tip| Keyframe {
             time: 0.0,
@@ -137,7 +137,7 @@ impl ArmPath {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motion {
-    /// One path for each arm that takes part.
+    /// One path for each arm involved.
     pub arms: Vec<ArmPath>,
     /// Seconds.
     pub duration: f64,
@@ -154,18 +154,18 @@ impl Motion {
             .fold(0.0, f64::max)
     }
 
-    /// How fast the time of this motion may run, seconds a second, at most 1, so that no tip goes faster than `speed` (m/s): what a
-    /// [`crate::SpeedGovernor`] allows.
+    /// The rate, seconds a second and at most 1, at which the time of this motion may run such that no tip is faster than `speed` (m/s), for use with a
+    /// [`crate::SpeedGovernor`].
     pub fn rate(&self, speed: f64) -> f64 {
         let rate = speed / self.peak_speed();
-        // A speed that is not a number stops the motion.
+        // NaN stops the motion.
         if rate.is_nan() {
             return 0.0;
         }
         rate.clamp(0.0, 1.0)
     }
 
-    /// What is left of the motion after `time`.
+    /// The rest of the motion after `time`.
     #[must_use]
     pub fn onward(&self, time: f64) -> Self {
         let time = time.clamp(0.0, self.duration);
@@ -190,7 +190,7 @@ impl Motion {
         }
     }
 
-    /// Back from where the arms are at `time` to where the motion began, as fast as it came; jaws open at the end.
+    /// The motion back from `time` to its beginning, at the same speed; jaws open at the end.
     #[must_use]
     pub fn back(&self, time: f64) -> Self {
         let time = time.clamp(0.0, self.duration);
@@ -214,7 +214,7 @@ impl Motion {
         }
     }
 
-    /// What the arms are doing at `time`.
+    /// The stage at `time`.
     pub fn stage_at(&self, time: f64) -> Stage {
         let later = self.legs.iter().find(|l| time <= l.until);
         later.or(self.legs.last()).map_or(Stage::Reach, |l| l.stage)
@@ -252,7 +252,7 @@ pub(crate) fn assemble(
 
 /// The pose `share` of the way from `a` to `b`.
 pub(crate) fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64> {
-    // The plain slerp of opposite rotations is undefined; then the turn happens at the middle.
+    // The slerp of opposite rotations is undefined; then the rotation happens at the middle.
     a.try_lerp_slerp(b, share, 1e-9)
         .unwrap_or(if share < 0.5 { *a } else { *b })
 }
@@ -261,7 +261,7 @@ pub(crate) fn travelled(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     (b.translation.vector - a.translation.vector).norm()
 }
 
-/// How fast the way points are passed.
+/// Limits of speed along the way points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Pace {
     /// m/s.
@@ -272,10 +272,10 @@ pub(crate) struct Pace {
     pub turn_rate: f64,
 }
 
-/// Speed at the very start and end, as a share of the full speed: with none it would never begin.
+/// Speed at the start and the end, as a share of the full speed: at zero the motion would never begin.
 const CREEP: f64 = 0.1;
 
-/// A place on the way where the tips have to be slow: metres from the start, m/s.
+/// A point of the path where the tips must be slow: metres from the start, m/s.
 struct Corner {
     at: f64,
     speed: f64,
@@ -313,7 +313,7 @@ pub(crate) fn times(paths: &[Vec<Isometry3<f64>>], pace: &Pace) -> Vec<f64> {
     times
 }
 
-/// The ends of the way, and every way point at which the velocity of a tip would change by more than the creep at full speed.
+/// The ends of the path, and every way point at which the velocity of a tip would change by more than the creep at full speed.
 fn corners(paths: &[Vec<Isometry3<f64>>], steps: &[(f64, f64)], creep: f64) -> Vec<Corner> {
     let whole: f64 = steps.iter().map(|s| s.0).sum();
     let mut corners = vec![
@@ -326,7 +326,7 @@ fn corners(paths: &[Vec<Isometry3<f64>>], steps: &[(f64, f64)], creep: f64) -> V
             speed: creep,
         },
     ];
-    // Way of a tip for each metre that the fastest tip goes.
+    // Path length of a tip for each metre of the fastest tip.
     let course = |path: &[Isometry3<f64>], k: usize| {
         let way = path[k + 1].translation.vector - path[k].translation.vector;
         if steps[k].0 > 0.0 {

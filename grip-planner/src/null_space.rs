@@ -1,17 +1,17 @@
-//! Null-space coverage: how much of the motion of the targets a set of grips commands.
+//! Null-space coverage: the share of the motion of the targets that a set of grips commands.
 //!
 //! ```text
 //! NSC(g) = 1 − tr(S Z(ZᵀKZ)⁻¹Zᵀ) / tr(S K⁻¹),      Z spans the null space of Φ_g
 //! ```
 //!
-//! Holding `g` conditions the prior `C = K⁻¹` on the gripped vertices, and conditioning needs no null space:
-//! `Z(ZᵀKZ)⁻¹Zᵀ = C − CΦᵀ(ΦCΦᵀ)⁻¹ΦC`. With the columns `c_j = C e_j` of the candidates solved once,
+//! Fixing the grips conditions the prior `C = K⁻¹` on the gripped vertices, which needs no basis of the null space:
+//! `Z(ZᵀKZ)⁻¹Zᵀ = C − CΦᵀ(ΦCΦᵀ)⁻¹ΦC`. With the columns `c_j = C e_j` of the candidates computed once,
 //!
 //! ```text
 //! NSC(g) = tr(G_gg⁻¹ H_gg) / tr(S C),     G_jk = c_j[k],     H_jk = c_jᵀ S c_k
 //! ```
 //!
-//! so a pair costs a 2×2 block and a triple a 3×3 block. The blocks are worked off one grip after the other (Gram–Schmidt
+//! so a pair costs a 2×2 block and a triple a 3×3 block. The blocks are processed one grip after the other (Gram–Schmidt
 //! in the metric `G`): each adds a term that is never negative, which makes the measure monotone to the last bit, and a
 //! grip that repeats another adds nothing.
 
@@ -23,11 +23,11 @@ use crate::factor::Factor;
 use crate::stiffness::{Stiffness, target_weights};
 use crate::{CoverageOptions, Error, Model, Plane};
 
-/// A grip adds nothing when the others leave it less than this share of its variance: they already determine
-/// it to six digits.
+/// A grip adds nothing if its variance given the others is less than this share of its prior variance: it is then already determined
+/// to six digits.
 pub(crate) const REPEATED: f64 = 1e-12;
 
-/// Solved covariance columns of the candidates.
+/// Covariance columns of the candidates.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Coverage {
@@ -50,7 +50,7 @@ impl Coverage {
     /// Coverage of the membrane model ([`Stiffness::membrane`], [`target_weights`]).
     ///
     /// # Errors
-    /// A model, setting or candidate that is not usable.
+    /// An invalid model, setting or candidate.
     pub fn new(
         model: &Model,
         table: &Plane,
@@ -61,10 +61,10 @@ impl Coverage {
         Self::with_stiffness(&stiffness, &target_weights(model, options)?, candidates)
     }
 
-    /// Coverage for any stiffness and target weights (one per vertex, not negative).
+    /// Coverage for any stiffness and target weights (one for each vertex, not negative).
     ///
     /// # Errors
-    /// Weights that are not usable, a candidate that does not exist, a stiffness that is not positive definite.
+    /// Invalid weights, a candidate that does not exist, a stiffness that is not positive definite.
     ///
     /// # Complexity
     /// One sparse factorisation, one solve per candidate `m`, one product of `m² n`.
@@ -143,7 +143,7 @@ impl Coverage {
         }
     }
 
-    /// The 2×2 block by hand: all pairs are scored for every plan.
+    /// The 2×2 block in closed form: all pairs are scored for every plan.
     pub(crate) fn score_pair(&self, i: usize, j: usize) -> f64 {
         let (g, h) = (&self.gram, &self.commanded);
         let first = h[(i, i)] / g[(i, i)];
@@ -156,8 +156,8 @@ impl Coverage {
         ((first + second) / self.total).clamp(0.0, 1.0)
     }
 
-    /// Any block: `w_1, w_2 …` are the unit vectors of the grips made orthonormal in the metric `G`, and
-    /// `tr(G⁻¹H) = Σ w_kᵀ H w_k`. `scratch` keeps them.
+    /// The general block: `w_1, w_2 …` are the unit vectors of the grips, orthonormalised in the metric `G`, and
+    /// `tr(G⁻¹H) = Σ w_kᵀ H w_k`. `scratch` stores them.
     pub(crate) fn score_columns(&self, columns: &[usize], scratch: &mut Vec<f64>) -> f64 {
         let count = columns.len();
         scratch.clear();

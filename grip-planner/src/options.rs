@@ -1,4 +1,4 @@
-//! Settings of the planner.
+//! Options of the planner.
 
 use nalgebra::UnitVector3;
 
@@ -13,22 +13,22 @@ use crate::{CoverageOptions, Error};
 pub enum CandidateSource {
     /// Only the visible boundary of the explored part.
     Boundary,
-    /// The visible boundary first; what room is left goes to visible vertices near the outline of the body,
+    /// The visible boundary first; the remaining places go to visible vertices near the outline of the body,
     /// so that a body whose boundary is hidden can still be turned.
     BoundaryThenVisible,
 }
 
-/// What a third arm does.
+/// Use of a third arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Support {
-    /// Nothing.
+    /// None.
     None,
-    /// It holds the body near the pivot while the others lift, when it can reach.
+    /// It holds the body near the pivot while the others lift, if it can reach.
     Hold,
 }
 
-/// Settings of [`crate::candidates`] and [`crate::plan_grips`].
+/// Options of [`crate::candidates`] and [`crate::plan_grips`].
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -37,29 +37,29 @@ pub struct Options {
     pub coverage: CoverageOptions,
     /// Which vertices may be gripped. Default: the boundary, then the visible outline.
     pub source: CandidateSource,
-    /// At most so many candidates are kept, spread out. Default 100.
+    /// Largest number of candidates, spread out. Default 100.
     pub max_candidates: usize,
-    /// Least angle between a tool and the table, radians. Default 40°: lower tools hit the table or the neighbour.
+    /// Least angle between a tool and the table, radians. Default 40°: flatter tools collide with the table or the neighbour.
     pub min_elevation: f64,
-    /// A vertex whose normal dips more than this under the horizon is not approached, radians. Default 50°.
+    /// A vertex whose normal points farther below the horizontal is not approached, radians. Default 50°.
     pub max_dip: f64,
-    /// How far the tip goes beyond the vertex, metres. Default 0.003: the jaws close on tissue and not before it.
+    /// How far the tip goes beyond the vertex, metres. Default 0.003, so that the jaws close on tissue and not in front of it.
     pub grip_depth: f64,
     /// Length of the straight last part of the approach, metres. Default 0.03.
     pub approach_distance: f64,
-    /// What is left of the score for each grip that is visible but not on the boundary. Default 0.8.
+    /// Factor on the score for each grip that is visible but not on the boundary. Default 0.8.
     pub outline_weight: f64,
-    /// Share of the turning suitability in the score, 0 (coverage alone, Algorithm 2 of the [paper](https://doi.org/10.1177/02783649251415415)) to 1. Default 0.5.
+    /// Weight of the suitability for turning in the score, from 0 (coverage alone; paper, Algorithm 2) to 1. Default 0.5.
     pub turning_weight: f64,
-    /// Where the distance of two lifting grips should be, as a share of the box along the axis. Default 0.4 to 0.8.
+    /// Wanted distance of two lifting grips, as a share of the box along the axis. Default 0.4 to 0.8.
     pub spread: [f64; 2],
-    /// How far a hanging body may be tilted to either side, so that its ends are seen too, radians, at most 60°. Default 30°; 0 never tilts.
+    /// Largest tilt of a hanging body to either side, to show its ends, radians, at most 60°. Default 30°; 0 never tilts.
     pub tilt: f64,
-    /// At most so many sets are returned. Default 24.
+    /// Largest number of sets. Default 24.
     pub max_sets: usize,
-    /// Lift only the side that lies in this direction. Default: whichever is best.
+    /// Lift only the side in this direction. Default: whichever is best.
     pub lift: Option<UnitVector3<f64>>,
-    /// What a third arm does. Default: holds.
+    /// Use of a third arm. Default: holds.
     pub support: Support,
 }
 

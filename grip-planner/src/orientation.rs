@@ -1,4 +1,4 @@
-//! How a tool comes to a vertex: pitch, roll, and the poses before and after the grasp.
+//! The pose of a tool at a vertex: pitch, roll, and the poses before and after the grasp.
 //!
 //! ```text
 //! approach z = −n, tilted up to the least elevation in the vertical plane of n        (pitch)
@@ -7,7 +7,7 @@
 //! approach   = G · (0, 0, −d)            retreat = n_table · d/2 + approach
 //! ```
 //!
-//! The jaws open along the boundary, which keeps both of them at the same height, away from the table.
+//! The jaws open along the boundary, so that both have the same height above the table.
 
 use nalgebra::{
     Isometry3, Matrix3, Point3, Rotation3, SymmetricEigen, Translation3, UnitQuaternion,
@@ -17,7 +17,7 @@ use nalgebra::{
 use crate::model::Adjacency;
 use crate::{AgentBox, Error, Model, Options, Reason, Scene, agent_box};
 
-/// The pose of a tool that holds.
+/// The orientation of a tool that holds.
 pub(crate) struct Grasp {
     pub(crate) tip: Point3<f64>,
     /// Tip +z.
@@ -67,7 +67,7 @@ impl<'a> Orientation<'a> {
         })
     }
 
-    /// Against the normal, tilted up to the least elevation.
+    /// Against the normal, raised to the least elevation.
     fn approach(&self, normal: &UnitVector3<f64>, elevation: f64) -> UnitVector3<f64> {
         if elevation >= self.options.min_elevation {
             return -*normal;
@@ -83,7 +83,7 @@ impl<'a> Orientation<'a> {
         -UnitVector3::new_normalize(out * cos + up.as_ref() * sin)
     }
 
-    /// A tip that is a little too low is raised: the jaws are wide enough to hold the vertex all the same.
+    /// A tip that is slightly too low is raised: the jaws are wide enough to hold the vertex nevertheless.
     fn tip(&self, tip: Point3<f64>) -> Result<Point3<f64>, Reason> {
         let height = self.scene.table.height(&tip);
         let missing = self.scene.clearance - height;
@@ -96,7 +96,7 @@ impl<'a> Orientation<'a> {
         Ok(tip + self.scene.table.normal.as_ref() * missing)
     }
 
-    /// Along the boundary; along the table when there is no boundary or a jaw would meet the table.
+    /// Along the boundary; along the table if there is no boundary or a jaw would collide with the table.
     fn roll(&self, v: usize, approach: &UnitVector3<f64>, tip: &Point3<f64>) -> UnitVector3<f64> {
         let free = |d: &UnitVector3<f64>| {
             let drop = self.scene.table.normal.dot(d).abs() * self.scene.jaw_radius;
@@ -104,7 +104,7 @@ impl<'a> Orientation<'a> {
         };
         let level = || {
             let across = self.scene.table.normal.cross(approach);
-            // A tool that stands upright may have any roll: along the longer side of the box.
+            // The roll of a vertical tool is arbitrary: the longer side of the box is used.
             UnitVector3::try_new(across, 1e-6).unwrap_or(self.outline.axes[0])
         };
         let tangent = self
@@ -113,7 +113,7 @@ impl<'a> Orientation<'a> {
         let roll = tangent.filter(free).unwrap_or_else(level);
         let roll =
             UnitVector3::new_normalize(roll.into_inner() - approach.as_ref() * approach.dot(&roll));
-        // Both signs are the same grip; one is chosen so that the answer does not depend on an eigenvector's sign.
+        // Both signs are the same grip; the choice must not depend on an eigenvector's sign.
         let side = self.scene.table.normal.cross(approach);
         if roll.dot(&side) < 0.0 { -roll } else { roll }
     }

@@ -1,10 +1,10 @@
-//! Grips and motions together: the best set whose motions can all be done.
+//! Grips and motions together: the best set whose motions are all feasible.
 //!
 //! ```text
 //! sets, best first:  motion ─► speed limit ─► reach ─► withdraw       the first that passes every check is the plan
 //! ```
 //!
-//! A set that is refused is kept with its reason, and the next best is tried.
+//! A set that is rejected is recorded with its reason, and the next best is tried.
 
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 
@@ -22,31 +22,31 @@ use crate::{
     Scene, StretchOptions, Turn, TurnOptions, speed_limit,
 };
 
-/// What is to be done with the body.
+/// What to do with the body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Action<'a> {
     /// Turn its hidden side up.
     TurnOver,
-    /// Open a hole: a loop of vertices round the opening of a fold or pocket.
+    /// Open a hole: a loop of vertices around the opening of a fold or pocket.
     Stretch {
         /// The loop.
         hole: &'a [u32],
     },
-    /// Turn it over with a grip on each side of a hole, which opens meanwhile.
+    /// Turn it over with a grip on each side of a hole, which is opened meanwhile.
     TurnAndStretch {
         /// The loop.
         hole: &'a [u32],
     },
 }
 
-/// How fast the body may move and still be tracked.
+/// Limits on the motion of the body for tracking.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracking {
-    /// Farthest that a node may move between two frames, `ξ`, metres. Default 0.005.
+    /// Largest motion of a node between two frames, `ξ`, metres. Default 0.005.
     pub xi: f64,
-    /// Frames a second, `F`. Default 10.
+    /// Frames each second, `F`. Default 10.
     pub frame_rate: f64,
 }
 
@@ -71,15 +71,15 @@ setters! {
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlanOptions {
-    /// Which grips.
+    /// Options of the grips.
     pub grips: Options,
-    /// How to turn.
+    /// Options of a turn.
     pub turn: TurnOptions,
-    /// How to stretch, alone or while turning.
+    /// Options of a stretch, alone or during a turn.
     pub stretch: StretchOptions,
-    /// How empty arms go.
+    /// Options of motions of empty arms.
     pub reach: ReachOptions,
-    /// What limits the speed.
+    /// Limits on the speed.
     pub tracking: Tracking,
 }
 
@@ -103,17 +103,17 @@ pub struct RefusedSet {
     pub arms: Vec<usize>,
     /// Its score.
     pub score: f64,
-    /// Why.
+    /// The reason.
     pub reason: Refusal,
 }
 
-/// Grips, what the arms do before, while and after they hold, and what was refused before.
+/// Grips, the motions before, during and after the grasp, and the sets that were rejected before.
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Plan {
     /// The grips; the lifting ones first.
     pub grips: Vec<Grip>,
-    /// What the set was ranked by, 0 to 1.
+    /// The score by which the set was ranked, 0 to 1.
     pub score: f64,
     /// Null-space coverage of all grips, 0 to 1.
     pub coverage: f64,
@@ -123,24 +123,24 @@ pub struct Plan {
     pub turn: Option<Turn>,
     /// The direction of the pull from the first to the second grip, if a hole is stretched.
     pub across: Option<UnitVector3<f64>>,
-    /// `v_max = ξ F / max ‖J_i v̂‖` over the whole motion, m/s; no tip goes faster while it holds.
+    /// `v_max = ξ F / max ‖J_i v̂‖` over the whole motion, m/s; no tip is faster while it holds.
     pub speed_limit: f64,
     /// From home to the grasp, jaws open.
     pub reach: Motion,
-    /// What is done while the jaws hold.
+    /// The motion while the jaws hold.
     pub motion: Motion,
     /// From the end of the motion home, jaws open.
     pub withdraw: Motion,
-    /// Better sets that were refused.
+    /// Better sets that were rejected.
     pub refused: Vec<RefusedSet>,
-    /// Vertices that were looked at and cannot be gripped, with their reasons; none where the set was chosen by the caller.
+    /// Vertices that were tested and cannot be gripped, with the reasons; empty if the set was given by the caller.
     pub rejected: Vec<(u32, Reason)>,
 }
 
-/// The best set of grips whose motions pass all checks. A set whose third arm is in the way is tried without it.
+/// The best set of grips whose motions pass all checks. A set whose third arm is obstructed is also tried without it.
 ///
 /// # Errors
-/// Input that is not usable, no grips at all, a loop that is no hole, or every set refused (with the reasons).
+/// Invalid input, no grips at all, a loop that is not a hole, or every set rejected (with the reasons).
 ///
 /// # Complexity
 /// That of [`crate::plan_grips`]; a set costs about a millisecond.
@@ -163,10 +163,10 @@ pub fn plan(
     }
 }
 
-/// The plan for one set of grips of one's own choice, for instance of [`GripSet::lifting`].
+/// The plan for a given set of grips, for instance from [`GripSet::lifting`].
 ///
 /// # Errors
-/// Why it cannot be done.
+/// Why it is not feasible.
 pub fn plan_set(
     model: &Model,
     scene: &Scene,
@@ -329,7 +329,7 @@ impl Planner<'_> {
         self.complete(trial, options.speed, &go, &lies)
     }
 
-    /// Slows the motion down to what can be followed, and adds the ways there and back.
+    /// Slows the motion down to what can be tracked, and adds the paths there and back.
     fn complete(
         &self,
         trial: &Trial,
@@ -377,7 +377,7 @@ impl Planner<'_> {
                 let [from, to] = [k - 1, k].map(|k| &path.keyframes[k]);
                 let moved =
                     to.camera_from_tip.translation.vector - from.camera_from_tip.translation.vector;
-                // An arm that has let go moves nothing.
+                // An arm that has released moves nothing.
                 (to.time <= path.release).then_some((grip.vertex, moved))
             };
             let steps: Vec<(u32, Vector3<f64>)> = trial
@@ -398,7 +398,7 @@ impl Planner<'_> {
     }
 }
 
-/// A refusal to be remembered; input that cannot be used ends the planning instead.
+/// A rejection to record; invalid input ends the planning instead.
 fn refusal(grips: &[Grip], score: f64, reason: Refusal) -> Result<RefusedSet, Error> {
     match reason {
         Refusal::Input(error) => Err(error),

@@ -1,13 +1,13 @@
-//! The ways to the grips and back home, with empty jaws.
+//! The paths to the grips and back home, with empty jaws.
 //!
 //! ```text
-//! reach      home, turn in place ─► approach ─► grasp         orientation first, then translation
-//! withdraw   end ─► retreat ─► home, turning back in place
+//! reach      home, rotate in place ─► approach ─► grasp       orientation first, then translation
+//! withdraw   end ─► retreat ─► home, rotate back in place
 //! ```
 //!
 //! Three routes are tried, each more careful than the one before: straight, all arms together; up, across at the height of the highest home, and
-//! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, they turn on the way instead of in place. The lying body is an obstacle all the way, except to the jaws on
-//! the straight last part.
+//! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, the arms rotate on the way instead of in place. The body at rest is an
+//! obstacle all the way, except for the jaws on the straight last part.
 
 use nalgebra::{Isometry3, Point3, Translation3};
 
@@ -18,14 +18,14 @@ use crate::scene::positive;
 use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, Refusal, Scene, Stage};
 
-/// How empty arms go.
+/// Options of motions of empty arms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReachOptions {
     /// Largest speed of an empty tip, m/s; an arm's own limit counts too. Default 0.1.
     pub speed: f64,
-    /// How fast that speed is reached and left, m/s². Default 0.2.
+    /// Acceleration and deceleration, m/s². Default 0.2.
     pub acceleration: f64,
     /// Largest rotation rate of a tip, rad/s. Default 1.5.
     pub turn_rate: f64,
@@ -66,7 +66,7 @@ impl ReachOptions {
     }
 }
 
-/// How the arms share the air.
+/// The route of the arms.
 #[derive(Clone, Copy)]
 enum Route {
     Straight,
@@ -110,7 +110,7 @@ pub(crate) fn reach(
     first_free(around, grips, options, Stage::Reach, &carried, &way)
 }
 
-/// From the end of a motion to home, with the body lying at `camera_from_body`.
+/// From the end of a motion to home, with the body at `camera_from_body`.
 pub(crate) fn withdraw(
     around: &Surroundings,
     grips: &[Grip],
@@ -131,7 +131,7 @@ pub(crate) fn withdraw(
     leave(around, grips, &ends, camera_from_body, options)
 }
 
-/// The same from anywhere, with the body lying where it is: `distance` back along the tool first.
+/// The same from any pose, with the body at rest: first `distance` back along the tool.
 pub(crate) fn withdraw_from(
     around: &Surroundings,
     grips: &[Grip],
@@ -146,7 +146,7 @@ pub(crate) fn withdraw_from(
     leave(around, grips, &ends, &Isometry3::identity(), options)
 }
 
-/// From each end by its retreat home.
+/// From each end via its retreat pose to home.
 fn leave(
     around: &Surroundings,
     grips: &[Grip],
@@ -214,7 +214,7 @@ fn first_free(
         along(Route::Over)
             .or_else(|_| along(Route::OneByOne))
             .or_else(|other| match reason {
-                // An arm may have an orientation here and not there.
+                // An orientation may be reachable at one position and not at another.
                 Refusal::OutOfWorkspace { .. } => along(Route::Turning),
                 _ => Err(other),
             })
@@ -222,7 +222,7 @@ fn first_free(
     })
 }
 
-/// Each arm goes all its way while the others stand where they begin or end. Arms withdraw in the opposite order of their reach.
+/// Each arm moves its whole path while the others stay at their beginning or end. Arms withdraw in the opposite order of their reach.
 fn one_by_one(ways: &[Vec<Isometry3<f64>>], stage: Stage) -> Vec<Vec<Isometry3<f64>>> {
     let turn = |arm: usize| match stage {
         Stage::Withdraw => ways.len() - 1 - arm,
@@ -241,7 +241,7 @@ fn one_by_one(ways: &[Vec<Isometry3<f64>>], stage: Stage) -> Vec<Vec<Isometry3<f
     ways.iter().enumerate().map(stations).collect()
 }
 
-/// Way points close enough for the check, as many for every arm.
+/// Way points dense enough for the check, the same number for every arm.
 pub(crate) fn dense(stations: &[Vec<Isometry3<f64>>]) -> Vec<Vec<Isometry3<f64>>> {
     let legs = stations.first().map_or(0, Vec::len).saturating_sub(1);
     let mut paths: Vec<Vec<_>> = stations.iter().map(|s| s[..1].to_vec()).collect();

@@ -2,15 +2,15 @@
 
 use std::fmt;
 
-/// A pose on the way to a grip and back.
+/// A pose on the path to a grip and back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Waypoint {
-    /// Back along the tool: the straight last part of the way begins here.
+    /// Back along the tool: the straight last part of the approach begins here.
     Approach,
     /// The jaws close here.
     Grasp,
-    /// Back along the tool and up: where the tip goes when the grip is given up.
+    /// Back along the tool and up: the tip retreats to here if the grip is given up.
     Retreat,
 }
 
@@ -24,7 +24,7 @@ impl fmt::Display for Waypoint {
     }
 }
 
-/// Why a vertex that was looked at cannot be gripped, or is not needed.
+/// Why a vertex that was tested cannot be gripped, or is not needed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -33,9 +33,9 @@ pub enum Reason {
     #[error("the camera does not see it")]
     Hidden,
     /// The surface faces the table.
-    #[error("its normal dips {dip:.2} rad under the horizon")]
+    #[error("its normal points {dip:.2} rad below the horizontal")]
     FacesTable {
-        /// Angle between the normal and the horizon, radians.
+        /// Angle of the normal below the horizontal, radians.
         dip: f64,
     },
     /// The tip would be too near the table.
@@ -45,29 +45,29 @@ pub enum Reason {
         height: f64,
     },
     /// No arm reaches all of approach, grasp and retreat.
-    #[error("no arm reaches it: arm {arm}, the nearest, not its {at} pose")]
+    #[error("no arm reaches it; the nearest, arm {arm}, does not reach its {at} pose")]
     OutOfReach {
         /// The arm whose base is nearest.
         arm: usize,
         /// The first pose that this arm does not reach.
         at: Waypoint,
     },
-    /// The surface stands up beside the vertex: the open jaws do not go round it.
-    #[error("vertex {by} stands where a jaw would go")]
+    /// The surface beside the vertex is in the way of the open jaws.
+    #[error("vertex {by} is in the way of a jaw")]
     TooWide {
         /// The vertex nearest to a jaw.
         by: u32,
     },
-    /// The body is in the way of the tool.
+    /// The body obstructs the tool.
     #[error("vertex {by} is in the way of the tool at its {at} pose")]
     Blocked {
         /// The vertex nearest to the middle of the tool.
         by: u32,
-        /// Where the tool would be.
+        /// The pose of the tool.
         at: Waypoint,
     },
-    /// Other candidates are near and there are enough of them.
-    #[error("candidate {near} is {distance:.4} m away and there are enough")]
+    /// There are other candidates nearby, and enough of them.
+    #[error("candidate {near} is only {distance:.4} m away, and there are enough candidates")]
     Thinned {
         /// The nearest candidate that was kept.
         near: u32,
@@ -77,7 +77,7 @@ pub enum Reason {
 }
 
 impl Reason {
-    /// One word for tables.
+    /// A keyword for tables.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Hidden => "hidden",
@@ -91,7 +91,7 @@ impl Reason {
     }
 }
 
-/// Counts by word, most frequent first: `31 hidden, 4 blocked`.
+/// Counts by keyword, most frequent first: `31 hidden, 4 blocked`.
 pub(crate) fn tally(rejected: &[(u32, Reason)]) -> String {
     let mut counts: Vec<(usize, &str)> = Vec::new();
     for (_, reason) in rejected {
@@ -106,7 +106,7 @@ pub(crate) fn tally(rejected: &[(u32, Reason)]) -> String {
         .map(|(n, word)| format!("{n} {word}"))
         .collect();
     if parts.is_empty() {
-        "none looked at".into()
+        "none tested".into()
     } else {
         parts.join(", ")
     }

@@ -4,94 +4,96 @@ use crate::plan::RefusedSet;
 use crate::reason::tally;
 use crate::{Error, Reason, Stage};
 
-/// Why there are no grips, or a motion was not planned.
+/// Why there are no grips, or a motion was rejected.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub enum Refusal {
-    /// The input cannot be used.
+    /// The input is invalid.
     #[error(transparent)]
     Input(#[from] Error),
     /// A tip would have to leave its workspace.
     #[error("{stage}: arm {arm} cannot reach {position:.3?} at {time:.2} s")]
     OutOfWorkspace {
-        /// What the arms are doing.
+        /// The stage of the motion.
         stage: Stage,
         /// The arm.
         arm: usize,
-        /// When, seconds into the motion.
+        /// Time, seconds into the motion.
         time: f64,
-        /// Where, metres.
+        /// Position of the tip, metres.
         position: [f64; 3],
     },
-    /// A tip, jaw or wrist would hit the table.
+    /// A tip, jaw or wrist would collide with the table.
     #[error(
-        "{stage}: arm {arm} is {height:.4} m above the table at {time:.2} s, it must stay {clearance} m above"
+        "{stage}: arm {arm} is {height:.4} m above the table at {time:.2} s, but must stay {clearance} m above"
     )]
     HitsTable {
-        /// What the arms are doing.
+        /// The stage of the motion.
         stage: Stage,
         /// The arm.
         arm: usize,
-        /// When, seconds into the motion.
+        /// Time, seconds into the motion.
         time: f64,
         /// Height of its tip or wrist, or of its lower jaw plus the clearance, metres.
         height: f64,
-        /// What must be kept, metres.
+        /// The required height, metres.
         clearance: f64,
     },
-    /// Two tools would meet.
+    /// Two tools would collide.
     #[error("{stage}: arms {arms:?} come within {distance:.4} m of each other at {time:.2} s")]
     ArmsCollide {
-        /// What the arms are doing.
+        /// The stage of the motion.
         stage: Stage,
         /// The arms.
         arms: [usize; 2],
-        /// When, seconds into the motion.
+        /// Time, seconds into the motion.
         time: f64,
-        /// Distance of their surfaces, metres.
+        /// Distance between their surfaces, metres.
         distance: f64,
     },
-    /// A tool would go through the body.
-    #[error("{stage}: the tool of arm {arm} meets the body at vertex {vertex} at {time:.2} s")]
+    /// A tool would penetrate the body.
+    #[error(
+        "{stage}: the tool of arm {arm} collides with the body at vertex {vertex} at {time:.2} s"
+    )]
     HitsBody {
-        /// What the arms are doing.
+        /// The stage of the motion.
         stage: Stage,
         /// The arm.
         arm: usize,
-        /// When, seconds into the motion.
+        /// Time, seconds into the motion.
         time: f64,
         /// The vertex nearest to the middle of the tool.
         vertex: u32,
-        /// How near it comes, metres.
+        /// Its distance, metres.
         distance: f64,
     },
     /// The set does not have two lifting grips on the lifted side.
-    #[error("{lifting} lifting grips on the lifted side: a turn takes 2")]
+    #[error("a turn requires 2 lifting grips on the lifted side, but there are {lifting}")]
     CannotLift {
-        /// How many there are.
+        /// Their number.
         lifting: usize,
     },
-    /// No two arms take the grips without crossing.
+    /// No two arms reach the grips without crossing.
     #[error("no two arms reach vertices {vertices:?} without crossing")]
     ArmsCross {
         /// The vertices of the grips.
         vertices: [u32; 2],
     },
-    /// A vertex is not where a third arm can hold the body.
-    #[error("no free arm holds vertex {vertex} by the pivot")]
+    /// A third arm cannot hold the body at this vertex.
+    #[error("no free arm can hold vertex {vertex} near the pivot")]
     CannotSupport {
         /// The vertex.
         vertex: u32,
     },
     /// A hole needs a grip on each of its sides.
-    #[error("no candidate that an arm can take on side {side} of the hole")]
+    #[error("there is no candidate in reach of an arm on side {side} of the hole")]
     NoGripBesideHole {
-        /// Which side, 0 or 1.
+        /// The side, 0 or 1.
         side: usize,
     },
-    /// A hole this small or thin has no long axis.
-    #[error("the loop of {vertices} vertices does not span a hole")]
+    /// The loop is too small or thin to have a long axis.
+    #[error("the loop of {vertices} vertices is too small for a hole")]
     NotAHole {
         /// Vertices of the loop.
         vertices: usize,
@@ -104,11 +106,11 @@ pub enum Refusal {
     NoGrips {
         /// Number of accepted candidates.
         accepted: usize,
-        /// The other vertices that were looked at, with their reasons.
+        /// The other vertices that were tested, with the reasons.
         rejected: Vec<(u32, Reason)>,
     },
-    /// Every set of grips has a motion that was refused.
-    #[error("all {} sets of grips were refused; the best: {}", refused.len(), first_reason(refused))]
+    /// The motions of every set of grips were rejected.
+    #[error("all {} sets of grips were rejected; the best: {}", refused.len(), first_reason(refused))]
     AllRefused {
         /// Each set with the reason.
         refused: Vec<RefusedSet>,

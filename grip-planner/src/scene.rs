@@ -1,4 +1,4 @@
-//! The table, the arms and what they can reach.
+//! The table, the arms and their workspaces.
 //!
 //! Everything is in the camera frame, metres. A tip frame has its origin midway between the jaws, +z along
 //! the approach (from the wrist to the object) and ±y along the direction in which the jaws open.
@@ -10,8 +10,7 @@ use nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
 
 use crate::Error;
 
-/// The plane `normal · x + offset = 0`; `normal` points to the free side, so that everything real has
-/// `normal · x + offset ≥ 0`.
+/// The plane `normal · x + offset = 0`; `normal` points to the free side, where `normal · x + offset ≥ 0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plane {
@@ -27,12 +26,12 @@ impl Plane {
         self.normal.dot(&point.coords) + self.offset
     }
 
-    /// The point of the plane under `point`.
+    /// The point of the plane below `point`.
     pub fn foot(&self, point: &Point3<f64>) -> Point3<f64> {
         point - self.normal.as_ref() * self.height(point)
     }
 
-    /// The part of `v` along the plane.
+    /// The component of `v` along the plane.
     pub fn along(&self, v: &Vector3<f64>) -> Vector3<f64> {
         v - self.normal.as_ref() * self.normal.dot(v)
     }
@@ -40,7 +39,7 @@ impl Plane {
     /// Two unit vectors that span the plane, `(u, v, normal)` right-handed.
     pub fn axes(&self) -> [UnitVector3<f64>; 2] {
         let n = self.normal;
-        // The coordinate axis least along the normal gives the best conditioned cross product.
+        // The coordinate axis with the least component along the normal gives the best conditioned cross product.
         let helper = match n.iamin() {
             0 => Vector3::x(),
             1 => Vector3::y(),
@@ -54,7 +53,7 @@ impl Plane {
 /// A test on a tip pose, `camera_from_tip`.
 pub type PoseTest = Arc<dyn Fn(&Isometry3<f64>) -> bool + Send + Sync>;
 
-/// Where the tip of an arm can be.
+/// Positions or poses that the tip of an arm can reach.
 #[derive(Clone)]
 #[non_exhaustive]
 pub enum Workspace {
@@ -72,18 +71,18 @@ pub enum Workspace {
         /// Radius.
         radius: f64,
     },
-    /// A cone with its tip cut off, between two spheres: what an arm with a remote centre of motion sweeps.
+    /// A truncated cone between two spheres, the workspace of an arm with a remote centre of motion.
     SphereSector {
         /// The fixed point.
         apex: Point3<f64>,
-        /// Middle of the cone.
+        /// Axis of the cone.
         axis: UnitVector3<f64>,
-        /// Angle between the axis and the rim, radians.
+        /// Angle between the axis and the surface of the cone, radians.
         half_angle: f64,
         /// Smallest and largest distance from the apex.
         radii: [f64; 2],
     },
-    /// Any test on the pose of the tip, so that wrist limits can count.
+    /// Any test on the pose of the tip, for example with wrist limits.
     Custom(PoseTest),
 }
 
@@ -117,7 +116,7 @@ impl Workspace {
 }
 
 impl Workspace {
-    /// Whether its numbers are finite and its sizes are not negative.
+    /// Whether its numbers are finite and its sizes not negative.
     fn is_sound(&self) -> bool {
         let finite = |p: &Point3<f64>| p.iter().all(|x| x.is_finite());
         match self {
@@ -182,50 +181,50 @@ impl fmt::Debug for Workspace {
     }
 }
 
-/// An arm as the planner sees it.
+/// An arm.
 #[derive(Debug, Clone)]
 pub struct Arm {
-    /// The foot of the arm: which side it comes from.
+    /// Position of the base of the arm.
     pub base: Point3<f64>,
-    /// Where its tip can be.
+    /// Workspace of its tip.
     pub workspace: Workspace,
-    /// Where the tip waits without hiding the object (`camera_from_tip`).
+    /// Pose in which the tip waits without hiding the object (`camera_from_tip`).
     pub home: Isometry3<f64>,
-    /// The fastest the tip may go, m/s.
+    /// Largest speed of the tip, m/s.
     pub max_speed: f64,
 }
 
-/// Everything round the object.
+/// The environment of the object.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
-    /// What the object lies on.
+    /// The table.
     pub table: Plane,
     /// The arms.
     pub arms: &'a [Arm],
-    /// Where the camera is.
+    /// Position of the camera.
     pub camera: Point3<f64>,
-    /// Half the width of what fits between the open jaws; also the half thickness of a tool.
+    /// Half the width that fits between the open jaws; also half the thickness of a tool.
     pub jaw_radius: f64,
     /// Length of the straight part of a tool behind its tip, from the tip to the wrist.
     pub shaft_length: f64,
     /// Smallest distance between two grips.
     pub jaw_separation: f64,
-    /// Distance that is kept between a tip and the table, and between two tools.
+    /// Least distance between a tip and the table, and between two tools.
     pub clearance: f64,
 }
 
 impl Scene<'_> {
-    /// How near the middle of a tool may come to the body: a tool is half as thick as its open jaws.
+    /// Least distance between the centre line of a tool and the body: half the thickness of a tool is half the opening of its jaws.
     pub(crate) fn tool_radius(&self) -> f64 {
         0.5 * self.jaw_radius
     }
 
-    /// The part of a tool that straddles the surface while it holds; only what is behind it can be in the way.
+    /// The part of a tool that straddles the surface while it holds; only the part behind it can collide with the body.
     pub(crate) fn jaw_length(&self) -> f64 {
         2.5 * self.jaw_radius
     }
 
-    /// Refuses what is not finite or not positive.
+    /// Rejects values that are not finite or not positive.
     pub(crate) fn check(&self) -> Result<(), Error> {
         positive("jaw_radius", self.jaw_radius)?;
         positive("shaft_length", self.shaft_length)?;

@@ -1,33 +1,33 @@
 //! The set of grips with the largest coverage.
 //!
-//! Up to three grips every set is scored. Beyond that the number of sets is out of reach, and the coverage grows by less and less
-//! with every grip (nearly a submodular function), which is what greedy choice is good at:
+//! Up to three grips every set is scored. Beyond that there are too many sets, and the coverage has diminishing returns
+//! (it is nearly a submodular function), for which greedy selection works well:
 //!
 //! ```text
 //! g ← best single, pair or triple;   while |g| < k:  g ← g ∪ argmax_j NSC(g ∪ j)           greedy
 //! repeat: (I, J) ← argmax NSC(g ∖ I ∪ J) over I ⊂ g, J ∩ g = ∅, |I| = |J|;  exchange while it grows     refinement
 //! ```
 //!
-//! with one grip at a time as long as that helps, then two; the best of the three starts is taken. Every step scores with the exact coverage, so the answer cannot be bettered by
-//! the exchange of any one or two grips. Draws go to the candidate
-//! that was given first, which makes the answer a function of the input alone.
+//! with one grip at a time as long as that helps, then two; the best result of three starts is used. Every step uses the exact coverage, so no exchange of one or
+//! two grips improves the result. Ties go to the candidate
+//! that was given first, so the result depends only on the input.
 
 use crate::Coverage;
 
-/// An exchange has to be better by more than rounding, or two sets that are equal could be exchanged for ever.
+/// An exchange must improve the score by more than rounding, or two equal sets could be exchanged for ever.
 const BETTER: f64 = 1e-12;
 
 impl Coverage {
-    /// The triple of candidates with the largest score; the first in candidate order wins a draw.
+    /// The triple of candidates with the largest score; ties go to the first in candidate order.
     pub fn best_triple(&self) -> Option<([u32; 3], f64)> {
         let (set, score) = self.best_set(3)?;
         Some(([set[0], set[1], set[2]], score))
     }
 
-    /// The set of `count` candidates with the largest score, in candidate order, and its score. None when there are fewer candidates.
+    /// The set of `count` candidates with the largest score, in candidate order, and its score. `None` if there are fewer candidates.
     ///
     /// *Guarantees.* Up to three it is the best of all sets. Beyond, no exchange of one or two grips for other
-    /// candidates makes it better (on random bodies with 4 to 6 of 12 candidates it is within 2 % of the best of all; `tests/select.rs`).
+    /// candidates improves it (on random bodies with 4 to 6 of 12 candidates it is within 2 % of the best of all; `tests/select.rs`).
     ///
     /// # Complexity
     /// `m` candidates: `O(m³)` scores for the triples, `O(k² m²)` for each exchange beyond; a score costs `O(k³)`.
@@ -38,7 +38,7 @@ impl Coverage {
         let best = if count <= 3 {
             self.best_small(count)
         } else {
-            // The best pair and the best triple are often in different valleys.
+            // The best pair and the best triple often lead to different local optima.
             let grown = (1..=3).filter_map(|start| self.grown(self.best_small(start), count));
             let better = |a: (Vec<usize>, f64), b: (Vec<usize>, f64)| if b.1 > a.1 { b } else { a };
             grown.reduce(better)?.0
@@ -47,7 +47,7 @@ impl Coverage {
         Some((best.iter().map(|&c| self.candidates[c]).collect(), score))
     }
 
-    /// A set that is grown greedily and refined, in candidate order.
+    /// A set grown greedily and refined, in candidate order.
     fn grown(&self, mut set: Vec<usize>, count: usize) -> Option<(Vec<usize>, f64)> {
         while set.len() < count {
             set.push(self.best_addition(&set)?.0);
@@ -86,7 +86,7 @@ impl Coverage {
         best.1
     }
 
-    /// The column that adds most to `set`, and the score with it.
+    /// The column that adds most to `set`, and the resulting score.
     fn best_addition(&self, set: &[usize]) -> Option<(usize, f64)> {
         let mut scratch = Vec::new();
         let mut with = set.to_vec();

@@ -1,12 +1,12 @@
-//! How fast the grips may go.
+//! Limits on the speed of the grips.
 //!
 //! ```text
 //! v_max = ξ F / max_i ‖J_i v̂‖
 //! ```
 //!
-//! Registration follows a node that moves less than `ξ` between two frames, `F` frames a second; per unit of grip speed node `i` moves
-//! `‖J_i v̂‖` ([`crate::Coverage::field`] with unit velocities). The governor starts below that, ramps up, and gives way at once when the
-//! registration residual rises: a frame that fits badly is cheaper to wait for than to lose.
+//! Registration can follow a node that moves less than `ξ` between two frames, at `F` frames a second; for unit grip speed node `i` moves
+//! with `‖J_i v̂‖` ([`crate::Coverage::field`] with unit velocities). The governor starts below the limit, accelerates, and slows down at once when the
+//! registration residual rises: waiting for a frame that fits badly costs less than losing the body.
 
 use nalgebra::Vector3;
 
@@ -16,10 +16,10 @@ use crate::setters::setters;
 
 /// Largest grip speed at which no node moves more than `xi` metres between frames, m/s.
 ///
-/// `field` is the motion of the nodes per unit of grip speed. Infinite when no node moves.
+/// `field` is the velocity of the nodes for unit grip speed. Infinite if no node moves.
 ///
 /// # Errors
-/// `xi` or `frame_rate` not positive, or a motion that is not finite.
+/// `xi` or `frame_rate` not positive, or a velocity that is not finite.
 ///
 /// ```
 /// # use grip_planner::speed_limit;
@@ -45,20 +45,20 @@ pub fn speed_limit(field: &[Vector3<f64>], xi: f64, frame_rate: f64) -> Result<f
     Ok(xi * frame_rate / fastest)
 }
 
-/// Settings of a [`SpeedGovernor`].
+/// Options of a [`SpeedGovernor`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GovernorOptions {
-    /// Speed when all is well, m/s: what [`speed_limit`] gave, or less.
+    /// Speed while frames fit well, m/s: at most that of [`speed_limit`].
     pub cruise: f64,
-    /// Where it starts, and the least it falls to, as a share of the cruise. Default 0.2.
+    /// Start speed and least speed, as a share of `cruise`. Default 0.2.
     pub least: f64,
-    /// How fast it rises, m/s². Default 0.02.
+    /// Acceleration, m/s². Default 0.02.
     pub acceleration: f64,
-    /// Residual up to which all is well, metres. Default 0.001.
+    /// Residual up to which the speed is not reduced, metres. Default 0.001.
     pub calm: f64,
-    /// Residual at which it has fallen to the least, metres. Default 0.004.
+    /// Residual at which the speed is reduced to the least, metres. Default 0.004.
     pub alarm: f64,
 }
 
@@ -124,7 +124,7 @@ impl SpeedGovernor {
         })
     }
 
-    /// Speed for the next `dt` seconds, given the latest residual in metres. A residual that is not a number is an alarm.
+    /// Speed for the next `dt` seconds, given the latest residual in metres. NaN reduces it to the least.
     pub fn next(&mut self, dt: f64, residual: f64) -> f64 {
         let allowed = self.options.cruise * self.share(residual);
         let risen = self.speed + self.options.acceleration * dt.max(0.0);
@@ -132,7 +132,7 @@ impl SpeedGovernor {
         self.speed
     }
 
-    /// The speed given last, m/s.
+    /// The last speed, m/s.
     pub fn speed(&self) -> f64 {
         self.speed
     }

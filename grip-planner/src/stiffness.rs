@@ -1,4 +1,4 @@
-//! What holds the surface together and down: the stiffness `K`, and what is worth moving: the weights `S`.
+//! The stiffness `K` of the surface, and the weights `S` of the targets.
 //!
 //! ```text
 //! E(u) = ½ ∫ |∇u|² dA + ½ ∫ (1 + φ·contact) |u|² / ℓ² dA  ≈  ½ uᵀ K u
@@ -6,10 +6,10 @@
 //! w_ij = 2 (a_i/deg_i + a_j/deg_j) / |p_i − p_j|²,     d_i = a_i (1 + φ·[height_i ≤ c]) / ℓ²
 //! ```
 //!
-//! A membrane on a bed of springs. Its weight holds every part of a lying body down, friction holds what touches the table
-//! `φ` times more; a pull dies away over the length `ℓ`. The weights `w` integrate the gradient
-//! of a linear field exactly where the neighbours lie evenly round a vertex, so the result does not depend on how densely
-//! the surface is sampled. The three components of `u` see the same `K`.
+//! A membrane on a bed of springs. Its weight resists the motion of every part of a body at rest, friction that of the parts on the table `φ` times more; the effect
+//! of a pull decays over the length `ℓ`. The weights `w` integrate the gradient
+//! of a linear field exactly if the neighbours are evenly distributed around a vertex, so the result does not depend on the density of
+//! the samples. The three components of `u` have the same `K`.
 
 use faer::sparse::Triplet;
 use nalgebra::Point3;
@@ -19,20 +19,20 @@ use crate::scene::{not_negative, positive};
 use crate::setters::setters;
 use crate::{Error, Model, Plane};
 
-/// Settings of the stiffness and of the target weights.
+/// Options of the stiffness and of the target weights.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CoverageOptions {
-    /// Length over which a pull dies away, `ℓ`, metres. Default 0.08: a soft body of 0.2 m follows a grip with about half its length.
+    /// Length over which the effect of a pull decays, `ℓ`, metres. Default 0.08: a soft body of 0.2 m follows a grip with about half its length.
     pub decay_length: f64,
-    /// How much more than its weight friction holds what touches the table, `φ`. Default 4.
+    /// Resistance of friction on the table relative to that of weight, `φ`. Default 4.
     pub friction: f64,
     /// A vertex lower than this touches the table, metres. Default 0.004.
     pub contact_height: f64,
-    /// Extra weight of a target at the boundary of the explored part. Default 3.
+    /// Additional weight of a target at the boundary of the explored part. Default 3.
     pub boundary_weight: f64,
-    /// Length over which that extra weight falls off, along the surface, metres. Default 0.02.
+    /// Length over which that additional weight decays, along the surface, metres. Default 0.02.
     pub boundary_length: f64,
 }
 
@@ -83,10 +83,10 @@ pub struct Stiffness {
 }
 
 impl Stiffness {
-    /// The membrane of the module's head.
+    /// The membrane described at the head of the module.
     ///
     /// # Errors
-    /// A model or setting that is not usable.
+    /// An invalid model or setting.
     pub fn membrane(
         model: &Model,
         table: &Plane,
@@ -120,12 +120,12 @@ impl Stiffness {
         &self.springs
     }
 
-    /// The constant that ties each vertex to where it lies.
+    /// The constant that anchors each vertex to its position.
     pub fn anchors(&self) -> &[f64] {
         &self.anchors
     }
 
-    /// Lower triangle of `K`; entries at the same place add up.
+    /// Lower triangle of `K`; entries at the same index are added.
     pub(crate) fn lower(&self) -> Vec<Triplet<usize, usize, f64>> {
         let mut diagonal = self.anchors.clone();
         let mut lower = Vec::with_capacity(self.springs.len() + diagonal.len());
@@ -148,7 +148,7 @@ impl Stiffness {
     }
 }
 
-/// Areas with a small floor, so that a vertex without area is still tied to something.
+/// Areas with a small floor, so that a vertex without area is still anchored.
 fn effective_areas(model: &Model) -> Result<Vec<f64>, Error> {
     let mean = model.areas.iter().sum::<f64>() / model.areas.len() as f64;
     if mean <= 0.0 {
@@ -174,7 +174,7 @@ fn membrane_springs(model: &Model, areas: &[f64]) -> Vec<([u32; 2], f64)> {
     let squared =
         |[a, b]: [u32; 2]| (model.points[a as usize] - model.points[b as usize]).norm_squared();
     let mean = edges.iter().map(|&e| squared(e)).sum::<f64>() / edges.len().max(1) as f64;
-    // Points on top of each other would give an infinite spring: lengths are cut off at a tenth of the mean.
+    // Coincident points would give an infinite spring: lengths are at least a tenth of the mean.
     let spring = |e: [u32; 2]| {
         2.0 * (share(e[0]) + share(e[1])) / squared(e).max(1e-2 * mean).max(f64::MIN_POSITIVE)
     };
@@ -202,18 +202,18 @@ fn anchors(model: &Model, table: &Plane, options: &CoverageOptions, areas: &[f64
         .collect()
 }
 
-/// Target weights `S`: the area of a vertex, more of it next to the hidden surface,
+/// Target weights `S`: the area of a vertex, increased next to the hidden surface,
 /// `s_i = a_i (1 + β exp(−d_i/λ))` with `d_i` the distance to the boundary along edges.
 ///
 /// # Errors
-/// A model or setting that is not usable.
+/// An invalid model or setting.
 pub fn target_weights(model: &Model, options: &CoverageOptions) -> Result<Vec<f64>, Error> {
     model.check()?;
     options.check()?;
     let rim: Vec<u32> = (0..model.points.len() as u32)
         .filter(|&v| model.boundary[v as usize])
         .collect();
-    // Beyond five lengths the extra weight is below one per cent.
+    // Beyond five lengths the additional weight is below one per cent.
     let reach = 5.0 * options.boundary_length;
     let distance =
         Adjacency::new(model.points.len(), model.edges).distances(model.points, &rim, reach);

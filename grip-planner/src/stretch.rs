@@ -1,14 +1,14 @@
 //! Stretching: pull the two sides of a hole apart, across its long axis and slightly up.
 //!
-//! A loop that the camera sees inside the outline surrounds the opening of a fold or a pocket (module `hole`). On either side of it the
-//! grip is the candidate with the least distance to the loop along the surface, plus half its distance from the middle of the
+//! A loop that the camera sees inside the outline is the opening of a fold or a pocket (module `hole`). On either side of it the
+//! grip is the candidate with the least distance to the loop along the surface, plus half its distance from the centre of the
 //! slit along it:
 //!
 //! ```text
 //! cost(a, b) = Σ d(loop, ·) + ½ |u·(· − c)|,        pull: p ± ½ (distance · open(t)) v + lift · open(t) n
 //! ```
 //!
-//! A third arm pins the body beyond the reach of the pull, in line with the middle of the slit, so that it does not come along.
+//! A third arm holds the body outside of the pulled part, in line with the centre of the slit, so that it does not follow.
 
 use nalgebra::{Isometry3, Translation3, UnitVector3};
 
@@ -26,26 +26,26 @@ use crate::{
     candidates_among,
 };
 
-/// Settings of a stretch.
+/// Options of a stretch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StretchOptions {
-    /// How much farther apart the grips get, metres. Default 0.04.
+    /// Additional distance between the grips, metres. Default 0.04.
     pub distance: f64,
-    /// How much they rise meanwhile, metres. Default 0.015.
+    /// Rise of the grips meanwhile, metres. Default 0.015.
     pub lift: f64,
-    /// Grips are at most this far from the loop along the surface, metres. Default 0.03.
+    /// Largest distance of grips from the loop along the surface, metres. Default 0.03.
     pub reach: f64,
     /// How long the hole is held open, seconds. Default 2.
     pub hold: f64,
-    /// What is left of the stretch when the jaws open, 0 to 1. Default 0.5: cloth stays open, tissue does not mind.
+    /// Remaining share of the stretch when the jaws open, 0 to 1. Default 0.5: cloth then stays open, and tissue is not harmed.
     pub keep: f64,
     /// Largest speed of a tip, m/s. Default 0.02.
     pub speed: f64,
-    /// How fast that speed is reached and left, m/s². Default 0.02.
+    /// Acceleration and deceleration, m/s². Default 0.02.
     pub acceleration: f64,
-    /// How far the tips back off after the release, metres. Default 0.05.
+    /// How far the tips retreat after the release, metres. Default 0.05.
     pub retreat_distance: f64,
 }
 
@@ -90,7 +90,7 @@ impl StretchOptions {
     }
 }
 
-/// The candidates beside a hole, and the pairs of them that two arms can take, cheapest first.
+/// The candidates beside a hole, and the pairs of them for which there are two arms, least cost first.
 pub(crate) struct Beside {
     pub(crate) found: Candidates,
     pub(crate) pairs: Vec<PullPair>,
@@ -105,13 +105,13 @@ pub(crate) struct PullPair {
 }
 
 impl PullPair {
-    /// 1 for grips at the middle of the loop itself, falling with their distance, in the length `reach`.
+    /// 1 for grips at the centre of the loop itself, decreasing with their distance, relative to `reach`.
     pub(crate) fn score(&self, reach: f64) -> f64 {
         1.0 / (1.0 + self.cost / reach)
     }
 }
 
-/// Looks for grips on both sides of the hole.
+/// Finds grips on both sides of the hole.
 pub(crate) fn beside(
     model: &Model,
     scene: &Scene,
@@ -122,7 +122,7 @@ pub(crate) fn beside(
 ) -> Result<Beside, Refusal> {
     let graph = Adjacency::new(model.points.len(), model.edges);
     let distance = graph.distances(model.points, boundary, 3.0 * stretch.reach);
-    // Those beyond the reach are for the third arm.
+    // Candidates beyond the reach are for the third arm.
     let near: Vec<u32> = (0..model.points.len() as u32)
         .filter(|&v| distance[v as usize].is_finite())
         .collect();
@@ -143,7 +143,7 @@ pub(crate) fn beside(
     Ok(Beside { found, pairs })
 }
 
-/// All pairs on opposite sides, a jaw apart, that two arms can take; cheapest first.
+/// All pairs on opposite sides, a jaw apart, for which there are two arms; least cost first.
 fn pairs(
     found: &[Candidate],
     hole: &Hole,
@@ -186,7 +186,7 @@ fn pairs(
     Ok(pairs)
 }
 
-/// Keeps the cheapest of pairs whose grips are within half a jaw separation of each other.
+/// Keeps the pair of least cost among those whose grips are within half a jaw separation of each other.
 fn thin(pairs: &mut Vec<PullPair>, found: &[Candidate], scene: &Scene, most: usize) {
     let near =
         |a: usize, b: usize| (found[a].point - found[b].point).norm() < 0.5 * scene.jaw_separation;
@@ -200,7 +200,7 @@ fn thin(pairs: &mut Vec<PullPair>, found: &[Candidate], scene: &Scene, most: usi
     *pairs = kept;
 }
 
-/// The grips of a pair, and of the arm that pins the body if there is one.
+/// The grips of a pair, and of the arm that holds the body if there is one.
 pub(crate) fn grips(
     pair: &PullPair,
     found: &[Candidate],
@@ -220,7 +220,7 @@ pub(crate) fn grips(
     grips
 }
 
-/// The candidate most in line with the middle of the slit among those that do not move much, and an arm that takes it without crossing.
+/// The candidate most in line with the centre of the slit among those that do not move much, and an arm that reaches it without crossing.
 fn pin<'c>(
     grips: &[Grip],
     found: &'c [Candidate],
@@ -251,10 +251,10 @@ fn pin<'c>(
         })
 }
 
-/// Way points on the way out and on the way back.
+/// Way points of the pull and of the return.
 const STEPS: usize = 12;
 
-/// Out, hold, part of the way back and down; checked.
+/// Pull, hold, partial return and setting down; checked.
 pub(crate) fn pull(
     around: &Surroundings,
     grips: &[Grip],
@@ -313,7 +313,7 @@ pub(crate) fn pull(
     Ok(motion)
 }
 
-/// Pose of grip `k` with so much of the stretch and of the lift done; a pinning grip stays.
+/// Pose of grip `k` with given shares of the stretch and of the lift; a supporting grip stays.
 fn opened(
     k: usize,
     grip: &Grip,

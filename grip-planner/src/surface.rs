@@ -1,4 +1,4 @@
-//! What is known of a surface, as data that a [`Model`] borrows: from a mesh, or from points and the graph that joins them.
+//! The known part of a surface, as data for a [`Model`]: from a mesh, or from points and their graph.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use crate::model::check_points;
 use crate::scene::positive;
 use crate::{Error, Model};
 
-/// The known part of a surface, owned. [`Surface::model`] lends it to the planner.
+/// The known part of a surface, owned. [`Surface::model`] borrows it for the planner.
 #[derive(Debug, Clone)]
 pub struct Surface {
     points: Vec<Point3<f64>>,
@@ -26,14 +26,14 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Of a closed mesh what the camera sees, of an open one all. The camera sees a vertex with nothing before it and a triangle that faces it. Triangles are turned
-    /// so that what is seen faces the camera.
+    /// The part of a closed mesh that the camera sees, or all of an open one. The camera sees a vertex that is not occluded and has a triangle that faces it. Triangles are oriented
+    /// such that visible ones face the camera.
     ///
     /// # Errors
-    /// No points or no triangles, points that are not finite, triangles of vertices that do not exist, and [`Error::NothingVisible`].
+    /// No points or no triangles, points that are not finite, triangles of vertices that do not exist, or [`Error::NothingVisible`].
     ///
     /// # Complexity
-    /// `O(n log n)`: one ray a vertex.
+    /// `O(n log n)`: one ray for each vertex.
     ///
     /// ```
     /// use grip_planner::{Surface, missing_vector_area};
@@ -84,11 +84,11 @@ impl Surface {
         Self::of_part(&mesh, &seen, closed, whole_area)
     }
 
-    /// Points with outward unit `normals`, `edges` between neighbours and the `boundary` of what is known, as a complex of the points gives them. Each point stands
-    /// for `spacing²` of the surface (m); those whose normals face the camera are visible.
+    /// Points with outward unit `normals`, `edges` between neighbours and the `boundary` of the known part, as from a complex of the points. Each point has
+    /// the area `spacing²` (m²); those whose normals face the camera are visible.
     ///
     /// # Errors
-    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, edges that lead nowhere; a `spacing` that is not positive.
+    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, edges to vertices that do not exist; a `spacing` that is not positive.
     ///
     /// ```
     /// use cech_complex::manifolds::Manifold;
@@ -136,7 +136,7 @@ impl Surface {
         Ok(surface)
     }
 
-    /// As the planner borrows it.
+    /// The surface as input of the planner.
     pub fn model(&self) -> Model<'_> {
         Model {
             points: &self.points,
@@ -159,17 +159,17 @@ impl Surface {
         self.areas.iter().sum()
     }
 
-    /// The triangles of the known part of a mesh, by the vertices of the model; none of a graph.
+    /// The triangles of the known part of a mesh, as vertices of the model; empty for a graph.
     pub fn triangles(&self) -> &[[u32; 3]] {
         &self.triangles
     }
 
-    /// Whether the mesh, seen or not, has no boundary.
+    /// Whether the whole mesh, seen or not, has no boundary.
     pub fn is_closed(&self) -> bool {
         self.closed
     }
 
-    /// Area of the mesh, seen or not, m².
+    /// Area of the whole mesh, seen or not, m².
     pub fn whole_area(&self) -> f64 {
         self.whole_area
     }
@@ -217,7 +217,7 @@ impl Surface {
     }
 }
 
-/// A mesh whose triangles may be turned and left out.
+/// A mesh whose triangles may be reoriented and removed.
 struct Mesh<'a> {
     points: &'a [Point3<f64>],
     triangles: Vec<[u32; 3]>,
@@ -249,7 +249,7 @@ fn cross(points: &[Point3<f64>], t: &[u32; 3]) -> Vector3<f64> {
     (b - a).cross(&(c - a))
 }
 
-/// Turns the triangles so that their normals point outward: what is seen first faces the camera.
+/// Orients the triangles outward: the ones seen first face the camera.
 fn face_outward(mesh: &mut Mesh, free: &[bool], camera: &Point3<f64>) {
     let seen = mesh
         .triangles
@@ -263,7 +263,7 @@ fn face_outward(mesh: &mut Mesh, free: &[bool], camera: &Point3<f64>) {
     }
 }
 
-/// Vertices with nothing between them and the camera.
+/// Vertices that are not occluded.
 fn unhidden(mesh: &Mesh, camera: &Point3<f64>) -> Result<Vec<bool>, Error> {
     let points: Vec<Vector> = mesh.points.iter().map(|p| p.coords.into()).collect();
     let solid = TriMesh::with_flags(points, mesh.triangles.clone(), TriMeshFlags::empty())
@@ -271,13 +271,13 @@ fn unhidden(mesh: &Mesh, camera: &Point3<f64>) -> Result<Vec<bool>, Error> {
     let origin: Vector = camera.coords.into();
     let free = |p: &Point3<f64>| {
         let ray = Ray::new(origin, (p - camera).into());
-        // What is hit just before the vertex is its own neighbourhood.
+        // A hit just before the vertex is its own neighbourhood.
         solid.cast_local_ray(&ray, 1.0 - 1e-3, true).is_none()
     };
     Ok(mesh.points.iter().map(free).collect())
 }
 
-/// Of these the ones with a triangle that faces the camera.
+/// The ones of these with a triangle that faces the camera.
 fn visible(mesh: &Mesh, free: &[bool], camera: &Point3<f64>) -> Vec<bool> {
     let mut seen = vec![false; mesh.points.len()];
     for t in &mesh.triangles {

@@ -1,31 +1,31 @@
-//! Turns: about which side of its box the body can be turned, and how well two grips could do it.
+//! Turns: about which sides of its box the body can be turned, and how suitable two grips are.
 //!
-//! In the plane across a horizontal axis `a` of the agent box let `l` be the direction from the foot to the side
-//! that is lifted and `n` the table normal, so that `a = l × n` and a turn by +θ takes `l` up:
+//! In the plane perpendicular to a horizontal axis `a` of the agent box let `l` be the direction from the foot to the lifted side
+//! and `n` the table normal, so that `a = l × n` and a rotation by +θ raises `l`:
 //!
 //! ```text
-//!            n                      m⊥ = m without its part along a
+//!            n                      m⊥ = m without its component along a
 //!      ______|______ _              α = angle from m⊥ to the camera, in the sense of the lift
-//!     |             | t             turned by θ = clamp(α, ¼, ½ turn); a body flatter than 0.7 lies on
-//!  ___P_____________|___ l          its side on neither edge, so it goes the whole half turn
+//!     |             | t             θ = clamp(α, ¼, ½ turn); a body flatter than 0.7 cannot rest on an
+//!  ___P_____________|___ l          edge, so it makes the whole half turn
 //!         span
 //! ```
 //!
-//! The **gain** says how much of what is missing comes to face the camera: for a direction `d` in which hidden surface faces, `|d|` times the mean of
-//! `max(0, cos(d, camera) − e)/(1 − e)` at the end and at the best moment on the way (so the side toward which it leans is the one that is lifted); what
-//! stays nearly edge-on, `e = cos 80°`, is not shown. The directions are `m`, with its length as weight, and the normals at the boundary of the explored part, each with the area of its vertex: what is hidden
-//! next to a boundary faces about the same way. While the underside is missing `m` decides; what is left at last, a
-//! band round the body whose vector area is nearly zero, is found by its boundary. Where the caller has drawn a whole surface, the pieces of it
-//! that were never seen take the place of both ([`Model::hidden`]): the boundary of a small hole faces all ways but that of the hole. The gain is multiplied by `length/longest side`: when `m` points straight down
-//! all four turns show it equally well and the one about the longer side, which lifts least, is meant to win.
+//! The **gain** is the share of the missing surface that comes to face the camera: for a direction `d` of hidden surface, `|d|` times the mean of
+//! `max(0, cos(d, camera) − e)/(1 − e)` at the end and at the best moment of the turn (so that the side toward which it leans is lifted); surface that
+//! stays nearly edge-on, `e = cos 80°`, does not count. The directions are `m`, weighted by its length, and the normals at the boundary of the explored part, each weighted by the area of its
+//! vertex, since hidden surface next to a boundary has about the same orientation. While the underside is missing `m` dominates; the last missing part, a
+//! band around the body whose vector area is nearly zero, is found by its boundary. If a closed surface is known, its pieces that
+//! were never seen replace both ([`Model::hidden`]), because the boundary of a small hole faces all ways but that of the hole. The gain is multiplied by `length/longest side`: if `m` points straight down
+//! all four turns show it equally well, and the one about the longer side, which lifts least, should be chosen.
 //!
-//! The ends of the body, which face along the axis, stay edge-on however far it is turned. A turn that would leave more than [`LEFT`] of the surface
+//! The ends of the body, whose normals are along the axis, stay edge-on during the whole turn. A turn that would leave more than [`LEFT`] of the surface
 //! unseen for that reason is also offered with a **tilt**: while the body hangs, its axis is tilted by `τ` to one side and then to the
 //! other; the best moment may then be one of those.
 //!
 //! The **suitability** of two lifting grips is a product of factors between 0 and 1: both on the lifted side (a long lever),
-//! 40 to 80 % of the length apart, level with the axis, and balanced about the middle. Grips that are close together let a soft body hang like
-//! a handkerchief; it then comes down on any side.
+//! 40 to 80 % of the length apart, level with the axis, and balanced about the centre. If the grips are close together a soft body hangs from
+//! one point, and may come down on any side.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_3, PI};
 
@@ -34,28 +34,28 @@ use nalgebra::{Point3, UnitQuaternion, UnitVector3, Vector3};
 use crate::scene::within;
 use crate::{Error, Model, Scene, agent_box, missing_vector_area};
 
-/// Missing vector area below this share of the known area is sampling noise and has no direction.
+/// Below this share of the known area, missing vector area is sampling noise without a direction.
 const NOISE: f64 = 0.01;
-/// Hidden pieces whose vector areas cancel to less than this share do not face one way.
+/// Hidden pieces whose vector areas cancel to less than this share have no common direction.
 const ONE_WAY: f64 = 0.5;
-/// A body lower than this share of its span does not stand on its side.
+/// A body lower than this share of its span cannot rest on its side.
 const STANDS: f64 = 0.7;
-/// Cosine to the direction of the camera under which surface is seen too nearly edge-on.
+/// Cosine to the direction of the camera below which surface is too nearly edge-on to be seen.
 const EDGE_ON: f64 = 0.17;
-/// Share of the surface that may be left unseen by a turn before a tilt is worth its time.
+/// Share of the surface left unseen by a turn above which a tilt is worth its time.
 const LEFT: f64 = 0.001;
 
 /// A turn about one side of the agent box.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Turn {
-    /// Rotating about it by a positive angle lifts.
+    /// A rotation about it by a positive angle lifts.
     pub axis: UnitVector3<f64>,
     /// Horizontal, from the pivot to the side that is lifted.
     pub lifted: UnitVector3<f64>,
     /// Table normal.
     pub up: UnitVector3<f64>,
-    /// Middle of the pivot line, on the table at the foot of the box.
+    /// Centre of the pivot line, on the table at the foot of the box.
     pub pivot: Point3<f64>,
     /// Width of the box from the pivot to the lifted side.
     pub span: f64,
@@ -63,11 +63,11 @@ pub struct Turn {
     pub length: f64,
     /// Height of the body above the table.
     pub thickness: f64,
-    /// How far to turn, radians.
+    /// Angle of the turn, radians.
     pub angle: f64,
-    /// How far the axis is tilted to either side while the body hangs, radians; 0 where it is not.
+    /// Tilt of the axis to either side while the body hangs, radians; 0 without.
     pub tilt: f64,
-    /// How much of the missing area faces the camera after it, 0 to 1.
+    /// Share of the missing area that the turn shows, 0 to 1.
     pub gain: f64,
 }
 
@@ -86,17 +86,17 @@ impl Turn {
             + self.up.as_ref() * local.z
     }
 
-    /// Rotating about it by a positive angle raises what lies farther along [`Self::axis`].
+    /// A rotation about it by a positive angle raises points farther along [`Self::axis`].
     pub(crate) fn tilt_axis(&self) -> UnitVector3<f64> {
         -self.lifted
     }
 
-    /// The point reflected to the other side of the box: about where a grip ends when the body is turned on the spot.
+    /// The point reflected to the other side of the box: about where a grip ends when the body is turned in place.
     pub(crate) fn mirrored(&self, point: &Point3<f64>) -> Point3<f64> {
         point + self.lifted.as_ref() * (self.span - 2.0 * self.local(point).y)
     }
 
-    /// How well two grips would lift, 0 to 1; `spread` is the wanted distance as a share of the length.
+    /// Suitability of two grips for lifting, 0 to 1; `spread` is the wanted distance as a share of the length.
     pub fn suitability(&self, grips: [&Point3<f64>; 2], spread: [f64; 2]) -> f64 {
         let [a, b] = grips.map(|p| self.local(p));
         let apart = b - a;
@@ -113,7 +113,7 @@ impl Turn {
             * self.balance(a.x + b.x)
     }
 
-    /// 0 at the middle of the body, 1 from nine tenths of the way to the lifted side.
+    /// 0 at the centre of the body, 1 from nine tenths of the distance to the lifted side.
     fn lever(&self, along: f64) -> f64 {
         if self.span <= 0.0 {
             return 0.0;
@@ -121,7 +121,7 @@ impl Turn {
         ((along / self.span - 0.5) / 0.4).clamp(0.0, 1.0)
     }
 
-    /// A trapezoid: 0 at half the lower bound, 1 between the bounds, a half where the box is left behind.
+    /// A trapezoid: 0 at half the lower bound, 1 between the bounds, a half at the full length of the box.
     fn spread(&self, apart: f64, [low, high]: [f64; 2]) -> f64 {
         if self.length <= 0.0 {
             return 0.0;
@@ -133,17 +133,17 @@ impl Turn {
         (1.0 - (share - high).max(0.0) / (2.0 * (1.0 - high).max(0.1))).clamp(0.0, 1.0)
     }
 
-    /// 1 when the middle between the grips is the middle of the box, 0 when it is at its end.
+    /// 1 if the centre of the grips is that of the box, 0 if it is at its end.
     fn balance(&self, sum: f64) -> f64 {
         (1.0 - (sum / self.length).powi(2)).clamp(0.0, 1.0)
     }
 }
 
-/// The four turns about the sides of the agent box, and those that leave less unseen when the body is tilted by `tilt` (radians) to either
+/// The four turns about the sides of the agent box, and those that leave less unseen if the body is tilted by `tilt` (radians) to either
 /// side while it hangs; best gain first.
 ///
 /// # Errors
-/// A model or scene that is not usable; a tilt outside 0 to 60°.
+/// An invalid model or scene; a tilt outside 0 to 60°.
 pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error> {
     model.check()?;
     scene.check()?;
@@ -192,14 +192,14 @@ pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error
     Ok(all)
 }
 
-/// Refuses what is no tilt of a hanging body.
+/// Rejects an invalid tilt.
 pub(crate) fn check_tilt(tilt: f64) -> Result<(), Error> {
     within("tilt", tilt, 0.0, FRAC_PI_3, "between 0 and 60 degrees")
 }
 
-/// Where hidden surface faces: vectors whose lengths are areas.
+/// Orientations of hidden surface: vectors whose lengths are areas.
 struct Hidden {
-    /// Area that is known, m².
+    /// Known area, m².
     known: f64,
     missing: Option<Vector3<f64>>,
     directions: Vec<Vector3<f64>>,
@@ -224,7 +224,7 @@ impl Hidden {
         let missing = Some(missing_vector_area(model)).filter(|m| m.norm() >= NOISE * known);
         directions.extend(missing);
         if directions.is_empty() {
-            // Underneath is where nobody has looked.
+            // The underside has not been seen.
             directions.push(-up.into_inner());
         }
         Self {
@@ -234,7 +234,7 @@ impl Hidden {
         }
     }
 
-    /// How far to turn about `axis`; a flat body, or one without a direction, goes the whole half turn.
+    /// The angle of the turn about `axis`; a flat body, or one without a direction, makes the whole half turn.
     fn angle(&self, axis: &UnitVector3<f64>, view: &Vector3<f64>, flat: bool) -> f64 {
         match &self.missing {
             Some(m) if !flat => toward(axis, m, view).clamp(FRAC_PI_2, PI),
@@ -262,7 +262,7 @@ impl Hidden {
         if all > 0.0 { shown / all } else { 0.0 }
     }
 
-    /// Whether so much would stay edge-on all the way that the body has to be tilted, and whether that helps.
+    /// Whether so much would stay edge-on during the whole turn that a tilt is needed, and whether it helps.
     fn wants_tilt(&self, turn: &Turn, view: &Vector3<f64>) -> bool {
         let hidden: f64 = self.directions.iter().map(Vector3::norm).sum();
         let (mut without, mut with) = (0.0, 0.0);
@@ -282,12 +282,12 @@ impl Hidden {
     }
 }
 
-/// Length of a vector along the direction of `view`; 0 for a camera in the middle of the body.
+/// Length of a vector along the direction of `view`; 0 for a camera at the centre of the body.
 fn along(d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     d.dot(view) / view.norm().max(f64::MIN_POSITIVE)
 }
 
-/// The most of `d` that faces the camera at any moment of the turn.
+/// The largest part of `d` that faces the camera at any moment of the turn.
 fn best_of_turn(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     let wanted = toward(&turn.axis, d, view);
     let best = if wanted <= turn.angle {
@@ -303,7 +303,7 @@ fn best_of_turn(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     )
 }
 
-/// The most of `d` that faces the camera while the hanging body is tilted to either side.
+/// The largest part of `d` that faces the camera while the hanging body is tilted.
 fn best_of_tilt(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     let hanging = UnitQuaternion::from_axis_angle(&turn.axis, FRAC_PI_2) * d;
     let wanted = toward(&turn.tilt_axis(), &hanging, view);
@@ -319,7 +319,7 @@ fn best_of_tilt(turn: &Turn, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     )
 }
 
-/// Angle of the turn about `axis` that takes `d` toward `view`, between 0 and a whole turn.
+/// Angle of the rotation about `axis` that takes `d` toward `view`, between 0 and a whole turn.
 fn toward(axis: &UnitVector3<f64>, d: &Vector3<f64>, view: &Vector3<f64>) -> f64 {
     let across = |v: &Vector3<f64>| v - axis.as_ref() * axis.dot(v);
     let (d, view) = (across(d), across(view));

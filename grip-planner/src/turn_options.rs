@@ -1,4 +1,4 @@
-//! Settings of turning over.
+//! Options of turning over.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -8,49 +8,49 @@ use crate::scene::{not_negative, positive, within};
 use crate::setters::setters;
 use crate::{Error, Turn};
 
-/// Where the body is to lie after a turn.
+/// Position of the body after a turn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Recentre {
-    /// Wherever it tumbles to: about its width and its thickness away.
+    /// Where it tumbles to: at a distance of about its width and its thickness.
     Tumble,
     /// Where it lay.
     Stay,
-    /// With its middle at this point, as far as a shift across the axis can do it.
+    /// With its centre at this point, as far as a shift perpendicular to the axis allows.
     At(Point3<f64>),
 }
 
-/// Settings of [`crate::turn_over`].
+/// Options of [`crate::turn_over`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TurnOptions {
-    /// How far to turn, radians, between a quarter and half a turn. Default: what [`Turn::angle`] says.
+    /// Angle of the turn, radians, between a quarter and half a turn. Default: [`Turn::angle`].
     pub angle: Option<f64>,
-    /// Extra lift for the sag, as a share of the lever. Default 0.12: a body of 10 kPa stretches by about 7 % under
-    /// its own weight at 0.15 m, and has to come clear of the table.
+    /// Additional lift for the sag, as a share of the lever. Default 0.12: a body of 10 kPa stretches by about 7 % under
+    /// its own weight at 0.15 m, and must come off the table.
     pub slack: f64,
-    /// Shortening of the lever while the body is laid down, so that it is not dragged on. Default 0.08.
+    /// Shortening of the lever while the body is laid down, so that it is not dragged. Default 0.08.
     pub retract: f64,
-    /// The tips are this high above the table at the end, metres, or higher. Default 0.012.
+    /// Least height of the tips above the table at the end, metres. Default 0.012.
     pub release_height: f64,
-    /// Where the body is to lie. Default: where it lay.
+    /// Position of the body after the turn. Default: where it was.
     pub recentre: Recentre,
-    /// Pulls the lifting grips apart by this much along the axis during the lift, metres: a stretch added to the turn. Default 0.
+    /// Distance by which the lifting grips move apart along the axis during the lift, metres. Default 0.
     pub stretch: f64,
     /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.05.
     pub speed: f64,
-    /// How fast that speed is reached and left, m/s². Default 0.05.
+    /// Acceleration and deceleration, m/s². Default 0.05.
     pub acceleration: f64,
     /// Largest rotation rate of a tip, rad/s. Default 1.
     pub turn_rate: f64,
     /// Least angle between a tool and the table at any time, radians. Default 30°.
     pub min_elevation: f64,
-    /// A supporting arm lets go at this angle, radians. Default 60°.
+    /// Angle at which a supporting arm releases, radians. Default 60°.
     pub support_until: f64,
-    /// How far the tips back off after the release, metres. Default 0.05.
+    /// How far the tips retreat after the release, metres. Default 0.05.
     pub retreat_distance: f64,
-    /// Way points are at most this far apart in angle, radians. Default 3°.
+    /// Largest angle between way points, radians. Default 3°.
     pub step: f64,
 }
 
@@ -134,7 +134,7 @@ impl TurnOptions {
         )
     }
 
-    /// How far a body is turned, radians.
+    /// Angle of the turn, radians.
     pub(crate) fn end(&self, turn: &Turn) -> f64 {
         self.angle.unwrap_or(turn.angle).clamp(FRAC_PI_2, PI)
     }

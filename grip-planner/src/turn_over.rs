@@ -1,31 +1,30 @@
 //! Turning over: lift, then retract and lower.
 //!
-//! In the plane across the axis, `s` from the pivot toward the lifted side and `h` above the table, a grip that
-//! starts at `(s₀, h₀)` on a body of thickness `t` goes, with `R` the rotation that lifts,
+//! In the plane perpendicular to the axis, `s` from the pivot toward the lifted side and `h` above the table, a grip that
+//! starts at `(s₀, h₀)` on a body of thickness `t` moves, with `R` the rotation that lifts,
 //!
 //! ```text
 //! lift            θ = 0 … ¼ turn:    (s, h) = R(θ)(s₀, h₀)                    about the foot (0, 0)
 //! retract, lower  θ = ¼ … ½ turn:    (s, h) = R(θ)(s₀, h₀ − t) − (t, 0)      about the next edge (−t, 0)
 //! ```
-//!
-//! which is how a block tumbles over two of its edges. Where [`Turn::tilt`] asks for it, the body is tilted in between, while it hangs at a quarter
-//! turn: a grip that is `x` from the middle `x₀` of the grips along the axis goes, with `φ = 0 … τ … −τ … 0`,
+//! like a block that tumbles over two of its edges. With [`Turn::tilt`] the body is tilted in between, while it hangs at a quarter
+//! turn: a grip at distance `x − x₀` along the axis from the centre `x₀` of the grips moves, with `φ = 0 … τ … −τ … 0`,
 //!
 //! ```text
 //! tilt            (x − x₀, h) = (cos φ, sin φ)(x − x₀) + (0, ρ)
 //! ```
 //!
-//! and turns with the body; `ρ` up to `sin τ` times the farther end of the box keeps the lower end off the table.
+//! and rotates with the body; the rise `ρ`, up to `sin τ` times the farther end of the box, keeps the lower end off the table.
 //!
-//! A soft body adds to it:
-//! - it sags, so the tips rise by `slack` of the lever more until it hangs, and give it back while it is laid down;
+//! For a soft body this is modified:
+//! - it sags, so the tips rise by an additional `slack` of the lever until it hangs, and lower it again while the body is laid down;
 //! - it would end `span + t` away from where it began. [`Recentre::Stay`] moves the whole arc the other way by `D(1 − cos θ)` during
 //!   the lift: the tips then rise nearly straight up, pull the body under them, where it hangs, and lay it
-//!   down over the place it came from. The way back is taken while the tension of the lift pulls the lower edge along, never while
-//!   it has to be pushed;
-//! - the tips turn with it until their tools would lean too near the table.
+//!   down where it came from. The shift back is made while the tension of the lift pulls the lower edge along, never while
+//!   it would have to be pushed;
+//! - the tips rotate with it until their tools would come too near the table.
 //!
-//! The tips end a little above the table, let go, and back off along their tools.
+//! The tips end slightly above the table, release, and retreat along their tools.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -43,7 +42,7 @@ use crate::{
 /// The motion that turns the body with the grips of `set`.
 ///
 /// # Errors
-/// Why it cannot be done: what leaves its workspace, meets the table or another tool, and when.
+/// Why it is not feasible: which arm leaves its workspace, or collides with the table or another tool, and when.
 ///
 /// # Complexity
 /// Linear in the number of way points, about 60.
@@ -60,7 +59,7 @@ pub fn turn_over(
     turn_in(&Surroundings::new(scene, &body), set, options)
 }
 
-/// The same with the obstacle at hand.
+/// The same with an existing obstacle.
 pub(crate) fn turn_in(
     around: &Surroundings,
     set: &GripSet,
@@ -110,14 +109,14 @@ fn check_grips(scene: &Scene, set: &GripSet) -> Result<(), Refusal> {
     }
 }
 
-/// How far the body is turned and tilted at a way point.
+/// Rotation and tilt of the body at a way point.
 #[derive(Debug, Clone, Copy)]
 struct Way {
     /// About the axis, radians.
     angle: f64,
-    /// Of the axis, radians, positive with its end up.
+    /// Of the axis, radians, positive if its end is raised.
     tilt: f64,
-    /// Higher than without a tilt, as a share of what the tilt needs.
+    /// Additional height for the tilt, as a share of the required one.
     raised: f64,
 }
 
@@ -136,11 +135,11 @@ struct Arc<'a> {
     turn: Turn,
     options: &'a TurnOptions,
     end: f64,
-    /// How far the arc moves toward the lifted side.
+    /// Displacement of the arc toward the lifted side.
     shift: f64,
-    /// Middle of the lifting grips along the axis.
+    /// Centre of the lifting grips along the axis.
     middle: f64,
-    /// Tips never go lower.
+    /// Least height of the tips.
     floor: f64,
 }
 
@@ -168,7 +167,7 @@ impl<'a> Arc<'a> {
         arc
     }
 
-    /// What brings the middle of the body back to where it is wanted.
+    /// The displacement that brings the centre of the body to the wanted position.
     fn wanted_shift(&self) -> f64 {
         let center = 0.5 * self.turn.span;
         let tumbled = self.tumbled(center, 0.5 * self.turn.thickness, self.end, 0.0)[0];
@@ -179,7 +178,7 @@ impl<'a> Arc<'a> {
         }
     }
 
-    /// Up to where it hangs, tilted to both sides, and down.
+    /// Up until the body hangs, tilted to both sides, and down.
     fn way(&self) -> Vec<Way> {
         let straight = |k: usize, count: usize| Way {
             angle: self.end * k as f64 / count as f64,
@@ -195,7 +194,7 @@ impl<'a> Arc<'a> {
         way
     }
 
-    /// To one side, to the other and back, at `angle`; nothing when the turn has no tilt.
+    /// Tilts to one side, to the other and back, at `angle`; empty if the turn has no tilt.
     fn tilts(&self, angle: f64) -> Vec<Way> {
         let most = self.turn.tilt;
         if most <= 0.0 {
@@ -226,14 +225,14 @@ impl<'a> Arc<'a> {
         [s * cos - (h - t) * sin - t, s * sin + (h - t) * cos]
     }
 
-    /// Where a tip that starts at `local` is at a way point.
+    /// Position at a way point of a tip that starts at `local`.
     fn position(&self, role: Role, local: &Vector3<f64>, at: &Way) -> Vector3<f64> {
         let angle = at.angle;
         let [mut s, mut h] = self.tumbled(local.y, local.z, angle, self.options.retract);
         s += self.shift * (1.0 - angle.min(FRAC_PI_2).cos());
         let mut x = local.x;
         if role == Role::Lift {
-            // Up to the full slack when the body hangs; given back by the time it lies.
+            // Full slack when the body hangs; none when it is laid down.
             let taken =
                 ramp(angle / FRAC_PI_2) * (1.0 - ramp((angle - FRAC_PI_2) / (0.8 * FRAC_PI_2)));
             h += self.options.slack * local.y.hypot(local.z) * taken;
@@ -241,7 +240,7 @@ impl<'a> Arc<'a> {
             x += 0.5 * self.options.stretch * apart * ramp(angle / FRAC_PI_2);
             [x, h] = self.tilt([x, h], at);
         }
-        // The release height is approached in the second quarter, so that the way down is smooth.
+        // The release height is approached in the second quarter, so that the motion down is smooth.
         let release = self.options.release_height * ramp((angle - FRAC_PI_2) / FRAC_PI_2);
         let floor = self
             .floor
@@ -251,7 +250,7 @@ impl<'a> Arc<'a> {
         Vector3::new(x, s, h.max(floor))
     }
 
-    /// `(x, h)` of a tip of the hanging body after it was tilted.
+    /// `(x, h)` of a tip of the hanging body after the tilt.
     fn tilt(&self, [x, h]: [f64; 2], at: &Way) -> [f64; 2] {
         let (sin, cos) = at.tilt.sin_cos();
         let from_middle = x - self.middle;
@@ -263,12 +262,12 @@ impl<'a> Arc<'a> {
         ]
     }
 
-    /// How far a tip turns with the body: until its tool leans over to the far side as much as it may.
+    /// How far a tip rotates with the body: until its tool has the least elevation on the far side.
     fn largest_turn(&self, grasp: &Isometry3<f64>) -> f64 {
         let back = grasp.rotation * -Vector3::z();
         let lean = self.turn.up.dot(&back).atan2(self.turn.lifted.dot(&back));
         let along = self.turn.axis.dot(&back);
-        // A tool that also leans along the axis is lower than its angle in the plane says.
+        // A tool that also leans along the axis is lower than its angle in the plane suggests.
         let across = (1.0 - along * along).max(0.0).sqrt();
         let least = if across > 0.0 {
             (self.options.min_elevation.sin() / across).min(1.0).asin()
@@ -278,19 +277,19 @@ impl<'a> Arc<'a> {
         (PI - least - lean).clamp(0.0, self.end)
     }
 
-    /// How far a tip that has turned by `turned` is tilted with the body: until its tool leans over as much as it may.
+    /// How far a tip that has rotated by `turned` is tilted with the body: until its tool has the least elevation.
     fn tilt_of_tool(&self, grasp: &Isometry3<f64>, turned: f64, tilt: f64) -> f64 {
         let turn = UnitQuaternion::from_axis_angle(&self.turn.axis, turned);
         let back = turn * (grasp.rotation * -Vector3::z());
         let (up, along) = (self.turn.up.dot(&back), self.turn.axis.dot(&back));
         let least = self.options.min_elevation.sin();
-        // up·cos φ + along·sin φ ≥ least, and never more than it is without.
+        // up·cos φ + along·sin φ ≥ least, and never more than without a tilt.
         let middle = along.atan2(up);
         let about = (least / up.hypot(along)).min(1.0).acos();
         tilt.clamp((middle - about).min(0.0), (middle + about).max(0.0))
     }
 
-    /// The tip at a way point, turned by at most `most` about the axis.
+    /// The tip at a way point, rotated by at most `most` about the axis.
     fn pose(&self, grip: &Grip, local: &Vector3<f64>, at: &Way, most: f64) -> Isometry3<f64> {
         let turned = at.angle.min(most);
         let mut turn = UnitQuaternion::from_axis_angle(&self.turn.axis, turned);
@@ -315,7 +314,7 @@ impl<'a> Arc<'a> {
         }
     }
 
-    /// Holds until the release, backs off over the next fifth of what is left, and is home at the end.
+    /// Holds until the release, retreats over the next fifth of the rest, and is home at the end.
     fn support_path(
         &self,
         grip: &Grip,

@@ -1,13 +1,13 @@
-//! From where the tips are: for what no plan foresees.
+//! Motions from the present poses of the tips, for situations that no plan contains.
 //!
 //! ```text
-//! carry      here ─► goal                  holding; the body goes with the tips
-//! put_down   here ─► start or end          along a motion that is given up: back while it lifts, on while it lowers
-//! lower      here ─► release height        straight down: the same where the motion does not help
+//! carry      here ─► goal                  holding; the body moves with the tips
+//! put_down   here ─► start or end          along a motion that is given up: back if it was lifting, on if it was lowering
+//! lower      here ─► release height        straight down, if that motion cannot be used
 //! go_home    here ─► retreat ─► home       empty; straight, over, or one arm after the other
 //! ```
 //!
-//! A plan begins where its arms are at home and ends where they are at home again. What interrupts it leaves them anywhere, so these begin
+//! A plan begins and ends with its arms at home. After an interruption they may be anywhere, so these motions begin
 //! anywhere, with the same checks and the same timing. The table is approached along its normal, so that nothing is dragged along it.
 
 use nalgebra::{Isometry3, Point3, Translation3};
@@ -20,26 +20,26 @@ use crate::scene::{not_negative, positive};
 use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, ReachOptions, Refusal, Role, Scene, Stage};
 
-/// A tool somewhere.
+/// A tool at its present pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tip {
     /// The arm.
     pub arm: usize,
-    /// What its grip is for.
+    /// The purpose of its grip.
     pub role: Role,
-    /// Where it is.
+    /// Its pose.
     pub camera_from_tip: Isometry3<f64>,
 }
 
-/// How the body is carried where no plan says it.
+/// Options of motions that no plan contains.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CarryOptions {
     /// Largest speed of a tip, m/s; an arm's own limit counts too. Default 0.02.
     pub speed: f64,
-    /// How fast that speed is reached and left, m/s². Default 0.05.
+    /// Acceleration and deceleration, m/s². Default 0.05.
     pub acceleration: f64,
     /// Largest rotation rate of a tip, rad/s. Default 1.
     pub turn_rate: f64,
@@ -84,11 +84,11 @@ impl CarryOptions {
     }
 }
 
-/// Straight from where the holding tips are to `goals`, all together; `body` are the points that go with them, none if nobody
-/// knows where they are.
+/// Straight from the present poses of the holding tips to `goals`, all together; `body` are the points that move with them, empty if
+/// unknown.
 ///
 /// # Errors
-/// Why it cannot be done: what leaves its workspace, meets the table, another tool or the body, and when. Input that is not usable, or
+/// Why it is not feasible: which arm leaves its workspace, or collides with the table, another tool or the body, and when. Invalid input, or
 /// not one goal for each tip.
 ///
 /// # Complexity
@@ -105,7 +105,7 @@ impl CarryOptions {
 /// let tip = Tip { arm: 0, role: Role::Lift, camera_from_tip: Isometry3::translation(0.0, 0.0, 0.4) };
 /// let motion = carry(&[], &scene, &[tip], &[Isometry3::translation(0.05, 0.0, 0.45)], &CarryOptions::default())?;
 /// assert!(motion.peak_speed() <= 0.02 + 1e-12);
-/// // Through the table is refused.
+/// // Moving through the table is rejected.
 /// assert!(carry(&[], &scene, &[tip], &[Isometry3::translation(0.0, 0.0, 0.6)], &CarryOptions::default()).is_err());
 /// # Ok::<(), grip_planner::Refusal>(())
 /// ```
@@ -151,11 +151,11 @@ pub fn carry(
     Ok(motion)
 }
 
-/// The way down along a motion that is given up at `time`: back to where it began while it lifts or pulls, on to its end while it lowers or eases. What was
-/// lifted lies then as it lay, or as it was to lie. A supporting arm that has let go by then is left out: it stays where it is.
+/// The path down along a motion that is given up at `time`: back to its beginning if it was lifting or pulling, on to its end if it was lowering or easing. The body
+/// is then where it was, or where it was to be. A supporting arm that has already released is left out and stays where it is.
 ///
 /// # Errors
-/// An arm that stays is in the way of the others; input that is not usable.
+/// An arm that stays is in the way of the others; invalid input.
 ///
 /// # Complexity
 /// Linear in the number of way points.
@@ -190,10 +190,10 @@ pub fn put_down(scene: &Scene, motion: &Motion, time: f64) -> Result<Motion, Ref
     Ok(down)
 }
 
-/// Straight down from where the holding tips are, all by as much as brings the lowest to the release height; the body is not looked at: it hangs
-/// below them and gives way.
+/// Straight down from the present poses of the holding tips, all by the distance of the lowest from the release height; collisions with the body are not checked,
+/// as it hangs below them and gives way.
 ///
-/// A tip that is lower already stays at its height.
+/// A tip that is already lower keeps its height.
 ///
 /// # Errors
 /// As [`carry`].
@@ -214,8 +214,8 @@ pub fn lower(scene: &Scene, tips: &[Tip], options: &CarryOptions) -> Result<Moti
     carry(&[], scene, tips, &goals, options)
 }
 
-/// From where the empty tips are home, jaws open: back along the tool, up and home; `body` are the points that lie still, none if nobody
-/// knows where they are. `distance` is how far a tip backs off before it turns, metres.
+/// From the present poses of the empty tips to home, jaws open: back along the tool, up and home; `body` are the points at rest, empty if
+/// unknown. `distance` is how far a tip retreats before it rotates, metres.
 ///
 /// # Errors
 /// As [`carry`].
@@ -237,7 +237,7 @@ pub fn go_home(
     withdraw_from(&around, &grips, distance, options)
 }
 
-/// The tips as grips where they are.
+/// The tips as grips at their present poses.
 fn checked(body: &[Point3<f64>], scene: &Scene, tips: &[Tip]) -> Result<Vec<Grip>, Error> {
     scene.check()?;
     if let Some((index, p)) = body

@@ -54,7 +54,7 @@ fn fenced(mut arms: Vec<Arm>, kind: usize, room: f64) -> Vec<Arm> {
     arms
 }
 
-/// Everything a motion promises, checked more finely than the planner does.
+/// All guarantees of a motion, checked more finely than the planner does.
 fn keeps_its_promises(motion: &Motion, scene: &Scene, speed: f64) -> Result<(), TestCaseError> {
     prop_assert!((motion.legs.last().unwrap().until - motion.duration).abs() < 1e-12);
     for path in &motion.arms {

@@ -1,4 +1,4 @@
-//! With the feature `serde`, options and results come back from JSON as they went.
+//! With the feature `serde`, options and results survive a round trip through JSON.
 #![cfg(feature = "serde")]
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 

@@ -1,4 +1,4 @@
-//! Opening a hole, and how fast.
+//! Opening of a hole, and its speed.
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic, reason = "tests")]
 
 mod fixture;
@@ -11,7 +11,7 @@ use grip_planner::{
 };
 use proptest::prelude::*;
 
-/// The usual body with a slit on top, along `angle` from the camera's x axis: its rim in order, and the body without the inside.
+/// The usual body with a slit on top, along `angle` from the camera's x axis: its boundary in order, and the body without the inside.
 fn slit(angle: f64) -> (Body, Vec<u32>) {
     let body = fixture::usual(3000);
     let (sin, cos) = angle.sin_cos();

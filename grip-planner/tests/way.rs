@@ -1,4 +1,4 @@
-//! Ways that begin where the tips are: straight, checked, timed, and honest when there is none.
+//! Motions from the present poses of the tips: straight, checked, timed, and an error if there is none.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 mod fixture;
@@ -187,7 +187,7 @@ fn input_that_cannot_be_used_is_named() {
     assert!(lower(&scene, &[], &options).unwrap().arms.is_empty());
 }
 
-/// A motion that is given up goes back while it lifts and on while it lowers; the two halves are the motion.
+/// An interrupted motion goes back while it lifts and forward while it lowers; the two halves are the motion.
 #[test]
 fn a_motion_that_is_given_up_is_put_down_along_itself() {
     let body = fixture::usual(1500);

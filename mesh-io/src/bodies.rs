@@ -1,9 +1,9 @@
-//! Several bodies in one file: the pieces that triangles join.
+//! Several bodies in one file: the components connected by triangles.
 
 use crate::{Error, Mesh};
 
 impl Mesh {
-    /// The vertices of each piece that triangles join, largest first by the number of vertices.
+    /// The vertices of each component, largest first by the number of vertices.
     pub fn bodies(&self) -> Vec<Vec<u32>> {
         let mut parent: Vec<u32> = (0..self.points.len() as u32).collect();
         for [a, b, c] in &self.triangles {

@@ -1,6 +1,6 @@
-//! Columns of numbers by what their names mean: `x y z`, `nx ny nz`, `red green blue`, and whatever else.
+//! Columns of numbers and the meaning of their names: `x y z`, `nx ny nz`, `red green blue`, and others.
 //!
-//! PLY, PCD and tables with a heading all say in words what their columns are; this is the one place that knows the words.
+//! PLY, PCD and tables with a heading name their columns; the names are interpreted here only.
 
 use nalgebra::{Point3, Vector3};
 
@@ -25,12 +25,12 @@ impl Shade {
             Self::Word => value / 257.0,
             Self::Share => 255.0 * value,
         };
-        // NaN becomes 0; values beyond the ends become the ends.
+        // NaN becomes 0; values out of range become the nearest limit.
         scaled.round() as u8
     }
 }
 
-/// What a column says of a point.
+/// Meaning of a column.
 #[derive(Debug, Clone, PartialEq)]
 enum Role {
     Position(usize),
@@ -39,7 +39,7 @@ enum Role {
     /// Red, green and blue as the bytes of one number.
     Packed(Packed),
     Other(usize),
-    /// Not kept.
+    /// Ignored.
     Nothing,
 }
 
@@ -55,13 +55,13 @@ pub enum Packed {
 pub struct Column<'a> {
     pub name: &'a str,
     pub shade: Shade,
-    /// How `rgb` would be packed.
+    /// Type of the packed `rgb`, if the column is one.
     pub packed: Packed,
-    /// Whether it is one number a point, and so can be kept.
+    /// Whether it has one number per point, and so can be kept.
     pub single: bool,
 }
 
-/// Where each column of a row goes.
+/// The destination of each column of a row.
 pub struct Columns {
     roles: Vec<Role>,
     shades: [Shade; 3],
@@ -126,12 +126,12 @@ impl Columns {
         }
     }
 
-    /// The coordinate that has no column.
+    /// The first coordinate without a column.
     pub fn missing(&self) -> Option<&'static str> {
         self.missing
     }
 
-    /// The point in a row.
+    /// The point of a row.
     pub fn point(&self, row: &[f64]) -> Point3<f64> {
         let mut point = Point3::origin();
         for (role, value) in self.roles.iter().zip(row) {
@@ -164,7 +164,7 @@ impl Columns {
         }
     }
 
-    /// Hands the other columns over.
+    /// Moves the other columns to `raw`.
     pub fn finish(self, raw: &mut Raw) {
         let others = self.others.into_iter();
         raw.properties

@@ -1,4 +1,4 @@
-//! Numbers for people: three significant digits.
+//! Numbers with three significant digits.
 
 /// `1.7320508` as `1.73`, `152.4` as `152`, `0.00012345` as `0.000123`, very large and small ones with an exponent.
 pub fn three(value: f64) -> String {

@@ -1,11 +1,11 @@
-//! What can be wrong with a file of points.
+//! Errors in files of points and meshes.
 
 use std::fmt;
 use std::path::PathBuf;
 
 use crate::Format;
 
-/// Where in a file, counted as an editor or a hex viewer counts.
+/// A place in a file, counted as in an editor or a hex viewer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Place {
@@ -24,11 +24,11 @@ impl fmt::Display for Place {
     }
 }
 
-/// Why there are no points, or not the ones that were asked for.
+/// Why a file could not be read or written, or an option is invalid.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
-    /// Whatever it is, in this file.
+    /// An error in this file.
     #[error("{}: {error}", path.display())]
     InFile {
         /// The file.
@@ -36,21 +36,21 @@ pub enum Error {
         /// What is wrong with it.
         error: Box<Error>,
     },
-    /// The system refuses the file.
+    /// The operating system reported an error.
     #[error("{reason}")]
     System {
-        /// What the system said.
+        /// The message of the system.
         reason: String,
     },
-    /// The ending of the name is that of no format.
+    /// The file extension belongs to no known format.
     #[error("the ending {ending:?} is none of {}", Format::endings(*writing))]
     UnknownEnding {
-        /// The ending, without the dot.
+        /// The extension, without the dot.
         ending: String,
         /// Whether a file was to be written.
         writing: bool,
     },
-    /// The file is not what its format asks for.
+    /// The file does not follow its format.
     #[error("{place}: {reason}")]
     Syntax {
         /// The format it was read as.
@@ -72,7 +72,7 @@ pub enum Error {
         /// The value.
         value: f64,
     },
-    /// A face names a vertex that is not there.
+    /// A face uses a vertex that does not exist.
     #[error("face {face} uses vertex {vertex}, but there are only {count} (counted from 0)")]
     NoSuchVertex {
         /// Index of the face.
@@ -82,18 +82,18 @@ pub enum Error {
         /// Number of vertices.
         count: usize,
     },
-    /// A list has another length than there are vertices.
+    /// A list and the vertices differ in number.
     #[error("{found} {what} for {expected} vertices")]
     Length {
-        /// Of what there are too few or too many.
+        /// What the list holds.
         what: &'static str,
         /// How many there are.
         found: usize,
         /// Number of vertices.
         expected: usize,
     },
-    /// A normal is zero or not finite, where directions are needed.
-    #[error("vertex {vertex}: the normal ({}, {}, {}) has no direction", normal[0], normal[1], normal[2])]
+    /// A normal is zero or not finite, where a direction is needed.
+    #[error("vertex {vertex}: the normal ({}, {}, {}) is zero or not finite", normal[0], normal[1], normal[2])]
     NoDirection {
         /// Index of the vertex.
         vertex: usize,
@@ -106,36 +106,38 @@ pub enum Error {
     /// There are no faces where a surface is needed.
     #[error("no faces: a surface is needed, not a cloud of points")]
     NoFaces,
-    /// The size is not one that the program can take for metres.
+    /// The size is implausible for metres.
     #[error(
-        "{} across, outside {} to {}: are the coordinates in metres? Else give --units mm or --units cm, or the size with --size",
+        "{} across, outside {} to {}: if the coordinates are not in metres, give --units mm or --units cm, or the size with --size",
         metres(*diagonal), metres(range[0]), metres(range[1])
     )]
     Extent {
         /// Diagonal of the bounding box, m.
         diagonal: f64,
-        /// What is accepted, m.
+        /// Accepted range, m.
         range: [f64; 2],
     },
-    /// A body was asked for that is not there.
-    #[error("there is no body {wanted}: the mesh consists of {found} (the largest is --body 1)")]
+    /// A body that does not exist was asked for.
+    #[error(
+        "there is no body {wanted}: the number of bodies in the mesh is {found} (the largest is --body 1)"
+    )]
     NoSuchBody {
         /// The body asked for, from 1.
         wanted: usize,
         /// How many there are.
         found: usize,
     },
-    /// An option of the command line has a value that it cannot have.
-    #[error("{option} {value}: {expected} is wanted")]
+    /// An invalid value of a command-line option.
+    #[error("{option} {value}: expected {expected}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
-        /// What was given.
+        /// The value.
         value: String,
-        /// What it may be.
+        /// Description of valid values.
         expected: &'static str,
     },
-    /// What is to be written cannot be expressed in the format.
+    /// The mesh cannot be written in the format.
     #[error("{format} cannot hold this: {reason}")]
     Unwritable {
         /// The format.
@@ -145,7 +147,7 @@ pub enum Error {
     },
 }
 
-/// A length with three digits.
+/// A length with three significant digits.
 fn metres(length: f64) -> String {
     crate::digits::three(length) + " m"
 }

@@ -1,4 +1,4 @@
-//! File formats, by the endings of their names.
+//! File formats, by file extension.
 
 use std::fmt;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::Error;
 
-/// A format of files.
+/// A file format.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -29,7 +29,7 @@ pub enum Format {
     Glb,
 }
 
-/// Endings, in lower case. The first of a format is the usual one.
+/// Extensions, in lower case. The first of a format is its default.
 const ENDINGS: [(&str, Format); 14] = [
     ("ply", Format::Ply),
     ("obj", Format::Obj),
@@ -48,15 +48,15 @@ const ENDINGS: [(&str, Format); 14] = [
 ];
 
 impl Format {
-    /// The format that the ending of a name stands for, of those that can be read.
+    /// The format of a file extension, of those that can be read.
     ///
     /// # Errors
-    /// [`Error::UnknownEnding`] names the endings there are.
+    /// [`Error::UnknownEnding`] lists the known extensions.
     pub fn of(path: &Path) -> Result<Self, Error> {
         Self::by_ending(path, false)
     }
 
-    /// The usual ending of its files, without the dot.
+    /// The default extension, without the dot.
     pub fn ending(self) -> &'static str {
         let usual = ENDINGS.iter().find(|(_, format)| *format == self);
         usual.map_or("", |(ending, _)| ending)
@@ -76,7 +76,7 @@ impl Format {
             .ok_or(Error::UnknownEnding { ending, writing })
     }
 
-    /// The endings, for a message.
+    /// The extensions, for a message.
     pub(crate) fn endings(writing: bool) -> String {
         let known: Vec<&str> = ENDINGS
             .iter()
@@ -87,7 +87,7 @@ impl Format {
     }
 }
 
-/// The format that can be written under an ending.
+/// The format that is written for an extension.
 impl FromStr for Format {
     type Err = Error;
 

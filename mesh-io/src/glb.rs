@@ -1,6 +1,6 @@
 //! GLB, glTF 2.0 in one binary file, for viewers: positions, normals, colours, further numbers as `_NAME`, and triangles or points.
 //!
-//! Positions stand as they are, in metres: glTF holds y for up, and what is up in a camera's frame only the camera knows.
+//! Positions are written unchanged, in metres. By the convention of glTF y points up, but in a camera frame the upward direction is unknown.
 
 use std::fmt::Write as _;
 use std::io::{self, Write};
@@ -11,7 +11,7 @@ const FLOAT: u32 = 5126;
 const BYTE: u32 = 5121;
 const WHOLE: u32 = 5125;
 
-/// The binary chunk, and what the text chunk says of it.
+/// The binary chunk, and its description for the JSON chunk.
 #[derive(Default)]
 struct Body {
     bytes: Vec<u8>,
@@ -20,7 +20,7 @@ struct Body {
 }
 
 impl Body {
-    /// Adds a block of values and gives its index.
+    /// Adds a block of values and returns its index.
     fn add(&mut self, block: &[u8], kind: u32, shape: &str, count: usize, further: &str) -> usize {
         let (start, length) = (self.bytes.len(), block.len());
         self.bytes.extend_from_slice(block);
@@ -36,7 +36,7 @@ impl Body {
 }
 
 fn floats<'a>(values: impl IntoIterator<Item = &'a f64>) -> Vec<u8> {
-    // The format has no word for a value that is not known.
+    // The format has no representation of unknown values.
     let known = |v: &f64| if v.is_finite() { *v as f32 } else { -1.0 };
     values
         .into_iter()
@@ -62,7 +62,7 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh) -> io::Result<()> {
             attributes.push(format!(r#""NORMAL":{index}"#));
         }
         if !mesh.colours.is_empty() {
-            // Four bytes each: attributes begin at multiples of four.
+            // Padded to four bytes: attributes begin at multiples of four.
             let colours: Vec<u8> = mesh
                 .colours
                 .iter()

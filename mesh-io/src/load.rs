@@ -1,10 +1,10 @@
-//! From a file to a mesh in metres, z up: what a program does with the file that it is given.
+//! From a file to a mesh in metres with z up, as a program needs it.
 
 use std::path::Path;
 
 use crate::{Error, Format, Mesh, Units, Up};
 
-/// What to make of the numbers in a file.
+/// How to interpret the numbers of a file.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -15,22 +15,22 @@ pub struct Load {
     pub size: Option<f64>,
     /// The axis that points up.
     pub up: Up,
-    /// Which body of several, from 1, the largest first; all of them if not given.
+    /// Which body of several, from 1, the largest first; `None` for all.
     pub body: Option<usize>,
-    /// Diagonals of the bounding box that can be metres.
+    /// Accepted diagonals of the bounding box, m.
     pub extent: Option<[f64; 2]>,
-    /// Whether vertices keep the numbers that they have in the file, repeated and unused ones too.
+    /// Treatment of repeated and unused vertices.
     pub vertices: Vertices,
 }
 
-/// What becomes of vertices that are repeated or not used by any triangle.
+/// Treatment of repeated vertices and of those that no triangle uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Vertices {
-    /// One for each place, see [`Mesh::welded`].
+    /// Merged, see [`Mesh::welded`].
     #[default]
     Welded,
-    /// As they stand in the file: something else refers to their numbers.
+    /// Kept as in the file, because other data refer to their indices.
     AsInFile,
 }
 
@@ -63,14 +63,14 @@ impl Load {
         self
     }
 
-    /// Sets the diagonals that can be metres.
+    /// Sets the accepted diagonals.
     #[must_use]
     pub fn with_extent(mut self, range: [f64; 2]) -> Self {
         self.extent = Some(range);
         self
     }
 
-    /// Sets what becomes of repeated vertices.
+    /// Sets the treatment of repeated vertices.
     #[must_use]
     pub fn with_vertices(mut self, vertices: Vertices) -> Self {
         self.vertices = vertices;
@@ -105,7 +105,7 @@ impl Load {
         mesh = mesh.turned_up(self.up);
         let diagonal = mesh.diagonal();
         match self.extent {
-            // Points at one place say nothing of units.
+            // Points at a single place tell nothing about the unit.
             Some(range) if diagonal > 0.0 && !(range[0]..=range[1]).contains(&diagonal) => {
                 Err(Error::Extent { diagonal, range })
             }
@@ -114,7 +114,7 @@ impl Load {
     }
 }
 
-/// Reads a file as it stands; the ending of its name tells the format.
+/// Reads a file without changes; the extension tells the format.
 ///
 /// # Errors
 /// [`Error::InFile`] with what is wrong and where.

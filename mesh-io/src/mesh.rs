@@ -1,13 +1,13 @@
-//! Points with what is known of each, and the triangles between them.
+//! Points with their attributes, and triangles.
 //!
-//! Every list is either empty or as long as the list of points, and every triangle names points that are there: this is checked where
-//! a mesh is made, and nowhere after.
+//! Every list is either empty or as long as the list of points, and every triangle uses existing points: this is checked once, where
+//! a mesh is made.
 
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 use crate::Error;
 
-/// A number for every vertex, under the name that a file gives it, such as `confidence`.
+/// A number for every vertex, under its name in the file, such as `confidence`.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Property {
@@ -16,7 +16,7 @@ pub struct Property {
 }
 
 impl Property {
-    /// A name and a value for every vertex. Names are one word in most formats: what is not a letter, a digit or `_` becomes `_`.
+    /// A name and a value for every vertex. Most formats need a single word as name: every character except letters, digits and `_` becomes `_`.
     pub fn new(name: &str, values: Vec<f64>) -> Self {
         let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
         Self {
@@ -125,7 +125,7 @@ impl Mesh {
         }
     }
 
-    /// The points, m.
+    /// The points, m if loaded with [`Load`](crate::Load).
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }
@@ -145,13 +145,13 @@ impl Mesh {
         &self.colours
     }
 
-    /// Coordinates of a point, and its normal if there are normals: what a row of a table starts with.
+    /// Coordinates of a point, and its normal if there are normals: the first numbers of a row of a table.
     pub(crate) fn numbers(&self, point: usize) -> impl Iterator<Item = &f64> {
         let normal = self.normals.get(point).into_iter();
         self.points[point].coords.iter().chain(normal.flatten())
     }
 
-    /// Whatever else the file says of every point.
+    /// The other numbers of the points.
     pub fn properties(&self) -> &[Property] {
         &self.properties
     }
@@ -162,15 +162,15 @@ impl Mesh {
         found.map(|p| &p.values[..])
     }
 
-    /// How many points of the file have no place (a depth camera got no answer there; PCD only), and are not among the others.
+    /// Number of points of the file without a position (pixels of a depth camera without a measurement; PCD only), which are left out.
     pub fn left_out(&self) -> usize {
         self.left_out
     }
 
-    /// Normals as directions, none if the file has none.
+    /// Normals as unit vectors; empty if the file has none.
     ///
     /// # Errors
-    /// [`Error::NoDirection`] names the first that has none.
+    /// [`Error::NoDirection`] for the first normal that is zero or not finite.
     pub fn unit_normals(&self) -> Result<Vec<UnitVector3<f64>>, Error> {
         let direction = |(vertex, normal): (usize, &Vector3<f64>)| {
             let unit = normal / normal.amax();
@@ -201,7 +201,7 @@ impl Mesh {
         (self.points, self.triangles)
     }
 
-    /// The vertices named, in that order, and the triangles all of whose corners are among them.
+    /// The given vertices, in that order, and the triangles all of whose corners are among them.
     pub(crate) fn keep(&self, vertices: &[u32]) -> Self {
         let mut place = vec![None; self.points.len()];
         for (new, &old) in vertices.iter().enumerate() {

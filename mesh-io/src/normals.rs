@@ -1,12 +1,12 @@
-//! Normals of points that came without: principal components, and one side for all of them.
+//! Estimated normals: principal components, oriented consistently.
 //!
 //! The normal of a point is the direction in which its nearest neighbours are spread least (Hoppe et al., *Surface reconstruction from
-//! unorganized points*, SIGGRAPH 1992, section 3.1), with either sign. Signs are then made consistent along the tree of neighbours that bends
-//! least (section 3.3): from the highest point, whose normal points up, a neighbour's normal is turned over if it opposes. Pieces too far apart
-//! to be neighbours each start at their own highest point.
+//! unorganized points*, SIGGRAPH 1992, section 3.1), with either sign. Signs are then made consistent along the minimum spanning tree of the
+//! change of normals (section 3.3): starting from the highest point, whose normal points up, a neighbour's normal is reversed if it opposes. Components without
+//! common neighbours each start at their own highest point.
 //!
-//! *Limits*: the spread says nothing where a surface bends within the neighbourhood, as at a crease or between two walls. For a mesh the
-//! triangles say it better.
+//! *Limits*: the estimate is wrong where a surface bends within the neighbourhood, as at a crease or between two walls. For a mesh the
+//! normals of its triangles are better.
 
 use std::collections::BinaryHeap;
 use std::num::NonZero;
@@ -16,14 +16,14 @@ use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
 use crate::Mesh;
 
-/// Neighbours that say how a surface lies.
+/// Number of neighbours from which a normal is estimated.
 const NEIGHBOURS: usize = 12;
 
 impl Mesh {
-    /// Unit normals wherever they can be had from: those of the file, else of the triangles, else of the points' neighbours.
+    /// Unit normals: those of the file, else of the triangles, else estimated from the neighbours.
     ///
     /// # Errors
-    /// [`Error::NoDirection`](crate::Error::NoDirection) if the file has a normal that is none.
+    /// [`Error::NoDirection`](crate::Error::NoDirection) if the file has a normal that is zero or not finite.
     pub fn unit_normals_or_estimated(&self) -> Result<Vec<UnitVector3<f64>>, crate::Error> {
         if !self.normals.is_empty() {
             self.unit_normals()
@@ -34,7 +34,7 @@ impl Mesh {
         }
     }
 
-    /// The directions of the sums of the areas of the triangles at each vertex; up where there are none.
+    /// Normals of the vertices: the sum of the area vectors of their triangles, normalised; up if the sum is zero.
     pub fn triangle_normals(&self) -> Vec<UnitVector3<f64>> {
         let mut sums = vec![Vector3::zeros(); self.points.len()];
         for t in &self.triangles {
@@ -58,15 +58,15 @@ pub fn estimate_normals(points: &[Point3<f64>]) -> Vec<UnitVector3<f64>> {
     normals
 }
 
-/// The nearest points to every `step`th, itself left out.
+/// The nearest points of every `step`th point, without itself.
 fn neighbours(points: &[Point3<f64>], step: usize) -> Vec<Vec<u32>> {
-    // The tree squares distances. Nothing that is measured in metres is as far away.
+    // The tree squares distances. Anything measured in metres is nearer.
     const FARTHEST: f64 = 1e60;
     let asked = points.iter().step_by(step);
     if points.iter().any(|p| p.coords.amax() > FARTHEST) {
         return vec![Vec::new(); asked.len()];
     }
-    // A tree cannot split many points at one place, so every place is entered once.
+    // The search tree cannot split many points at one place, so every place is entered once.
     let mut order: Vec<u32> = (0..points.len() as u32).collect();
     let key = |v: &u32| points[*v as usize].coords.data.0[0];
     order.sort_by(|a, b| {
@@ -93,14 +93,14 @@ fn neighbours(points: &[Point3<f64>], step: usize) -> Vec<Vec<u32>> {
     asked.map(near).collect()
 }
 
-/// The direction of least spread around a point.
+/// The direction of smallest spread around a point.
 fn flattest(point: &Point3<f64>, near: &[u32], points: &[Point3<f64>]) -> UnitVector3<f64> {
     let offsets: Vec<Vector3<f64>> = near.iter().map(|w| points[*w as usize] - point).collect();
     let longest = offsets.iter().map(Vector3::norm).fold(0.0, f64::max);
     if longest == 0.0 || !longest.is_finite() {
         return Vector3::z_axis();
     }
-    // In units of the neighbourhood, so that no square under- or overflows.
+    // In units of the neighbourhood, so that squares neither under- nor overflow.
     let mean = offsets.iter().sum::<Vector3<f64>>() / (longest * (offsets.len() + 1) as f64);
     let mut spread = mean * mean.transpose();
     for d in &offsets {
@@ -113,7 +113,7 @@ fn flattest(point: &Point3<f64>, near: &[u32], points: &[Point3<f64>]) -> UnitVe
         .unwrap_or(Vector3::z_axis())
 }
 
-/// How well two neighbours agree, and who they are; the heap gives the best first.
+/// Two neighbours and how well their normals agree; the heap returns the best first.
 struct Step {
     agreement: f64,
     from: u32,
@@ -142,7 +142,7 @@ impl Ord for Step {
     }
 }
 
-/// Prim's tree of best agreement over neighbours of either direction, from the highest point of each piece.
+/// Prim's spanning tree of best agreement over neighbours in either direction, from the highest point of each component.
 fn orient(points: &[Point3<f64>], neighbours: &[Vec<u32>], normals: &mut [UnitVector3<f64>]) {
     let mut both: Vec<Vec<u32>> = neighbours.to_vec();
     for (v, near) in neighbours.iter().enumerate() {
@@ -188,11 +188,11 @@ fn orient(points: &[Point3<f64>], neighbours: &[Vec<u32>], normals: &mut [UnitVe
     }
 }
 
-/// Share of pairs of near neighbours whose normals oppose: near a half, the signs mean nothing. Looks at some thousand points of many.
+/// Share of pairs of near neighbours whose normals oppose; near one half, the signs are arbitrary. For large clouds a sample of points is used.
 pub fn opposing_share(points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> f64 {
-    /// Nearest of the neighbours that are compared.
+    /// Number of neighbours that are compared.
     const NEAR: usize = 6;
-    /// Points whose neighbours are looked at: the share is then known to a hundredth.
+    /// Number of points whose neighbours are compared: enough for an accuracy of 0.01.
     const ENOUGH: usize = 2000;
     let step = points.len().div_ceil(ENOUGH).max(1);
     let (mut pairs, mut opposed) = (0usize, 0usize);

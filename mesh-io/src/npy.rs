@@ -1,9 +1,9 @@
-//! NPY, an array of NumPy in a file: a header that is a dictionary of Python, then the numbers.
+//! NPY, a NumPy array in a file: a header with a Python dictionary, then the numbers.
 //!
-//! Arrays of `n × 3` are points, of `n × 6` points with normals; numbers of any type and either byte order, row by row or column by column. Arrays of
-//! any shape are read as such ([`Array`]).
+//! Arrays of `n × 3` are points, those of `n × 6` points with normals; numbers of any type and either byte order, in C or Fortran order. Arrays of
+//! any shape are read as [`Array`].
 //!
-//! Own code: `npyz` 0.9 brings thirty other crates for the sixty lines that are wanted here.
+//! Own code: `npyz` 0.9 has thirty dependencies for the sixty lines needed here.
 
 use std::io::{self, Write};
 
@@ -16,22 +16,22 @@ use crate::{Error, Format, Mesh, Place};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
-/// An array of numbers of any shape.
+/// An array of any shape.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Array {
-    /// How many there are along each axis.
+    /// Size along each axis.
     pub shape: Vec<usize>,
-    /// The numbers, the last axis fastest; NaN where the file has it.
+    /// The numbers, the last axis fastest; NaN as in the file.
     pub values: Vec<f64>,
 }
 
 impl Array {
-    /// Reads an array from the bytes of a file of NumPy (`.npy`): numbers of any type and either byte order, in the order of C or of Fortran.
+    /// Reads an array from the bytes of a NumPy file (`.npy`): numbers of any type and either byte order, in C or Fortran order.
     ///
     /// # Errors
-    /// [`Error::Syntax`] with the byte: no such file, something else than numbers, or fewer of them than are promised.
+    /// [`Error::Syntax`] with the byte: not a NumPy file, entries that are not numbers, or fewer numbers than the header says.
     pub fn parse(bytes: &[u8]) -> Result<Self, Error> {
         let header = Header::read(bytes)?;
         let count = header.count(bytes)?;
@@ -57,7 +57,7 @@ impl Array {
     }
 }
 
-/// Where a number of the order of C stands in that of Fortran.
+/// Index in Fortran order of an element given by its index in C order.
 fn transposed(shape: &[usize], mut index: usize) -> usize {
     let (mut place, mut stride) = (0, shape.iter().product::<usize>());
     for length in shape.iter().rev() {
@@ -75,7 +75,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
         return Err(syntax(
             header.start,
             format!(
-                "an array of the shape {:?}: (n, 3) or (n, 6) is wanted",
+                "an array of the shape {:?}: expected (n, 3) or (n, 6)",
                 header.shape
             ),
         ));
@@ -115,13 +115,13 @@ struct Header {
     order: Order,
     by_column: bool,
     shape: Vec<usize>,
-    /// Where its text begins, and where the numbers do.
+    /// Offsets of the header text (`start`) and of the numbers (`bytes`).
     start: usize,
     bytes: usize,
 }
 
 impl Header {
-    /// How many numbers there are, all of them in the file.
+    /// The number of entries, checked against the length of the file.
     fn count(&self, bytes: &[u8]) -> Result<usize, Error> {
         let follow = bytes.len() - self.bytes;
         let count = self
@@ -135,10 +135,10 @@ impl Header {
                 self.bytes,
                 match self.shape[..] {
                     [rows, columns] => format!(
-                        "{rows} rows of {columns} numbers are promised, {follow} bytes follow"
+                        "the header says {rows} rows of {columns} numbers, but {follow} bytes follow"
                     ),
                     _ => format!(
-                        "an array of the shape {:?} is promised, {follow} bytes follow",
+                        "the header says an array of the shape {:?}, but {follow} bytes follow",
                         self.shape
                     ),
                 },
@@ -150,10 +150,10 @@ impl Header {
         let Some(rest) = bytes.strip_prefix(MAGIC) else {
             return Err(syntax(
                 0,
-                "not an array of NumPy, which begins with \\x93NUMPY".into(),
+                "not a NumPy file, which begins with \\x93NUMPY".into(),
             ));
         };
-        // Two bytes of version; the length has two bytes in version 1, four after it.
+        // Two bytes of version; the length takes two bytes in version 1, four later.
         let wide = rest.first().is_some_and(|major| *major >= 2);
         let short = rest
             .get(2..)
@@ -182,7 +182,7 @@ impl Header {
             syntax(
                 start,
                 format!(
-                    "an array of {}: numbers are wanted",
+                    "an array of {}: expected numbers",
                     described.unwrap_or("something else")
                 ),
             )

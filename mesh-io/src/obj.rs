@@ -1,10 +1,10 @@
 //! Wavefront OBJ: lines `v x y z`, `vn x y z` and `f v/t/n …`; indices count from 1, negative ones from the last line backwards.
 //!
-//! A vertex takes the normal of the first corner that uses it. Colours stand behind the coordinates, as shares of 1 or up to 255. A `\` at
-//! the end goes on in the next line, `#` begins a remark anywhere. Texture coordinates, groups and materials are read over.
+//! A vertex takes the normal of the first corner that uses it. Colours follow the coordinates, from 0 to 1 or to 255. A `\` at
+//! the end of a line continues it, and `#` begins a comment anywhere. Texture coordinates, groups and materials are ignored.
 //!
-//! Own code: `tobj` 4.0 asks for UTF-8, refuses a face over two lines and a remark behind one, names no line in its errors, and covers the
-//! notches of concave faces with fans.
+//! Own code: `tobj` 4.0 needs UTF-8, refuses a face over two lines and a comment behind one, gives no line in its errors, and triangulates
+//! concave faces as fans, which fill their notches.
 
 use std::io::{self, Write};
 
@@ -41,7 +41,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     if file.raw.points.is_empty() {
         return Err(syntax(
             lines.place(),
-            "there is no line that begins with v".into(),
+            "there is no vertex (a line that begins with v)".into(),
         ));
     }
     Ok(file.finish())
@@ -55,14 +55,14 @@ fn syntax(place: Place, reason: String) -> Error {
     }
 }
 
-/// What has been read so far.
+/// The content read so far.
 #[derive(Default)]
 struct File {
     raw: Raw,
-    /// Colours as they stand; none for vertices without.
+    /// Colours as in the file; `None` for vertices without.
     colours: Vec<Option<[f64; 3]>>,
     normals: Vec<Vector3<f64>>,
-    /// Normal of the first corner at each vertex.
+    /// Index of the normal of each vertex, from the first corner that uses it.
     chosen: Vec<Option<usize>>,
 }
 
@@ -91,7 +91,7 @@ impl File {
         let point = Point3::new(x, y, z);
         finite(&point, self.raw.points.len(), place)?;
         self.raw.points.push(point);
-        // Four numbers are a weight, which only curves use; six a colour.
+        // A fourth number alone is a weight, which only curves use; three more are a colour.
         self.colours.push(match values[3..] {
             [r, g, b] => Some([r, g, b]),
             _ => None,
@@ -131,7 +131,7 @@ impl File {
             }
         }
         match self.raw.polygons.close() {
-            corners @ 0..3 => Err(syntax(place, format!("a face of {corners} corners"))),
+            corners @ 0..3 => Err(syntax(place, format!("a face with {corners} corners"))),
             _ => Ok(()),
         }
     }
@@ -141,7 +141,7 @@ impl File {
             // A cloud: normals in the order of the points.
             self.raw.normals = self.normals;
         } else if self.chosen.iter().any(Option::is_some) {
-            // Vertices that no face uses have none.
+            // Vertices that no face uses have no normal.
             let normal = |n: &Option<usize>| n.map_or_else(Vector3::zeros, |n| self.normals[n]);
             self.raw.normals = self.chosen.iter().map(normal).collect();
         }
@@ -163,7 +163,7 @@ fn numbers<'a>(words: impl Iterator<Item = &'a [u8]>, place: Place) -> Result<Ve
     words.map(value).collect()
 }
 
-/// From 0; a vertex further down may be named too.
+/// Index from 0; it may refer to a vertex further down.
 fn index(word: &[u8], count: usize) -> Option<usize> {
     let index: i64 = crate::text::whole(word)?;
     let distance = usize::try_from(index.unsigned_abs()).ok()?;
@@ -184,7 +184,7 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
     for (i, p) in mesh.points.iter().enumerate() {
         write!(out, "v {}", three(p.coords.as_slice()))?;
         if let Some(colour) = mesh.colours.get(i) {
-            // Eight bits of a share of one: read back to the same byte.
+            // Eight bits as a decimal from 0 to 1, which reads back as the same byte.
             for c in colour {
                 write!(out, " {:.4}", f64::from(*c) / 255.0)?;
             }

@@ -1,7 +1,7 @@
-//! OFF, the object file format of Geomview, as text: `OFF`, the numbers of vertices, faces and edges, then vertices and faces, `#` for remarks.
+//! OFF, the object file format of Geomview, as text: `OFF`, the numbers of vertices, faces and edges, then vertices and faces; `#` begins a comment.
 //!
-//! Letters in front of `OFF` say what stands behind the coordinates: `N` a normal, `C` a colour; texture coordinates (`ST`) are read over.
-//! The binary kind, which nobody writes, and points of more than three dimensions are refused.
+//! Letters in front of `OFF` announce what follows the coordinates: `N` a normal, `C` a colour; texture coordinates (`ST`) are ignored.
+//! The rare binary form and points of more than three dimensions are refused.
 
 use std::io::{self, Write};
 
@@ -28,18 +28,18 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     let Some(kind) = kind else {
         let word = shown(word);
         return Err(lines.error(format!(
-            "{word:?} is not OFF with N, C or ST in front of it"
+            "{word:?} is not OFF, or OFF preceded by N, C or ST"
         )));
     };
     let (normals, colours) = (kind.contains(&b'N'), kind.contains(&b'C'));
-    // The numbers may stand in the first line too.
+    // The counts may follow in the first line.
     let mut counts: Vec<&[u8]> = head.collect();
     if counts.is_empty() {
         counts = words(lines.next("the numbers of vertices and faces")?).collect();
     }
     let count = |k: usize| counts.get(k).and_then(|word| whole::<usize>(word));
     let (Some(vertices), Some(faces)) = (count(0), count(1)) else {
-        return Err(lines.error("the numbers of vertices and faces are wanted here".into()));
+        return Err(lines.error("expected the numbers of vertices and faces".into()));
     };
     let mut raw = Raw::default();
     for vertex in 0..vertices {
@@ -47,7 +47,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
         let wanted = if normals { 6 } else { 3 };
         if row.len() < wanted {
             return Err(lines.error(format!(
-                "vertex {vertex}: {wanted} numbers are wanted, not {}",
+                "vertex {vertex}: expected {wanted} numbers, found {}",
                 row.len()
             )));
         }
@@ -74,7 +74,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
         let index = |v: &f64| *v >= 0.0 && v.fract() == 0.0 && *v <= f64::from(u32::MAX);
         if !index(&corners) || row.len() <= corners as usize {
             return Err(lines.error(format!(
-                "face {face}: {corners} corners are announced, {} numbers follow",
+                "face {face}: the line says {corners} corners, but {} numbers follow",
                 row.len().saturating_sub(1)
             )));
         }
@@ -88,7 +88,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     Ok(raw)
 }
 
-/// Lines without remarks.
+/// Lines without comments.
 struct Statements<'a>(Lines<'a>);
 
 impl<'a> Statements<'a> {
@@ -119,7 +119,7 @@ fn numbers(
     index: usize,
     count: usize,
 ) -> Result<Vec<f64>, Error> {
-    let line = lines.next(&format!("{name} {index}, the header promises {count}"))?;
+    let line = lines.next(&format!("{name} {index}, the header says {count}"))?;
     let value = |word: &[u8]| {
         number(word).ok_or_else(|| {
             lines.error(format!("{name} {index}: {:?} is not a number", shown(word)))
@@ -128,7 +128,7 @@ fn numbers(
     words(line).map(value).collect()
 }
 
-/// A fourth number, or any that is no whole one, says that 1 is full.
+/// Whether 1 is full intensity: no value exceeds 1, and there are four values or one is not an integer.
 fn first_is_share(colour: &[f64]) -> bool {
     colour.iter().all(|c| (0.0..=1.0).contains(c))
         && colour.iter().any(|c| c.fract() != 0.0 || colour.len() == 4)
@@ -158,7 +158,7 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
         let words: Vec<String> = numbers.map(|v| options.precision.text(*v)).collect();
         write!(out, "{}", words.join(" "))?;
         if let Some([r, g, b]) = mesh.colours.get(i) {
-            // Whole numbers: 255 is full.
+            // Integers: 255 is full intensity.
             write!(out, " {r} {g} {b}")?;
         }
         writeln!(out)?;

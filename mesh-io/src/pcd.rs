@@ -2,10 +2,10 @@
 //! compressed by LZF (`binary_compressed`).
 //!
 //! Fields are `x y z`, `normal_x normal_y normal_z`, `rgb` (packed into one number), and others. A point whose `x y z` are all NaN is a pixel of
-//! a depth camera that got no answer: it is left out and counted.
+//! a depth camera without a measurement: it is left out and counted.
 //!
-//! Own code: `pcd-rs` 0.13 reserves as much memory as a header claims and panics where a compressed block is shorter than its points. LZF is
-//! `lzf`.
+//! Own code: `pcd-rs` 0.13 allocates as much memory as a header claims and panics if a compressed block is shorter than its points. LZF comes from
+//! the crate `lzf`.
 
 mod header;
 mod write;
@@ -21,7 +21,7 @@ use crate::text::{Lines, number, shown, words};
 use crate::{Error, Format, Place};
 use header::{Data, Field, Header};
 
-/// LZF makes at most 264 bytes of three.
+/// LZF makes at most 264 bytes from three.
 const MOST_EXPANSION: usize = 88;
 
 /// Reads a file.
@@ -62,7 +62,7 @@ fn syntax(place: Place, reason: String) -> Error {
     }
 }
 
-/// Adds a row, unless the point has no place.
+/// Adds a row, unless the point has no position.
 fn add(row: &[f64], columns: &mut Columns, raw: &mut Raw, place: Place) -> Result<(), Error> {
     let point: Point3<f64> = columns.point(row);
     if point.iter().all(|c| c.is_nan()) {
@@ -82,7 +82,7 @@ fn text(header: &Header, bytes: &[u8], columns: &mut Columns, raw: &mut Raw) -> 
             syntax(
                 lines.place(),
                 format!(
-                    "the file ends at point {index}, the header promises {}",
+                    "the file ends at point {index}, the header says {}",
                     header.points
                 ),
             )
@@ -98,7 +98,7 @@ fn text(header: &Header, bytes: &[u8], columns: &mut Columns, raw: &mut Raw) -> 
                     syntax(
                         place,
                         format!(
-                            "point {index}: {} is no number: {:?}",
+                            "point {index}: {} is not a number: {:?}",
                             field.name,
                             shown(word)
                         ),
@@ -156,7 +156,7 @@ fn decompressed(header: &Header, bytes: &[u8]) -> Result<Vec<u8>, Error> {
     };
     let block = body.get(8..).and_then(|b| b.get(..small)).ok_or_else(|| {
         error(format!(
-            "{small} compressed bytes are promised, {} follow",
+            "the header says {small} compressed bytes, but {} follow",
             body.len() - 8
         ))
     })?;

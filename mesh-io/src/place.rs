@@ -1,4 +1,4 @@
-//! Units, size and up: what a file does not say about its numbers.
+//! Unit, size and upward axis, which files do not specify.
 
 use std::str::FromStr;
 
@@ -83,21 +83,21 @@ impl FromStr for Units {
     }
 }
 
-/// The axis of a file that points up.
+/// The axis of the file that points up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Up {
     /// x.
     X,
-    /// y, as in most programs that animate.
+    /// y, as in most animation programs.
     Y,
-    /// z, as here.
+    /// z, as in this workspace.
     #[default]
     Z,
 }
 
 impl Up {
-    /// Turns this axis to z, the other two cyclically with it.
+    /// The rotation that takes this axis to z, permuting the axes cyclically.
     fn to_z(self) -> Rotation3<f64> {
         let [x, y, z] = [Vector3::x(), Vector3::y(), Vector3::z()];
         let rows = match self {
@@ -134,7 +134,7 @@ impl Mesh {
         self
     }
 
-    /// Turned so that `up` becomes z.
+    /// Rotated so that `up` becomes z.
     #[must_use]
     pub fn turned_up(mut self, up: Up) -> Self {
         if up != Up::Z {

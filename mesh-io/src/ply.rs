@@ -1,10 +1,10 @@
 //! PLY, the polygon file format (Turk, *The PLY polygon file format*, 1994): a header in text that names elements and their properties, then
 //! their values, as text or as bytes of either order.
 //!
-//! Of the element `vertex` come position, normal, colour and every other number; of `face` the list of corners; of `tristrips` strips of
-//! triangles with −1 between them. Everything else is read over, wherever it stands.
+//! From the element `vertex` come position, normal, colour and every other number; from `face` the list of corners; from `tristrips` strips of
+//! triangles separated by −1. Everything else is skipped.
 //!
-//! Own code: `ply-rs-bw` 4.0 asks for UTF-8 in comments and refuses byte-order marks, blank lines and `nan`, which files from the field have.
+//! Own code: `ply-rs-bw` 4.0 needs UTF-8 in comments and refuses byte-order marks, blank lines and `nan`, which occur in practice.
 
 mod header;
 mod rows;

@@ -1,16 +1,16 @@
-//! Polygons of any shape as triangles: ear clipping (Meisters, *Polygons have ears*, 1975).
+//! Triangulation of polygons by ear clipping (Meisters, *Polygons have ears*, 1975).
 //!
-//! A face with more than three corners may be concave: a fan from its first corner would cover its notches. The polygon is laid into the
-//! plane across its vector area `½ Σ pᵢ × pᵢ₊₁` (Newell), and ears are cut off: corners whose triangle turns left and holds no other
-//! corner. Of all ears the roundest is cut, so that corners in the middle of an edge (T-joints) become no triangles without area, as long
-//! as others are left. Only corners of the polygon are used: neighbours that share its edges stay joined.
+//! A face with more than three corners may be concave: a fan from its first corner would fill its notches. The polygon is projected to the
+//! plane across its vector area `½ Σ pᵢ × pᵢ₊₁` (Newell), and ears are cut off: corners whose triangle turns left and contains no other
+//! corner. The roundest ear is cut first, so that corners in the middle of an edge (T-joints) give no triangles of zero area, as long
+//! as there are others. Only corners of the polygon are used: neighbours that share its edges stay joined.
 //!
-//! *Guarantees*: `n − 2` triangles that use every edge of the polygon once. *Limits*: a polygon that crosses itself has no inside, and is cut
-//! in some way. O(n²) for `n` corners, O(n³) where it crosses itself.
+//! *Guarantees*: `n − 2` triangles that use every edge of the polygon once. *Limits*: the result for a polygon that crosses itself is
+//! arbitrary. O(n²) for `n` corners, O(n³) if it crosses itself.
 
 use nalgebra::{Point2, Point3, Vector3};
 
-/// Adds the triangles of a polygon; corners that come twice in a row count once.
+/// Adds the triangles of a polygon; repeated successive corners count once.
 pub fn triangulate(points: &[Point3<f64>], polygon: &[u32], triangles: &mut Vec<[u32; 3]>) {
     let mut corners = polygon.to_vec();
     corners.dedup();
@@ -44,11 +44,11 @@ fn is_convex(points: &[Point3<f64>], corners: [u32; 4]) -> bool {
     })
 }
 
-/// Corners that are left, in their plane.
+/// The remaining corners in their plane.
 struct Ears {
     corners: Vec<u32>,
     flat: Vec<Point2<f64>>,
-    /// How round the ear at a corner is; −1 if it is none.
+    /// Roundness of the ear at each corner; −1 if it is not an ear.
     roundness: Vec<f64>,
 }
 
@@ -59,7 +59,7 @@ impl Ears {
         let area: Vector3<f64> = (1..corners.len())
             .map(|k| (at(k) - origin).cross(&(at(k + 1) - origin)))
             .sum();
-        // A polygon without area has no plane: any will do.
+        // A polygon of zero area has no plane: any will do.
         let normal = area
             .try_normalize(0.0)
             .filter(|n| n.iter().all(|c| c.is_finite()));
@@ -82,7 +82,7 @@ impl Ears {
         while self.corners.len() > 3 {
             let mut ear = self.roundest();
             if self.roundness[ear] < 0.0 {
-                // What was no ear may be one since others are gone; if not, the polygon crosses itself and any corner will do.
+                // Cutting may have made new ears; if not, the polygon crosses itself and any corner will do.
                 self.look_again();
                 ear = self.roundest();
             }
@@ -120,7 +120,7 @@ impl Ears {
             .max((c - b).norm_squared())
             .max((a - c).norm_squared());
         let inside = |p: &Point2<f64>| {
-            // Other visits of the same place, where a seam leads to a hole, are no hindrance.
+            // Another corner at the same place, as where a seam leads to a hole, does not block the ear.
             let elsewhere = *p != a && *p != b && *p != c;
             elsewhere && turn(a, b, *p) >= 0.0 && turn(b, c, *p) >= 0.0 && turn(c, a, *p) >= 0.0
         };
@@ -202,7 +202,7 @@ mod tests {
     }
 
     proptest! {
-        // A star around the origin: its area is the sum of the sectors, whatever it looks like.
+        // A star around the origin: its area is the sum of its sectors, for any shape.
         #[test]
         fn stars_keep_their_area_and_their_edges(
             radii in prop::collection::vec(0.2..1.0f64, 4..40), tilt in prop::array::uniform3(-1.0..1.0f64),
@@ -225,7 +225,7 @@ mod tests {
             }
         }
 
-        // Whatever the corners are, they are all used up.
+        // All corners are used up, wherever they are.
         #[test]
         fn any_polygon_ends(points in prop::collection::vec(prop::array::uniform3(-1i8..2), 3..12)) {
             let points: Vec<_> = points.iter().map(|p| Point3::from(p.map(f64::from))).collect();

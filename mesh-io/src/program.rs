@@ -1,4 +1,4 @@
-//! What command-line programs that read clouds and meshes have in common (feature `program`): options, words or JSON, progress, exit codes.
+//! Common parts of command-line programs that read clouds and meshes (feature `program`): options, text or JSON output, progress, exit codes.
 //!
 //! ```no_run
 //! use mesh_io::program::{self, Failure, Output};
@@ -26,9 +26,9 @@
 //! }
 //! ```
 //!
-//! The answer goes to the standard output, as words or with `--json` as one JSON object; remarks, progress and errors go to the standard error.
-//! Exit codes: 0 an answer, 1 none, 2 a wrong command line; programs add their own. A reader that closes the pipe (`count … | head`) has what it
-//! wants: writing gives an error of the kind [`BrokenPipe`](std::io::ErrorKind::BrokenPipe), which ends the program early, with 0.
+//! The result goes to the standard output, as text or with `--json` as one JSON object; notes, progress and errors go to the standard error.
+//! Exit codes: 0 success, 1 failure, 2 a wrong command line; programs add their own. If the reader closes the pipe (`count … | head`), writing
+//! gives an error of the kind [`BrokenPipe`](std::io::ErrorKind::BrokenPipe), which ends the program early with exit code 0.
 
 use std::io::{self, Write};
 use std::path::Path;
@@ -39,13 +39,13 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::{Load, Units, Up};
 
-/// What ends a program early; its text is the line that the user reads.
+/// An error that ends a program; its text is the line that the user reads.
 pub type Failure = Box<dyn std::error::Error>;
 
 /// Exit code of a wrong command line.
 const WRONG_CALL: u8 = 2;
 
-/// Reads the command line and does the work: the whole of `main`.
+/// Parses the command line and does the work: the whole of `main`.
 pub fn run<A: Parser>(work: impl FnOnce(&A) -> Result<ExitCode, Failure>) -> ExitCode {
     let arguments = match A::try_parse() {
         Ok(arguments) => arguments,
@@ -56,7 +56,7 @@ pub fn run<A: Parser>(work: impl FnOnce(&A) -> Result<ExitCode, Failure>) -> Exi
             return ExitCode::from(WRONG_CALL);
         }
         Err(help) => {
-            // Nobody may be there to read it.
+            // The output may be closed.
             let _ = help.print();
             return ExitCode::SUCCESS;
         }
@@ -70,10 +70,10 @@ pub fn run<A: Parser>(work: impl FnOnce(&A) -> Result<ExitCode, Failure>) -> Exi
     })
 }
 
-/// Takes a closed pipe for success, where what follows must be done all the same.
+/// Treats a closed pipe as success, for programs that must continue.
 ///
 /// # Errors
-/// Every other failure to write.
+/// All other write errors.
 pub fn unless_closed(written: io::Result<()>) -> io::Result<()> {
     written.or_else(|error| {
         if error.kind() == io::ErrorKind::BrokenPipe {
@@ -84,19 +84,19 @@ pub fn unless_closed(written: io::Result<()>) -> io::Result<()> {
     })
 }
 
-/// What a user says of the output of a program.
+/// Output options.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Output {
-    /// Print the answer as one JSON object
+    /// Print the result as one JSON object
     #[arg(long)]
     pub json: bool,
-    /// Print nothing but the answer and errors
+    /// Print only the result and errors
     #[arg(long)]
     pub quiet: bool,
 }
 
 impl Output {
-    /// Where the answer goes in words: nowhere if it is asked for as JSON.
+    /// Writer for the result as text; discards it with `--json`.
     pub fn words(&self) -> Box<dyn Write> {
         if self.json {
             Box::new(io::sink())
@@ -105,10 +105,10 @@ impl Output {
         }
     }
 
-    /// Prints the answer if it is asked for as JSON.
+    /// Prints the result if JSON is asked for.
     ///
     /// # Errors
-    /// What cannot be written.
+    /// Write errors.
     pub fn object(&self, answer: &impl serde::Serialize) -> io::Result<()> {
         if !self.json {
             return Ok(());
@@ -118,18 +118,18 @@ impl Output {
         io::stdout().lock().write_all(text.as_bytes())
     }
 
-    /// Says what is worth knowing beside the answer.
+    /// Prints a note on the standard error, unless `--quiet` is given.
     pub fn note(&self, remark: &str) {
         if !self.quiet {
             warn(remark);
         }
     }
 
-    /// A bar of so many steps, with the time left as the last steps took it; seen on terminals only.
+    /// A progress bar of `steps` steps with an estimate of the time left; shown on terminals only.
     pub fn progress(&self, steps: u64, unit: &str) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(Some(steps), self.target());
         let template = format!("{{elapsed}} {{wide_bar}} {{pos}} of {{len}} {unit}, {{eta}} left");
-        // Without its style a bar is plain, and no reason to fail.
+        // If the template is invalid, the bar keeps its default style.
         match ProgressStyle::with_template(&template) {
             Ok(style) => bar.with_style(style),
             Err(_) => bar,
@@ -145,7 +145,7 @@ impl Output {
     }
 }
 
-/// What a user says of the file of a mesh or cloud.
+/// Options of an input file.
 #[derive(Debug, Clone, Copy, Default, clap::Args)]
 pub struct Loading {
     /// Unit of the file: m, cm or mm
@@ -163,7 +163,7 @@ pub struct Loading {
 }
 
 impl Loading {
-    /// The same of `load`.
+    /// `load` with these options.
     #[must_use]
     pub fn of(&self, load: Load) -> Load {
         load.with_units(self.units)
@@ -175,13 +175,13 @@ impl Loading {
 
 fn body(text: &str) -> Result<usize, String> {
     let number = text.parse().ok().filter(|n| *n > 0);
-    number.ok_or_else(|| format!("{text} is not a number from 1"))
+    number.ok_or_else(|| format!("{text} is not an integer of at least 1"))
 }
 
-/// A positive number of the command line.
+/// Parses a positive number.
 ///
 /// # Errors
-/// What else it is.
+/// The text is not a positive number.
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text).and_then(|value| {
         let what = || format!("{value} is not positive");
@@ -189,10 +189,10 @@ pub fn positive(text: &str) -> Result<f64, String> {
     })
 }
 
-/// A number of the command line that is zero or positive.
+/// Parses a number that is not negative.
 ///
 /// # Errors
-/// What else it is.
+/// The text is not such a number.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     number(text).and_then(|value| {
         let what = || format!("{value} is negative");
@@ -200,13 +200,13 @@ pub fn not_negative(text: &str) -> Result<f64, String> {
     })
 }
 
-/// `N` numbers of the command line with commas between them.
+/// Parses `N` numbers separated by commas.
 ///
 /// # Errors
-/// What else it is.
+/// The text is not of this form.
 pub fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let list: Result<Vec<f64>, _> = text.split(',').map(|word| number(word.trim())).collect();
-    let wrong = || format!("{N} finite numbers with commas between them are wanted");
+    let wrong = || format!("expected {N} finite numbers separated by commas");
     list.ok().and_then(|l| l.try_into().ok()).ok_or_else(wrong)
 }
 
@@ -215,7 +215,7 @@ fn number(text: &str) -> Result<f64, String> {
     value.ok_or_else(|| format!("'{text}' is not a finite number"))
 }
 
-/// What is wrong with a file, with its path in front; some errors say it themselves.
+/// An error message with the path of the file in front, unless it already names the file.
 pub fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
     let (path, text) = (path.display().to_string(), error.to_string());
     if text.starts_with(&path) {
@@ -225,7 +225,7 @@ pub fn of_file(path: &Path, error: impl std::fmt::Display) -> String {
     }
 }
 
-/// What is wrong with the command line, in one line: clap lists missing arguments on lines of their own.
+/// An error of the command line in one line: clap lists missing arguments on separate lines.
 fn one_line(error: &clap::Error, command: &clap::Command) -> String {
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
         let names: Vec<&str> = command
@@ -239,7 +239,7 @@ fn one_line(error: &clap::Error, command: &clap::Command) -> String {
     first.map(str::trim).collect::<Vec<_>>().join(" ")
 }
 
-/// Says what must be known whatever was asked for, on the standard error; that it may be closed is no reason to stop.
+/// Prints a warning on the standard error even with `--quiet`; a closed standard error is ignored.
 pub fn warn(line: &str) {
     let _ = writeln!(io::stderr().lock(), "{line}");
 }

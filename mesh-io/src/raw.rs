@@ -1,6 +1,6 @@
-//! What a file holds, before its faces become triangles.
+//! Content of a file before triangulation.
 //!
-//! Every reader fills one of these: columns of the vertices by what they mean, and polygons by their corners.
+//! Every reader fills one of these: vertex columns by meaning, and polygons by their corners.
 
 use nalgebra::{Point3, Vector3};
 
@@ -19,7 +19,7 @@ pub struct Raw {
     pub left_out: usize,
 }
 
-/// Polygons one after the other.
+/// Polygons, one after the other.
 #[derive(Debug, Default)]
 pub struct Polygons {
     corners: Vec<u64>,
@@ -27,12 +27,12 @@ pub struct Polygons {
 }
 
 impl Polygons {
-    /// One more corner of the polygon that is being read.
+    /// Adds a corner to the current polygon.
     pub fn corner(&mut self, vertex: u64) {
         self.corners.push(vertex);
     }
 
-    /// Ends the polygon, and tells how many corners it has.
+    /// Ends the polygon and returns its number of corners.
     pub fn close(&mut self) -> usize {
         let start = self.ends.last().copied().unwrap_or(0);
         self.ends.push(self.corners.len());
@@ -50,7 +50,7 @@ impl Polygons {
     }
 }
 
-/// Whether a point has a place.
+/// Checks that the coordinates of a point are finite.
 pub fn finite(point: &Point3<f64>, vertex: usize, place: Place) -> Result<(), Error> {
     match (0..3).find(|&k| !point[k].is_finite()) {
         Some(k) => Err(Error::NotFinite {
@@ -64,7 +64,7 @@ pub fn finite(point: &Point3<f64>, vertex: usize, place: Place) -> Result<(), Er
 }
 
 impl Raw {
-    /// Polygons become triangles. Triangles with a corner twice have no area and are left out.
+    /// Triangulates the polygons. Triangles with a repeated corner have no area and are left out.
     pub fn finish(self) -> Result<Mesh, Error> {
         let count = self.points.len();
         let mut triangles = Vec::with_capacity(self.polygons.ends.len());

@@ -1,4 +1,4 @@
-//! Numbers of any type as bytes of either order.
+//! Binary numbers of any type and byte order.
 
 use crate::{Error, Format, Place};
 
@@ -17,7 +17,7 @@ pub enum Scalar {
     F64,
 }
 
-/// Which byte of a number comes first.
+/// Byte order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Order {
     Little,
@@ -69,7 +69,7 @@ impl Scalar {
     }
 }
 
-/// Bytes from the front on, with the place in the file.
+/// Reads bytes in order and tracks the place in the file.
 pub struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,

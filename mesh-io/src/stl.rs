@@ -1,10 +1,10 @@
 //! STL: triangles one by one, as text (`vertex x y z` lines) or as 50-byte records after an 84-byte head.
 //!
-//! Every triangle carries its own corners; corners with the same numbers are one vertex, in the order in which they first come. Normals of
-//! facets are read over: the corners say it better. Binary files may begin with the word `solid` too, so it is the length that decides:
-//! `84 + 50 n` bytes, `n` at byte 80.
+//! Every triangle has its own corners; corners with the same coordinates become one vertex, in the order of first occurrence. Facet normals
+//! are ignored, since the corners determine them. Binary files may also begin with the word `solid`, so the length decides:
+//! `84 + 50 n` bytes, with `n` at byte 80.
 //!
-//! Own code: `stl_io` 0.11 refuses text with a facet normal of `nan`, takes a head that announces no triangles at its word, and names no
+//! Own code: `stl_io` 0.11 refuses text with a facet normal of `nan`, accepts a header with a count of zero as true, and gives no
 //! place in its errors.
 
 use std::collections::HashMap;
@@ -28,14 +28,14 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     match count {
         Some(count) if bytes.len() - HEAD == RECORD * count => binary(&bytes[HEAD..]),
         _ if is_text(bytes) => text(bytes),
-        // Some programs add bytes of their own at the end.
+        // Some programs append other bytes.
         Some(count @ 1..) if bytes.len() - HEAD > RECORD * count => {
             binary(&bytes[HEAD..][..RECORD * count])
         }
         Some(count) => Err(syntax(
             Place::Byte(80),
             format!(
-                "{count} triangles are announced, which take {} bytes; the file has {}",
+                "the header says {count} triangles, which take {} bytes; the file has {}",
                 HEAD + RECORD * count,
                 bytes.len()
             ),
@@ -55,7 +55,7 @@ fn syntax(place: Place, reason: String) -> Error {
     }
 }
 
-/// Whether the second line with anything on it begins a facet or ends the solid.
+/// Whether the second non-empty line begins a facet or ends the solid.
 fn is_text(bytes: &[u8]) -> bool {
     let mut lines = Lines::new(bytes);
     let begins = |line: Option<&[u8]>, keywords: &[&str]| {
@@ -70,7 +70,7 @@ fn is_text(bytes: &[u8]) -> bool {
     }
 }
 
-/// Corners that become vertices.
+/// Corners merged to vertices.
 #[derive(Default)]
 struct Corners {
     raw: Raw,
@@ -81,7 +81,7 @@ struct Corners {
 impl Corners {
     fn add(&mut self, point: Point3<f64>, place: Place) -> Result<(), Error> {
         finite(&point, self.raw.points.len(), place)?;
-        // Zero has two signs and one place.
+        // Adding zero gives both signed zeros the same key.
         let key = [0, 1, 2].map(|k| (point[k] + 0.0).to_bits());
         let points = &mut self.raw.points;
         let vertex = *self.known.entry(key).or_insert_with(|| {
@@ -100,7 +100,7 @@ impl Corners {
 fn binary(records: &[u8]) -> Result<Raw, Error> {
     let mut corners = Corners::default();
     for (index, record) in records.chunks_exact(RECORD).enumerate() {
-        // Twelve bytes of normal, twelve for each corner, and two that mean nothing.
+        // Twelve bytes of normal, twelve for each corner, and two unused ones.
         for (k, bytes) in record[12..48].chunks_exact(12).enumerate() {
             let place = Place::Byte(HEAD + RECORD * index + 12 * (k + 1));
             let number = |at: usize| {
@@ -137,7 +137,7 @@ fn text(bytes: &[u8]) -> Result<Raw, Error> {
             b"endloop" if corners.facet.len() == 3 => corners.close(),
             b"endloop" => {
                 let count = corners.facet.len();
-                return Err(syntax(place, format!("a facet of {count} corners")));
+                return Err(syntax(place, format!("a facet with {count} corners")));
             }
             _ => {}
         }
@@ -174,7 +174,7 @@ pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<(
         writeln!(out, "endsolid {name}")?;
     } else {
         let mut head = [b' '; 80];
-        // Not "solid", which some readers take for text.
+        // Does not begin with "solid", by which some readers recognise text.
         let title = format!("binary STL: {name}");
         let length = title.len().min(80);
         head[..length].copy_from_slice(&title.as_bytes()[..length]);

@@ -1,14 +1,14 @@
-//! Tables of numbers: one row a line, as many numbers as the table has columns.
+//! Tables of numbers: one row per line, with a fixed number of columns.
 //!
-//! Commas, semicolons, tabs or blanks stand between the numbers. The first line may name the columns; empty lines and lines that begin with `#`
-//! are passed over, and so is a separator at the end of a line. Whatever else stands there is an error that names line, column and text.
+//! Numbers are separated by commas, semicolons, tabs or spaces. The first line may name the columns; empty lines, lines that begin with `#`
+//! and a separator at the end of a line are ignored. Anything else is an error that gives line, column and text.
 
 #[cfg(feature = "serde")]
 use crate::serialised::Written;
 use crate::text::{Lines, number, shown};
 use crate::{Error, Format};
 
-/// Rows of `N` numbers, and whether the file named its columns.
+/// Rows of `N` numbers, and whether the first line names the columns.
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(
     feature = "serde",
@@ -27,7 +27,7 @@ pub struct Table<const N: usize> {
 /// Reads a table with the given columns.
 ///
 /// # Errors
-/// [`Error::Syntax`] with the line: another number of values, something that is not a finite number, or a heading with the columns in another
+/// [`Error::Syntax`] with the line: a wrong number of values, something that is not a finite number, or a heading with the columns in another
 /// order.
 pub fn read_table<const N: usize>(bytes: &[u8], columns: [&str; N]) -> Result<Table<N>, Error> {
     crate::text::is_single_byte(bytes, Format::Xyz)?;
@@ -80,12 +80,12 @@ fn name(cell: &[u8]) -> String {
         .to_lowercase()
 }
 
-/// A word, and not something that was meant as a number.
+/// Whether a cell is a name rather than a misspelt number.
 fn is_name(cell: &[u8]) -> bool {
     number(cell).is_none() && name(cell).starts_with(char::is_alphabetic)
 }
 
-/// Other names are the author's business, but ours in another order would be read wrongly.
+/// Unknown names are accepted, but known ones in another order would be read wrongly.
 fn check_heading<const N: usize>(cells: &[&[u8]], columns: [&str; N]) -> Result<(), String> {
     for (cell, expected) in cells.iter().zip(columns) {
         let found = name(cell);

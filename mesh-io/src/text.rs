@@ -1,13 +1,15 @@
 //! Lines of text as bytes.
 //!
-//! Comments and names are bytes in whatever encoding their author used, so nothing here asks for UTF-8: words are compared and parsed as
-//! they stand. Lines end with `\n`, `\r\n` or `\r`; a byte-order mark in front is passed over.
+//! Comments and names may be in any encoding, so UTF-8 is not required: words are compared and parsed as
+//! bytes. Lines end with `
+//! `, `\r
+//! ` or `\r`; a byte-order mark at the start is skipped.
 
 use std::borrow::Cow;
 
 use crate::{Error, Format, Place};
 
-/// What UTF-8 files from some programs begin with.
+/// The UTF-8 byte-order mark, which some programs write.
 const MARK: &[u8] = b"\xef\xbb\xbf";
 
 /// Lines, each with its number from 1.
@@ -22,7 +24,7 @@ impl<'a> Lines<'a> {
         Self::from_line(bytes, 0)
     }
 
-    /// Lines of what follows line `number`.
+    /// Lines after line `number`.
     pub fn from_line(bytes: &'a [u8], number: usize) -> Self {
         Self {
             rest: bytes.strip_prefix(MARK).unwrap_or(bytes),
@@ -44,7 +46,7 @@ impl<'a> Lines<'a> {
         Place::Line(self.number)
     }
 
-    /// The next line with anything on it.
+    /// The next non-empty line.
     pub fn next_filled(&mut self) -> Option<&'a [u8]> {
         self.find(|line| !line.trim_ascii().is_empty())
     }
@@ -68,13 +70,13 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Words between blanks.
+/// Words separated by spaces.
 pub fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace)
         .filter(|w| !w.is_empty())
 }
 
-/// For messages.
+/// A word in a form for messages.
 pub fn shown(word: &[u8]) -> Cow<'_, str> {
     const LONGEST: usize = 60;
     match word.get(..LONGEST) {
@@ -91,10 +93,10 @@ pub fn whole<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
     std::str::from_utf8(word).ok()?.parse().ok()
 }
 
-/// Whether these are the bytes of text at all.
+/// Checks that the bytes are single-byte text.
 ///
 /// # Errors
-/// UTF-16, whose letters are two bytes each.
+/// UTF-16, whose characters take two bytes or more.
 pub fn is_single_byte(bytes: &[u8], format: Format) -> Result<(), Error> {
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return Err(Error::Syntax {

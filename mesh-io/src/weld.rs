@@ -1,10 +1,10 @@
-//! Vertices that stand at one place become one.
+//! Merges vertices at the same place.
 //!
-//! Files repeat vertices where textures or normals change (seams), or in every triangle (soups): such a surface falls apart along them. Two
-//! vertices are the same if they are nearer than a millionth of the diagonal of the bounding box. The first stands for all; its normal is the
-//! direction of their sum. Triangles that lose their area by it are left out.
+//! Files repeat vertices where textures or normals change (seams), or in every triangle (triangle soups); without merging, such a surface falls apart.
+//! Two vertices are the same if they are nearer than a millionth of the diagonal of the bounding box. The first represents all; its normal is the
+//! normalised sum of theirs. Triangles that lose their area are left out.
 //!
-//! Only vertices of open edges are joined, those that two triangles do not share: bodies that are closed already and touch each other stay two.
+//! Only vertices of open edges (not shared by two triangles) are merged: closed bodies that touch each other stay separate.
 
 use std::collections::HashMap;
 
@@ -12,11 +12,11 @@ use nalgebra::{Point3, Vector3};
 
 use crate::Mesh;
 
-/// Vertices nearer than this share of the diagonal are one.
+/// Vertices nearer than this share of the diagonal are the same.
 const SAME: f64 = 1e-6;
 
 impl Mesh {
-    /// The same surface, every place with one vertex only, and without vertices that no triangle uses. A cloud stays as it is.
+    /// The same surface with one vertex per place and without unused vertices. A cloud is unchanged.
     #[must_use]
     pub fn welded(&self) -> Self {
         if self.triangles.is_empty() {
@@ -63,7 +63,7 @@ impl Mesh {
     }
 }
 
-/// The directions of the sums over all that stand at one place.
+/// The normalised sum of the normals of each group of merged vertices.
 fn sums(normals: &[Vector3<f64>], first: &[u32]) -> Vec<Vector3<f64>> {
     let mut sums = vec![Vector3::zeros(); normals.len()];
     let mut alone = vec![true; normals.len()];
@@ -73,7 +73,7 @@ fn sums(normals: &[Vector3<f64>], first: &[u32]) -> Vec<Vector3<f64>> {
         alone[at as usize] &= at as usize == v;
     }
     let one = |v: usize| {
-        // Nothing was added: nothing is changed.
+        // A vertex that was not merged keeps its normal.
         if alone[v] {
             normals[v]
         } else {
@@ -83,7 +83,7 @@ fn sums(normals: &[Vector3<f64>], first: &[u32]) -> Vec<Vector3<f64>> {
     (0..normals.len()).map(one).collect()
 }
 
-/// For every vertex that was chosen the first such at its place; others stand for themselves.
+/// For every chosen vertex the first chosen one at its place; others represent themselves.
 fn first_at_each_place(points: &[Point3<f64>], open: &[bool]) -> Vec<u32> {
     let chosen = || {
         points
@@ -97,7 +97,7 @@ fn first_at_each_place(points: &[Point3<f64>], open: &[bool]) -> Vec<u32> {
     };
     let (low, high) = chosen().fold((*start, *start), |(low, high), p| (low.inf(p), high.sup(p)));
     let same = ((high - low).norm() * SAME).max(f64::MIN_POSITIVE);
-    // Cells twice as wide as what is the same: whatever is near a point lies in one of eight.
+    // Cells are twice as wide as the tolerance, so that everything near a point lies in one of eight cells.
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let find = |v: usize, cells: &mut HashMap<[i64; 3], Vec<u32>>| {
         let at = (points[v] - low) / (2.0 * same);

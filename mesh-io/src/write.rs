@@ -1,28 +1,28 @@
-//! How a mesh is written.
+//! Writing of meshes.
 
 use std::io::{self, Write};
 use std::path::Path;
 
 use crate::{Error, Format, Mesh, glb, npy, obj, off, pcd, ply, stl, xyz};
 
-/// Text, or bytes.
+/// Text or binary.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Encoding {
-    /// Lines that people can read.
+    /// Text lines.
     Text,
-    /// Bytes, the least first.
+    /// Binary, little-endian.
     #[default]
     Binary,
 }
 
-/// Digits of every number.
+/// Precision of the numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Precision {
     /// 32 bits: a micrometre in ten metres.
     Single,
-    /// 64 bits: what was written is what is read.
+    /// 64 bits: lossless.
     #[default]
     Double,
 }
@@ -37,17 +37,16 @@ impl Precision {
     }
 }
 
-/// How a mesh is written. STL and GLB hold 32 bits in binary whatever is asked for.
+/// How a mesh is written. Binary STL and GLB always hold 32 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options<'a> {
-    /// Binary unless told otherwise; OBJ, OFF and XYZ are text, GLB and NPY binary.
+    /// Default binary; OBJ, OFF and XYZ are always text, GLB and NPY binary.
     pub encoding: Encoding,
-    /// Double unless told otherwise.
+    /// Default double.
     pub precision: Precision,
-    /// A remark for the header, where the format has a place for one.
-    #[cfg_attr(feature = "serde", serde(borrow))]
+    /// A comment for the header, if the format allows one.
     pub comment: Option<&'a str>,
 }
 
@@ -66,7 +65,7 @@ impl<'a> Options<'a> {
         self
     }
 
-    /// Sets the remark.
+    /// Sets the comment.
     #[must_use]
     pub fn with_comment(mut self, comment: &'a str) -> Self {
         self.comment = Some(comment);
@@ -75,11 +74,11 @@ impl<'a> Options<'a> {
 }
 
 impl Mesh {
-    /// Writes the mesh in a format. What the format has no place for is left out: STL has triangles only, OFF no further numbers, OBJ and NPY neither those
-    /// nor, for NPY, colours and triangles.
+    /// Writes the mesh in a format. What the format cannot hold is left out: STL holds triangles only, OFF and OBJ no further numbers, and NPY neither further numbers
+    /// nor colours and triangles.
     ///
     /// # Errors
-    /// [`Error::Unwritable`] when nothing of the mesh would be left (a cloud as STL), [`Error::System`] from the writer.
+    /// [`Error::Unwritable`] if nothing of the mesh would be left (a cloud as STL), [`Error::System`] from the writer.
     pub fn write(&self, out: impl Write, format: Format, options: Options) -> Result<(), Error> {
         let mut out = io::BufWriter::new(out);
         if format == Format::Stl && self.triangles.is_empty() && !self.points.is_empty() {
@@ -108,14 +107,14 @@ impl Mesh {
     /// The mesh as the bytes of a file.
     ///
     /// # Errors
-    /// [`Error::Unwritable`] when nothing of the mesh would be left.
+    /// [`Error::Unwritable`] if nothing of the mesh would be left.
     pub fn to_bytes(&self, format: Format, options: Options) -> Result<Vec<u8>, Error> {
         let mut bytes = Vec::new();
         self.write(&mut bytes, format, options)?;
         Ok(bytes)
     }
 
-    /// Writes a file; the ending of its name tells the format.
+    /// Writes a file; the extension tells the format.
     ///
     /// # Errors
     /// [`Error::InFile`] with the reason.

@@ -1,6 +1,6 @@
-//! Points as text, one a line, with blanks, commas or semicolons between the numbers.
+//! Points as text, one per line, with numbers separated by spaces, commas or semicolons.
 //!
-//! A first line of names (`x,y,z,nx,ny,nz`, `//X Y Z R G B`) says what the columns are. Without one it is told from how many there are:
+//! A first line of names (`x,y,z,nx,ny,nz`, `//X Y Z R G B`) defines the columns. Without it the number of columns does:
 //!
 //! ```text
 //! 3  x y z             6  x y z and a normal, or red green blue where all are whole numbers up to 255 and not all 0 or 1
@@ -8,7 +8,7 @@
 //! 9  x y z red green blue and a normal, or the normal first
 //! ```
 //!
-//! A single number on the first line is the count of points (`.pts`). Lines that begin with `#` or `//` are remarks.
+//! A single number on the first line is the count of points (`.pts`). Lines that begin with `#` or `//` are comments.
 
 use std::io::{self, Write};
 
@@ -29,10 +29,7 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     let list: Vec<Column> = names.iter().map(|name| column(name, shade)).collect();
     let mut columns = Columns::new(&list);
     if let Some(name) = columns.missing() {
-        return Err(syntax(
-            Place::Line(1),
-            format!("no column is called {name}"),
-        ));
+        return Err(syntax(Place::Line(1), format!("there is no column {name}")));
     }
     let mut raw = Raw::default();
     for (row, line) in text.rows.chunks_exact(text.width).zip(text.lines) {
@@ -43,16 +40,16 @@ pub fn read(bytes: &[u8]) -> Result<Raw, Error> {
     Ok(raw)
 }
 
-/// The numbers of a file, before it is known what they mean.
+/// The numbers of a file, before their meaning is known.
 #[derive(Default)]
 struct Text {
-    /// As the heading has them.
+    /// Names from the heading.
     names: Option<Vec<String>>,
-    /// How many points the first line promises.
+    /// Number of points according to the first line.
     count: Option<usize>,
-    /// Row after row.
+    /// All numbers, row after row.
     rows: Vec<f64>,
-    /// Numbers of a row.
+    /// Number of columns.
     width: usize,
     /// Line of each row.
     lines: Vec<usize>,
@@ -68,7 +65,7 @@ impl Text {
         match text.count {
             Some(promised) if promised != found => Err(syntax(
                 lines.place(),
-                format!("{promised} points are promised, there are {found}"),
+                format!("the first line says {promised} points, but there are {found}"),
             )),
             _ => Ok(text),
         }
@@ -109,8 +106,13 @@ impl Text {
             )));
         }
         for (k, cell) in cells.iter().enumerate() {
-            let value = self::number(cell)
-                .ok_or_else(|| error(format!("value {}: {:?} is no number", k + 1, shown(cell))))?;
+            let value = self::number(cell).ok_or_else(|| {
+                error(format!(
+                    "value {}: {:?} is not a number",
+                    k + 1,
+                    shown(cell)
+                ))
+            })?;
             self.rows.push(value);
         }
         self.lines.push(number);
@@ -128,8 +130,7 @@ impl Text {
         }
         let names = guess(&self.rows, self.width).ok_or_else(|| {
             let width = self.width;
-            let wanted =
-                "3, 4, 6, 7 or 9 numbers are wanted, or a first line that names the columns";
+            let wanted = "expected 3, 4, 6, 7 or 9 numbers, or a first line that names the columns";
             syntax(
                 Place::Line(self.lines[0]),
                 format!("{width} numbers a line: {wanted}"),
@@ -175,7 +176,7 @@ fn column_name(cell: &[u8]) -> String {
     String::from_utf8_lossy(cell).trim_matches('"').to_owned()
 }
 
-/// Names of the columns, by how many there are and what stands in them.
+/// Names of the columns, guessed from their number and values.
 fn guess(rows: &[f64], width: usize) -> Option<Vec<String>> {
     const COLOUR: &str = "red green blue";
     const NORMAL: &str = "nx ny nz";
@@ -200,7 +201,7 @@ fn guess(rows: &[f64], width: usize) -> Option<Vec<String>> {
     Some(names.split(' ').map(str::to_owned).collect())
 }
 
-/// Whether named colours go to 1 only, and are not whole.
+/// Whether named colours range to 1 and are not integers.
 fn colours_are_shares(names: &[String], rows: &[f64]) -> bool {
     let is = |name: &String| {
         matches!(
@@ -216,7 +217,7 @@ fn colours_are_shares(names: &[String], rows: &[f64]) -> bool {
     values().all(|v| (0.0..=1.0).contains(&v)) && values().any(|v| v.fract() != 0.0)
 }
 
-/// Writes a line of names and then the points, with blanks between the numbers.
+/// Writes a line of names and then the points, with numbers separated by spaces.
 pub fn write(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<()> {
     let mut names = vec!["x", "y", "z"];
     if !mesh.normals.is_empty() {

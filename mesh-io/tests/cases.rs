@@ -1,4 +1,4 @@
-//! Files as people have them: what is right about each, or the one line that says what is wrong.
+//! Files as they occur in practice: the result of reading each, or its error message.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use std::fmt::Write as _;
@@ -231,11 +231,11 @@ fn ply_refusals_name_line_and_reason() {
         ),
         (
             has("vertex 8", "vertex 9"),
-            "line 18: vertex 8: one value too many: \"1\"",
+            "line 18: vertex 8: an extra value: \"1\"",
         ),
         (
             has("face 6", "face 7"),
-            "line 23: the file ends at face 6, the header promises 7",
+            "line 23: the file ends at face 6, the header says 7",
         ),
         (
             has("\n1 1 0\n", "\n1 nan 0\n"),
@@ -247,7 +247,7 @@ fn ply_refusals_name_line_and_reason() {
         ),
         (
             has("\n1 1 0\n", "\n1 l 0\n"),
-            "line 12: vertex 2: y is no number: \"l\"",
+            "line 12: vertex 2: y is not a number: \"l\"",
         ),
         (
             has("\n4 3 2 1 0", "\n4 3 2 1 8"),
@@ -273,7 +273,7 @@ fn ply_refusals_name_line_and_reason() {
     refused(
         &bytes[..end],
         Format::Ply,
-        "the file ends in face 5, the header promises 6",
+        "the file ends in face 5, the header says 6",
     );
 }
 
@@ -338,12 +338,12 @@ fn obj_refusals_name_line_and_reason() {
         (wide, "byte 0: this is UTF-16 text"),
         (
             b"hello\n".to_vec(),
-            "line 1: there is no line that begins with v",
+            "there is no vertex (a line that begins with v)",
         ),
         (with("v 1 two 3"), "line 9: \"two\" is not a number"),
         (with("v 1 2"), "line 9: a vertex needs three coordinates"),
         (with("v 1 2 inf"), "line 9: vertex 8: z is inf"),
-        (with("f 1 2"), "line 9: a face of 2 corners"),
+        (with("f 1 2"), "line 9: a face with 2 corners"),
         (
             with("f 1 2 0"),
             "line 9: \"0\" is not the index of a vertex (8 so far)",
@@ -394,11 +394,11 @@ fn stl_as_other_programs_write_it() {
     for (bytes, words) in [
         (
             binary[..binary.len() - 30].to_vec(),
-            "byte 80: 12 triangles are announced, which take 684 bytes; the file has 654",
+            "byte 80: the header says 12 triangles, which take 684 bytes; the file has 654",
         ),
         (
             [&binary[..80], &[0; 4], &binary[84..]].concat(),
-            "byte 80: 0 triangles are announced, which take 84 bytes; the file has 684",
+            "byte 80: the header says 0 triangles, which take 84 bytes; the file has 684",
         ),
         (
             b"hello".to_vec(),
@@ -414,7 +414,7 @@ fn stl_as_other_programs_write_it() {
         ),
         (
             text.replacen("vertex", "vortex", 1).into_bytes(),
-            "line 7: a facet of 2 corners",
+            "line 7: a facet with 2 corners",
         ),
     ] {
         refused(&bytes, Format::Stl, words);
@@ -467,19 +467,19 @@ fn off_as_other_programs_write_it() {
         ("4OFF\n1 0 0\n0 0 0 0\n", "line 1: \"4OFF\" is not OFF"),
         (
             "OFF\nmany\n",
-            "line 2: the numbers of vertices and faces are wanted here",
+            "line 2: expected the numbers of vertices and faces",
         ),
         (
             "OFF\n2 0 0\n0 0 0\n",
-            "line 3: the file ends before vertex 1, the header promises 2",
+            "line 3: the file ends before vertex 1, the header says 2",
         ),
         (
             "NOFF\n1 0 0\n0 0 0\n",
-            "line 3: vertex 0: 6 numbers are wanted, not 3",
+            "line 3: vertex 0: expected 6 numbers, found 3",
         ),
         (
             "OFF\n1 1 0\n0 0 0\n3 0 0\n",
-            "line 4: face 0: 3 corners are announced, 2 numbers follow",
+            "line 4: face 0: the line says 3 corners, but 2 numbers follow",
         ),
     ] {
         refused(text.as_bytes(), Format::Off, words);
@@ -547,15 +547,15 @@ fn pcd_as_other_programs_write_it() {
     for (bytes, words) in [
         (
             binary[..binary.len() - 1].to_vec(),
-            "3 points of 34 bytes are promised, there are 101 bytes",
+            "the header says 3 points of 34 bytes, but there are 101 bytes",
         ),
         (
             compressed[..compressed.len() - 1].to_vec(),
-            "compressed bytes are promised",
+            "compressed bytes, but",
         ),
         (
             format!("{packed}0 0 1 0\n").into_bytes(),
-            "line 12: the file ends at point 1, the header promises 3",
+            "line 12: the file ends at point 1, the header says 3",
         ),
         (
             format!("{packed}0 0 1 0\n0 inf 0 0\n").into_bytes(),
@@ -621,13 +621,16 @@ fn xyz_as_other_programs_write_it() {
     assert_eq!(named.property("confidence").unwrap(), [0.5]);
     for (text, words) in [
         ("1 2 3\n1 2\n", "line 2: 2 values, but there are 3 columns"),
-        ("1 2 3\n1 2 x\n", "line 2: value 3: \"x\" is no number"),
+        ("1 2 3\n1 2 x\n", "line 2: value 3: \"x\" is not a number"),
         (
             "1 2\n",
-            "line 1: 2 numbers a line: 3, 4, 6, 7 or 9 numbers are wanted",
+            "line 1: 2 numbers a line: expected 3, 4, 6, 7 or 9 numbers",
         ),
         ("1 2 nan\n", "line 1: vertex 0: z is NaN"),
-        ("2\n1 2 3\n", "2 points are promised, there are 1"),
+        (
+            "2\n1 2 3\n",
+            "the first line says 2 points, but there are 1",
+        ),
         (
             "hello\n",
             "line 1: \"hello\" is neither a point nor the number of points",
@@ -666,17 +669,17 @@ fn npy_of_any_type_and_order() {
     refused(
         &array("<f4", "False", "(9, 3)", &little),
         Format::Npy,
-        "9 rows of 3 numbers are promised, 24 bytes follow",
+        "the header says 9 rows of 3 numbers, but 24 bytes follow",
     );
     refused(
         &array("<f4", "False", "(2, 4)", &little),
         Format::Npy,
-        "shape [2, 4]: (n, 3) or (n, 6) is wanted",
+        "shape [2, 4]: expected (n, 3) or (n, 6)",
     );
     refused(
         &array("<U8", "False", "(2, 3)", &little),
         Format::Npy,
-        "an array of <U8: numbers are wanted",
+        "an array of <U8: expected numbers",
     );
     // Arrays of any shape, in either order.
     let values: Vec<u8> = (0..24_u8).collect();
@@ -690,12 +693,12 @@ fn npy_of_any_type_and_order() {
     assert!(
         short
             .to_string()
-            .contains("shape [2, 3, 4] is promised, 24 bytes follow"),
+            .contains("shape [2, 3, 4], but 24 bytes follow"),
         "{short}"
     );
     let huge = array("<f8", "False", "(4294967296, 4294967296, 3)", &values);
     assert!(Array::parse(&huge).is_err());
-    refused(b"hello", Format::Npy, "not an array of NumPy");
+    refused(b"hello", Format::Npy, "not a NumPy file");
 }
 
 #[test]
@@ -771,7 +774,7 @@ fn units_size_up_and_bodies() {
         .to_string();
     assert_eq!(
         error,
-        "there is no body 3: the mesh consists of 2 (the largest is --body 1)"
+        "there is no body 3: the number of bodies in the mesh is 2 (the largest is --body 1)"
     );
 }
 
@@ -796,7 +799,7 @@ fn options_of_a_file_are_understood_or_refused() {
         (
             "--units",
             "inch",
-            "m, cm, mm or the length of a unit in metres is wanted",
+            "expected m, cm, mm or the length of a unit in metres",
         ),
         ("--size", "-1", "-1 is not positive"),
         ("--size", "nan", "'nan' is not a finite number"),
@@ -941,7 +944,7 @@ fn errors_name_the_file() {
     std::fs::write(&path, ply("", "\n").replace("4 3 2 1 0", "4 3 2 1 x")).unwrap();
     let said = Load::default().read(&path).unwrap_err().to_string();
     assert!(
-        said.ends_with("cube.ply: line 18: face 0: vertex_indices is no number: \"x\""),
+        said.ends_with("cube.ply: line 18: face 0: vertex_indices is not a number: \"x\""),
         "{said}"
     );
     cube().save(&path, Options::default()).unwrap();

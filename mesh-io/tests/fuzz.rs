@@ -1,4 +1,4 @@
-//! No bytes make a reader panic, hang, or take memory that the file does not have.
+//! No bytes make a reader panic, hang, or allocate more memory than the size of the file justifies.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use mesh_io::nalgebra::{Point3, Vector3};
@@ -51,7 +51,7 @@ fn compressed(large: u32) -> Vec<u8> {
     bytes
 }
 
-/// All that can be done with a mesh, whatever it came from.
+/// All operations on a mesh.
 fn use_all(bytes: &[u8], format: Format) {
     let _ = read_table(bytes, ["x", "y", "z"]);
     let Ok(mesh) = parse(bytes, format) else {
@@ -178,7 +178,7 @@ fn counts_alone_take_no_memory() {
     let ply = "ply\nformat binary_little_endian 1.0\nelement vertex 18000000000000000000\nproperty double x\nproperty double y\nproperty double z\nend_header\n1234";
     let error = parse(ply.as_bytes(), Format::Ply).unwrap_err().to_string();
     assert!(
-        error.contains("the file ends in vertex 0, the header promises 18000000000000000000"),
+        error.contains("the file ends in vertex 0, the header says 18000000000000000000"),
         "{error}"
     );
     let list = b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty double x\nproperty double y\nproperty double z\nelement face 1\nproperty list uint int vertex_index\nend_header\n\xff\xff\xff\xff";

@@ -1,11 +1,11 @@
-//! What is written is what is read, in every format that can hold it.
+//! Writing and reading give the same mesh, in every format that can hold it.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 use mesh_io::nalgebra::{Point3, Vector3};
 use mesh_io::{Encoding, Format, Mesh, Options, Precision, Property, parse};
 use proptest::prelude::*;
 
-/// Any number that is one, from the smallest to the largest.
+/// Any finite number, from the smallest to the largest.
 fn coordinate() -> impl Strategy<Value = f64> {
     prop_oneof![
         -1.0..1.0f64,

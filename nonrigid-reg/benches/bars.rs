@@ -1,4 +1,4 @@
-//! Accuracy on generated pairs, seen and hidden: `cargo bench -p nonrigid-reg --bench bars [-- --write FOLDER]`
+//! Accuracy on generated pairs, for visible and hidden points: `cargo bench -p nonrigid-reg --bench bars [-- --write FOLDER]`
 //!
 //! Prints, in mm, mean and 95th percentile over the source points, the mean over the surface that the source does not show (by
 //! `gpwrm::Field` through the nodes), and milliseconds with a fresh registrar (best of three). `--write` puts the pairs into FOLDER as

@@ -1,8 +1,8 @@
 //! Drift over a track: `cargo run --release -p nonrigid-reg --example drift [-- FRAMES]` (default 100)
 //!
-//! An object goes out to 40 mm and back twice, seen afresh in every frame by a camera above (3,000 points, 0.5 mm of noise). What the
-//! first frame shows is carried from frame to frame by one `Registrar`; nothing ever corrects it. Prints, in mm, how far the points are from
-//! where they should be, with landmarks only, with features too, and with neither.
+//! An object moves out to 40 mm and back twice; a camera above sees new points of it in every frame (3,000 points, 0.5 mm of noise). The points of the
+//! first frame are carried from frame to frame by one `Registrar`, and nothing ever corrects them. Prints, in mm, their distance from the
+//! true positions: with landmarks only, with features too, and with neither.
 #![allow(missing_docs, reason = "of the generator")]
 
 #[path = "../benches/generator/mod.rs"]
@@ -17,7 +17,7 @@ use mesh_io::program::{self, Failure, Output};
 use nonrigid_reg::{Options, Registrar};
 use serde_json::json;
 
-/// How far a model drifts from the truth when nothing corrects it
+/// Drift of a model over many frames without any correction
 #[derive(Debug, clap::Parser)]
 #[command(name = "drift", after_help = "Example: drift 20")]
 struct Arguments {
@@ -90,7 +90,7 @@ fn follow(shape: Shape, motion: Motion, frames: usize, mode: &str) -> Result<Vec
             "none" => Vec::new(),
             _ => track.landmarks(&grips, k),
         };
-        // Features pair what two images show, and know nothing of the model.
+        // Features are pairs of points of two successive images, independent of the model.
         let features = match mode {
             "features" => track.features(&rest, k),
             _ => Vec::new(),

@@ -1,9 +1,9 @@
 //! Errors over a folder of pairs with ground truth: `cargo run --release -p nonrigid-reg --example pairs -- --help`.
 //!
 //! Every sub-folder has `source.ply`, `target.ply`, `truth.ply` (where each source point went), `landmarks.csv` and
-//! `features.csv`. Prints, in mm, mean and 95th percentile of the distance to the truth, the mean over the tenth of the points with
-//! least and the half with most confidence, the mean over `hidden.ply` (what the source does not show; truth in `hidden_truth.ply`; by
-//! `gpwrm::Field` through the nodes) if there is one, the distance before registration, and milliseconds with a fresh registrar (best of three).
+//! `features.csv`. Prints, in mm: mean and 95th percentile of the distance to the truth; the mean over the tenth of the points with the
+//! lowest and the half with the highest confidence; the mean over `hidden.ply`, if there is one (points that the source does not show, moved by
+//! `gpwrm::Field` through the nodes; truth in `hidden_truth.ply`); the distance before registration; and milliseconds with a fresh registrar (best of three).
 
 #[path = "register/cloud.rs"]
 mod cloud;
@@ -20,7 +20,7 @@ use nalgebra::Point3;
 use nonrigid_reg::{Feature, Landmark, Options, Registrar, Registration};
 use serde_json::json;
 
-/// Registers every pair of a folder and says how far each is from its truth
+/// Registers every pair of a folder and prints the distances to the ground truth
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "pairs",
@@ -32,7 +32,7 @@ Settings: gates (as .02>.01), iterations, spacing, bending, strain, drag, tolera
 struct Arguments {
     /// Folder of pairs
     folder: PathBuf,
-    /// What is known beside the clouds
+    /// What is used beside the clouds
     #[arg(value_enum, default_value_t = Known::Landmarks)]
     known: Known,
     /// Settings of the registration
@@ -42,7 +42,7 @@ struct Arguments {
     output: Output,
 }
 
-/// What a registration is given beside the clouds.
+/// What a registration uses beside the clouds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Known {
     /// Landmarks
@@ -53,18 +53,18 @@ enum Known {
     None,
 }
 
-/// What the program needs to know of one pair.
+/// The data of one pair.
 struct Pair {
     source: Oriented,
     target: Oriented,
     truth: Vec<Point3<f64>>,
     landmarks: Vec<Landmark>,
     features: Vec<Feature>,
-    /// What the source does not show, and where it went.
+    /// Points that the source does not show, and their true new positions.
     hidden: Option<[Vec<Point3<f64>>; 2]>,
 }
 
-/// Confidences from which on errors are counted together.
+/// Lower limits of the classes of confidence by which errors are averaged.
 const LEVELS: [f64; 4] = [0.0, 0.1, 0.3, 0.6];
 
 /// How well one pair was registered, in mm.
@@ -73,7 +73,7 @@ struct Score {
     p95: f64,
     doubted: f64,
     trusted: f64,
-    /// NaN where nothing is known of what is hidden.
+    /// NaN if the pair has no hidden points.
     hidden: f64,
     still: f64,
 }
@@ -183,7 +183,7 @@ fn folders(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     let mut folders: Vec<PathBuf> = paths.filter(|path| path.is_dir()).collect();
     folders.sort();
     if folders.is_empty() {
-        return Err(format!("{}: no folders of pairs in it", folder.display()).into());
+        return Err(format!("{}: contains no folders of pairs", folder.display()).into());
     }
     Ok(folders)
 }
@@ -226,7 +226,7 @@ impl Pair {
         })
     }
 
-    /// Timed with a fresh registrar, that keeps nothing yet.
+    /// Registers the pair, timed with a fresh registrar, which has nothing cached.
     fn register(&self, options: &Options) -> Result<(Registration, f64), nonrigid_reg::Error> {
         let (from, to) = (self.source.cloud(), self.target.cloud());
         let timed = || {
@@ -240,7 +240,7 @@ impl Pair {
         Ok((result, fastest))
     }
 
-    /// Registered nodes carry some noise, and what is hidden is far from them: wide supports, more shrinkage.
+    /// The registered nodes are noisy, and hidden points are far from them: wide supports and more shrinkage.
     fn hidden_error(&self, result: &Registration) -> f64 {
         let options = gpwrm::FieldOptions::default()
             .with_support(gpwrm::Support::Nearest(64))
@@ -254,12 +254,12 @@ impl Pair {
         off.sum::<f64>() * 1e3 / found.len() as f64
     }
 
-    /// Distance of a point from where it went, in mm, if it is moved by `u`.
+    /// Distance in mm between the true position of point `i` and its position displaced by `u`.
     fn off(&self, i: usize, u: nalgebra::Vector3<f64>) -> f64 {
         (self.source.mesh.points()[i] + u - self.truth[i]).norm() * 1e3
     }
 
-    /// Of every source point, in mm.
+    /// Error of every source point, in mm.
     fn errors(&self, result: &Registration) -> Vec<f64> {
         let moves = result.displacements.iter().enumerate();
         moves.map(|(i, u)| self.off(i, *u)).collect()
@@ -288,18 +288,21 @@ impl Pair {
     }
 }
 
-/// The points of a file that has one for each of another.
+/// The points of a file that must have one point for each point of another file.
 fn as_many(path: &Path, wanted: usize) -> Result<Vec<Point3<f64>>, Failure> {
     let mesh = mesh_io::read(path)?;
     let found = mesh.points().len();
     if found != wanted {
         let path = path.display();
-        return Err(format!("{path}: {found} points, {wanted} are wanted: where each went").into());
+        return Err(format!(
+            "{path}: {found} points, but {wanted} are needed: the new position of each source point"
+        )
+        .into());
     }
     Ok(mesh.points().to_vec())
 }
 
-/// `bending=1.5` and the like; gates as `gates=.02>.01`.
+/// Sets one option from `NAME=VALUE`, such as `bending=1.5`; gates as `gates=.02>.01`.
 fn set(options: &mut Options, setting: &str) -> Result<(), Failure> {
     let (name, value) = setting
         .split_once('=')

@@ -1,14 +1,14 @@
-//! Where to begin if nobody says: the rigid motion that brings one cloud onto another, whatever the turn between them.
+//! The start if no other is known: the rigid motion that brings one cloud onto another, with rotations of any size.
 //!
 //! ```text
-//! starts    rest, and N turns spread evenly over all rotations (super-Fibonacci spirals), centroid on centroid
+//! starts    identity, and N rotations spread evenly over SO(3) (super-Fibonacci spirals), centroid on centroid
 //! descend   from each: trimmed point-to-plane ICP on a few hundred points, gates from a third of the extent downwards
 //! score     Σ (1 − d²/g²)₊ over source points whose normals agree with their match, both ways, g two point spacings
 //! refine    the best few on more points; the best of them is the answer
 //! ```
 //!
-//! Plain ICP slides away along smooth surfaces; the step is damped by the spread of the cloud, so that motions which the matches do
-//! not determine are not made. Starts are fixed, so the same input gives the same bits.
+//! Plain ICP slides along smooth surfaces. The step is damped by the spread of the cloud, so that motions which the matches do not determine
+//! stay zero. The starts are fixed, so the same input gives the same bits.
 //!
 //! Sources: P. Besl and N. McKay (1992); D. Chetverikov et al., The trimmed iterative closest point algorithm (2002); M. Alexa, Super-Fibonacci
 //! spirals (2022).
@@ -24,14 +24,14 @@ use crate::each::each;
 use crate::error::Error;
 use crate::input::check_cloud;
 
-/// Turns tried; any rotation is within some 35° of one of them.
+/// Number of rotations tried; any rotation is within some 35° of one of them.
 const TURNS: usize = 200;
-/// Points that the first descent and the refinement look at.
+/// Number of points in the first descent and in the refinement.
 const COARSE: usize = 150;
 const FINE: usize = 600;
-/// Candidates refined.
+/// Number of candidates refined.
 const REFINED: usize = 6;
-/// Steps of the refinement.
+/// Number of steps of the refinement.
 const REFINING: i32 = 30;
 /// Share of the matches kept, those with the smallest distances.
 const TRIM: f64 = 0.8;
@@ -44,14 +44,14 @@ const COSINE: f64 = 0.6;
 pub struct Alignment {
     /// Takes source points to the target.
     pub target_from_source: Isometry3<f64>,
-    /// Share of source points with a target point of like normal within two point spacings.
+    /// Share of source points with a target point of similar normal within two point spacings.
     pub overlap: f64,
     /// Root mean square distance of these along the normal, in m.
     pub residual: f64,
 }
 
 impl Alignment {
-    /// What the motion does to each of `points`: an `initial` for [`Registrar::register`](crate::Registrar::register).
+    /// The displacements of `points` under the motion: an `initial` for [`Registrar::register`](crate::Registrar::register).
     pub fn displacements(&self, points: &[Point3<f64>]) -> Vec<Vector3<f64>> {
         points
             .iter()
@@ -60,11 +60,11 @@ impl Alignment {
     }
 }
 
-/// Finds the rigid motion from `source` to `target` without any idea of it, for views that share most of their surface.
+/// Finds the rigid motion from `source` to `target` without an initial guess, for views that share most of their surface.
 ///
 /// # Guarantees and limits
-/// Turns of any size are found on shapes that differ from themselves when turned. On symmetric ones (a sphere, a smooth tube) one of the equal answers is
-/// returned, rest first. Views that share less than half of their surface may be misaligned: look at `overlap`.
+/// Rotations of any size are found on shapes without symmetry. On symmetric ones (a sphere, a smooth tube) one of the equivalent motions is
+/// returned, the identity first. Views that share less than half of their surface may be misaligned: check `overlap`.
 ///
 /// # Errors
 /// Clouds of fewer than four points, or with coordinates that are not finite.
@@ -100,7 +100,7 @@ pub fn align_rigid(source: &Cloud, target: &Cloud) -> Result<Alignment, Error> {
         let pose = descend(&coarse_source, &coarse_target, starts[k], &gates);
         (score(&coarse_source, &coarse_target, &pose), pose)
     });
-    // Stable: among equals the earliest start comes first, rest before all.
+    // The sort is stable: among equals the earliest start comes first, the identity before all.
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     let (fine_source, fine_target) = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
     let gates: Vec<f64> = (0..REFINING)
@@ -115,7 +115,7 @@ pub fn align_rigid(source: &Cloud, target: &Cloud) -> Result<Alignment, Error> {
     Ok(judge(&fine_source, &fine_target, best))
 }
 
-/// A thinned cloud with its tree.
+/// A down-sampled cloud with its search tree.
 struct Thin {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
@@ -123,7 +123,7 @@ struct Thin {
     centre: Point3<f64>,
     /// Root mean square distance from the centre.
     spread: f64,
-    /// Typical distance of neighbours.
+    /// Typical distance between neighbours.
     spacing: f64,
 }
 
@@ -135,7 +135,7 @@ impl Thin {
             |(low, high), p| (low.inf(&p.coords), high.sup(&p.coords)),
         );
         let size = (high - low).norm().max(1e-9);
-        // A surface fills about size²/side² cubes; halve the side until there are enough.
+        // A surface fills about size²/side² cubes; the side is halved until there are enough.
         let mut side = size / 4.0;
         let mut kept = representatives(cloud.points, side)?;
         while kept.len() < count && kept.len() < cloud.points.len() && side > 1e-4 * size {
@@ -159,7 +159,7 @@ impl Thin {
     }
 }
 
-/// Rest, the mere shift of the centroid, and many turns about it.
+/// The identity, the shift of the centroid, and rotations about it.
 fn starts(source: &Thin, target: &Thin) -> Vec<Isometry3<f64>> {
     let about = |turn: UnitQuaternion<f64>| {
         let shift = target.centre.coords - turn * source.centre.coords;
@@ -170,7 +170,7 @@ fn starts(source: &Thin, target: &Thin) -> Vec<Isometry3<f64>> {
     starts
 }
 
-/// Turn `k` of [`TURNS`], spread evenly over all rotations.
+/// Rotation `k` of [`TURNS`], spread evenly over all rotations.
 fn spiral_turn(k: usize) -> UnitQuaternion<f64> {
     // √2, and the positive root of x⁴ = x + 4: Alexa's choice.
     let (phi, psi) = (std::f64::consts::SQRT_2, 1.533_751_168_755_204_3);
@@ -187,7 +187,7 @@ fn spiral_turn(k: usize) -> UnitQuaternion<f64> {
     ))
 }
 
-/// A source point's match: moved point, target index, squared distance.
+/// Match of a source point: moved point, index of the target point, squared distance.
 type Hit = (Point3<f64>, usize, f64);
 
 fn hits(source: &Thin, target: &Thin, pose: &Isometry3<f64>, gate: f64) -> Vec<Hit> {
@@ -205,7 +205,7 @@ fn hits(source: &Thin, target: &Thin, pose: &Isometry3<f64>, gate: f64) -> Vec<H
         .collect()
 }
 
-/// Trimmed, damped point-to-plane steps, one per gate.
+/// Trimmed and damped point-to-plane steps, one per gate.
 fn descend(source: &Thin, target: &Thin, start: Isometry3<f64>, gates: &[f64]) -> Isometry3<f64> {
     let mut pose = start;
     for &gate in gates {
@@ -220,7 +220,7 @@ fn descend(source: &Thin, target: &Thin, start: Isometry3<f64>, gates: &[f64]) -
         for (y, q, _) in &hits {
             let n = target.normals[*q].into_inner();
             let rho = n.dot(&(target.points[*q] - y));
-            // Lengths in units of the spread, so that one damping suits turns and shifts.
+            // Lengths are in units of the spread, so that one damping suits rotations and shifts.
             let arm = (y - pivot).cross(&n) / source.spread;
             let j = Vector6::new(arm.x, arm.y, arm.z, n.x, n.y, n.z);
             h += j * j.transpose();
@@ -238,7 +238,7 @@ fn descend(source: &Thin, target: &Thin, start: Isometry3<f64>, gates: &[f64]) -
     pose
 }
 
-/// How much of each cloud the other explains.
+/// The share of each cloud that lies near the other, as in the module header.
 fn score(source: &Thin, target: &Thin, pose: &Isometry3<f64>) -> f64 {
     let gate = 2.0 * source.spacing.max(target.spacing);
     let share = |a: &Thin, b: &Thin, pose: &Isometry3<f64>| {

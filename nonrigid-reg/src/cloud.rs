@@ -1,4 +1,4 @@
-//! Clouds: normals, down-sampling, and where a seen surface ends.
+//! Point clouds: normals, down-sampling, and the boundary of the visible surface.
 //!
 //! ```text
 //! normal        eigenvector of the smallest eigenvalue of Σ (p_j − p̄)(p_j − p̄)ᵀ over the k nearest,
@@ -24,7 +24,7 @@ pub struct Cloud<'a> {
 }
 
 impl Cloud<'_> {
-    /// Checked at the door, so that nothing inside needs to.
+    /// Checks the cloud once, so that the code behind it need not.
     pub(crate) fn check(&self, cloud: &'static str) -> Result<(), Error> {
         if self.points.is_empty() {
             return Err(Error::EmptyCloud { cloud });
@@ -37,7 +37,7 @@ impl Cloud<'_> {
 
 /// Normals of `points` by principal components over the `k` nearest (the point itself included), turned to `viewpoint`.
 ///
-/// Where the neighbours coincide, or seen exactly edge on, the direction to the viewpoint stands in.
+/// If the neighbours coincide, or their plane contains the direction to the viewpoint, the normal is that direction.
 ///
 /// # Errors
 /// A coordinate that is not finite, or `k` below 3.
@@ -75,7 +75,7 @@ pub fn estimate_normals(
     Ok(points.iter().map(normal).collect())
 }
 
-/// Direction of least spread; nothing if the points coincide.
+/// Direction of smallest spread; `None` if the points coincide.
 fn smallest_direction(points: &[Point3<f64>], near: &[Neighbour]) -> Option<UnitVector3<f64>> {
     let origin = points[near.first()?.index];
     let count = near.len() as f64;
@@ -104,14 +104,14 @@ fn smallest_direction(points: &[Point3<f64>], near: &[Neighbour]) -> Option<Unit
 pub struct Downsampled {
     /// The kept points.
     pub points: Vec<Point3<f64>>,
-    /// Mean normal of the cell of each; the kept point's own where they cancel.
+    /// Mean normal of each cell; the kept point's own normal if the mean vanishes.
     pub normals: Vec<UnitVector3<f64>>,
     /// Index of each kept point in the input.
     pub indices: Vec<usize>,
 }
 
-/// Keeps of every cube of side `spacing` the point nearest to its centre. Sorted by cube, so that the order of the input
-/// does not matter.
+/// Keeps in every cube of side `spacing` the point nearest to its centre. The result is sorted by cube, so that it does not depend on the order of
+/// the input.
 ///
 /// # Errors
 /// Slices of different lengths, a coordinate that is not finite, or a spacing that is not positive or so small
@@ -148,7 +148,7 @@ pub(crate) struct Kept {
 /// One point per cube, sorted by cube.
 pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Vec<Kept>, Error> {
     let largest = points.iter().map(|p| p.coords.amax()).fold(0.0, f64::max);
-    // 2⁵²: beyond it neighbouring cells have the same number.
+    // Beyond 2⁵², neighbouring cells would get the same number.
     let ok = spacing > 0.0 && spacing.is_finite() && largest / spacing < 4.5e15;
     check_range(
         "spacing",
@@ -173,7 +173,7 @@ pub(crate) fn representatives(points: &[Point3<f64>], spacing: f64) -> Result<Ve
     Ok(kept.collect())
 }
 
-/// Distances to the centre do not depend on the order of summation, as those to a mean would.
+/// The point nearest to the centre of the cell: unlike a distance to the mean, it does not depend on the order of summation.
 fn nearest_to_centre(points: &[Point3<f64>], cell: &[usize], key: [i64; 3], spacing: f64) -> usize {
     let centre = Vector3::from(key).map(|k| (k as f64 + 0.5) * spacing);
     let distance = |i: usize| (points[i].coords - centre).norm_squared();
@@ -183,7 +183,7 @@ fn nearest_to_centre(points: &[Point3<f64>], cell: &[usize], key: [i64; 3], spac
         .unwrap_or(cell[0])
 }
 
-/// Which points lie at the end of the seen surface: seen along the normal, the `k` nearest leave a gap wider than `angle` (rad).
+/// Which points lie on the boundary of the visible surface: seen along the normal, the directions of the `k` nearest leave a gap wider than `angle` (rad).
 ///
 /// # Errors
 /// As for a registration: empty, mismatched or non-finite clouds; `k` below 3; an angle outside `(0, 2π)`.
@@ -210,7 +210,7 @@ pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>,
     Ok((0..cloud.points.len()).map(ends).collect())
 }
 
-/// Whether the surface ends at point `i`, whose neighbours are `near`.
+/// Whether point `i`, whose neighbours are `near`, lies on the boundary.
 pub(crate) fn is_boundary(cloud: &Cloud, near: &[Neighbour], i: usize, angle: f64) -> bool {
     let (p, n) = (cloud.points[i], cloud.normals[i]);
     let (s, t) = tangents(&n);
@@ -232,20 +232,20 @@ pub(crate) fn is_boundary(cloud: &Cloud, near: &[Neighbour], i: usize, angle: f6
     widest > angle
 }
 
-/// Point `i` without its noise across the surface: moved along its normal to the height that its neighbours `near` agree on,
+/// Point `i` with the noise across the surface reduced: moved along its normal to the mean height given by its neighbours `near`,
 ///
 /// ```text
 /// h = mean_j ½(n_i + n_j) · (p_j − p_i)        over neighbours (and p_i itself) whose normals agree
 /// ```
 ///
-/// Either normal alone errs by the curvature, in opposite directions; their mean is exact on any quadric patch, also for one-sided
-/// neighbours (S. Rusinkiewicz, A symmetric objective function for ICP, 2019).
+/// Either normal alone errs by the curvature, in opposite directions; their mean is exact on any quadric patch, also if the neighbours lie
+/// on one side only (S. Rusinkiewicz, A symmetric objective function for ICP, 2019).
 pub(crate) fn denoised(cloud: &Cloud, i: usize, near: &[Neighbour]) -> Point3<f64> {
     let (p, n) = (cloud.points[i], cloud.normals[i].into_inner());
     let (mut sum, mut count) = (0.0, 0.0);
     for other in near {
         let m = cloud.normals[other.index].into_inner();
-        // Beyond 45° it is another side of the object.
+        // A neighbour whose normal differs by more than 45° belongs to another side of the object.
         if n.dot(&m) > std::f64::consts::FRAC_1_SQRT_2 {
             sum += 0.5 * (n + m).dot(&(cloud.points[other.index] - p));
             count += 1.0;
@@ -258,7 +258,7 @@ pub(crate) fn denoised(cloud: &Cloud, i: usize, near: &[Neighbour]) -> Point3<f6
     }
 }
 
-/// Every point without its noise across the surface, by its `k` nearest.
+/// All points with the noise across the surface reduced, by their `k` nearest.
 pub(crate) fn denoise(cloud: &Cloud, k: usize) -> Vec<Point3<f64>> {
     let Some(tree) = Tree::new(cloud.points).ok().filter(|_| k > 0) else {
         return cloud.points.to_vec();

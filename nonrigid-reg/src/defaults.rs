@@ -1,14 +1,14 @@
-//! What stands in the four traits if nobody says otherwise.
+//! Default implementations of the four traits.
 //!
 //! ```text
-//! meets    the nearest point, if the normals agree:  n_y · n_q > cos
-//! costs    (n · (y − q))² + α |Π δ|²                 onto the plane of the match; α drags on sliding
-//! counts   (1 − d²/g²)²₊ · (small if the target ends at q)
-//! stops    once no node moves more than the tolerance with the last gate
+//! match    the nearest point, if the normals agree:  n_y · n_q > cos
+//! residual (n · (y − q))² + α |Π δ|²                 to the plane of the match; α damps sliding
+//! weight   (1 − d²/g²)²₊ · (small if q is a boundary point)
+//! stop     once no node moves more than the tolerance with the last gate
 //! ```
 //!
-//! The gate `g` shrinks from iteration to iteration. A source point that leaves the view finds its nearest target on the rim of
-//! what is still seen, and would be dragged along with it; that is why rim matches count little.
+//! The gate `g` shrinks from iteration to iteration. A source point that leaves the view is matched with the boundary of the visible
+//! surface and would be dragged along with it; so matches with boundary points have a small weight.
 
 use nalgebra::Matrix3;
 
@@ -35,7 +35,7 @@ impl Correspondence for ClosestPoint {
     }
 }
 
-/// Distance to the plane of the match, and a drag on sliding along it.
+/// Distance to the plane of the match, and damping of sliding along it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointToPlane {
@@ -50,19 +50,19 @@ impl Residual for PointToPlane {
         let root = self.drag.sqrt();
         Linearised {
             residual: n * n.dot(&pair.offset()),
-            // √α of any step, and all of a step along the normal.
+            // √α times the whole step, and the step along the normal in full.
             jacobian: Matrix3::from_diagonal_element(root) + n * n.transpose() * (1.0 - root),
         }
     }
 }
 
-/// Tukey's weight with a gate that shrinks, and little trust in the rim of the target.
+/// Tukey's weight with a gate that shrinks, and a small weight for boundary points of the target.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AnnealedTukey {
     /// Gate of each iteration, in m; the last stays: [`Options::gates`].
     pub gates: Vec<f64>,
-    /// Factor for a match with a point where the target ends: [`Options::boundary_weight`].
+    /// Factor for a match with a boundary point: [`Options::boundary_weight`].
     pub boundary_weight: f64,
 }
 
@@ -85,7 +85,7 @@ impl Rejection for AnnealedTukey {
     }
 }
 
-/// At rest once no node moves more than a tolerance with the last gate.
+/// Converged once no node moves more than a tolerance with the last gate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Settled {

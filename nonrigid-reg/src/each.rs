@@ -1,6 +1,6 @@
-//! One loop over points, in parallel if asked for.
+//! A loop over indices, in parallel with the feature `rayon`.
 
-/// `f` of every index; in parallel with the feature `rayon`, which changes no bit of the answer.
+/// `f` of every index; with the feature `rayon` in parallel, with the same result bit for bit.
 pub(crate) fn each<T: Send>(count: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
     #[cfg(feature = "rayon")]
     {

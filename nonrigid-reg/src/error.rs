@@ -1,7 +1,7 @@
 use nalgebra::{Point3, UnitVector3, Vector3};
 use thiserror::Error;
 
-/// What was wrong with the input, and where. How a registration ended is not here but in
+/// Invalid input, with its place. The outcome of a registration is not an error but a
 /// [`Status`](crate::Status).
 #[derive(Debug, Clone, PartialEq, Error)]
 #[non_exhaustive]
@@ -22,7 +22,7 @@ pub enum Error {
         /// Points needed.
         needed: usize,
     },
-    /// Two landmarks demand what no continuous motion does: more change of their difference than a turn with doubling explains.
+    /// Two landmarks contradict each other: their displacements differ by more than a rotation and a stretch to twice the length explain.
     #[error(
         "landmarks {first} and {second} contradict each other: their displacements differ by {:.3} mm", 1e3 * gap
     )]
@@ -34,10 +34,10 @@ pub enum Error {
         /// Length of the difference of their displacements, in m.
         gap: f64,
     },
-    /// Two slices that run in parallel have different lengths.
+    /// Two parallel slices have different lengths.
     #[error("{expected} points, but {found} {what}")]
     LengthMismatch {
-        /// What the second slice holds.
+        /// Content of the second slice.
         what: &'static str,
         /// Number of points.
         expected: usize,
@@ -47,7 +47,7 @@ pub enum Error {
     /// A coordinate is not finite, or beyond 1e6 m.
     #[error("{what} {index} has coordinate {value}, which is not finite or beyond 1e6 m")]
     BadCoordinate {
-        /// Which slice.
+        /// Name of the slice.
         what: &'static str,
         /// Index in that slice.
         index: usize,
@@ -72,7 +72,7 @@ pub enum Error {
         /// The admissible range, in words.
         bound: &'static str,
     },
-    /// The node spacing makes more nodes than the dense solver takes.
+    /// The node spacing gives more nodes than are solved for.
     #[error(
         "{nodes} nodes at this spacing, at most {limit} are solved: the cloud is {extent:.3} m across; {}",
         too_large(*extent)
@@ -82,7 +82,7 @@ pub enum Error {
         nodes: usize,
         /// Largest number solved.
         limit: usize,
-        /// Largest side of the box around the source, in m.
+        /// Longest side of the bounding box of the source, in m.
         extent: f64,
     },
     /// The normal equations could not be factorised: the weights span too many orders of magnitude.
@@ -93,10 +93,10 @@ pub enum Error {
     },
 }
 
-/// Clouds from here on are taken to be in millimetres, m: nothing that a robot holds is as large.
+/// A cloud wider than this is taken to be in millimetres, m: robots do not hold anything as large.
 const SUSPECT: f64 = 5.0;
 
-/// What to do about a cloud with too many nodes.
+/// Advice for a cloud with too many nodes.
 fn too_large(extent: f64) -> String {
     if extent > SUSPECT {
         format!(
@@ -108,7 +108,7 @@ fn too_large(extent: f64) -> String {
     }
 }
 
-/// A kilometre-sized organ is a unit mistake; squares of 1e6 m still keep nanometres apart in `f64`.
+/// Larger coordinates are taken for a mistake of units; up to 1e6 m, `f64` still resolves nanometres.
 const LARGEST: f64 = 1e6;
 
 fn check_coordinates<'a>(

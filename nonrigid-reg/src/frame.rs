@@ -1,4 +1,4 @@
-//! One pair of frames: what every iteration adds to the equations.
+//! One pair of frames: the terms that every iteration adds to the equations.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,15 +13,15 @@ use crate::system::{Solver, System};
 use crate::target::Target;
 use crate::traits::{Correspondence, Pair, Probe, Rejection, Residual};
 
-/// Ties what nothing else determines (a part without matches or neighbours that have any) to where it started.
+/// Weight that ties undetermined nodes (a part without matches and without matched neighbours) to the start.
 const ANCHOR: f64 = 1e-7;
 
-/// Turns of a field of landmarks settle within these.
+/// Iterations in which the rotations of a landmark field converge.
 const LANDMARK_ITERATIONS: usize = 6;
-/// Local rotations out of given displacements settle within these: each leaves a small part of the angle.
+/// Iterations in which local rotations are found from given displacements: each leaves a small part of the angle.
 const ROTATION_ITERATIONS: usize = 6;
 
-/// A displacement field on the way to the answer.
+/// The displacement field of an iteration.
 #[derive(Clone)]
 pub(crate) struct State {
     /// Displacement of each node.
@@ -30,28 +30,28 @@ pub(crate) struct State {
     pub rotations: Vec<Matrix3<f64>>,
 }
 
-/// A pair and what it counts.
+/// A pair and its weight.
 pub(crate) type Match = (Pair, f64);
 
-/// What the caller handed in, checked, beside the model made of it.
+/// The checked input of the caller, and the model made of it.
 pub(crate) struct Frame<'a> {
     pub source: &'a Cloud<'a>,
     pub landmarks: &'a [Landmark],
     pub features: &'a [Feature],
-    /// Whether a prediction holds every point.
+    /// Whether a prediction ties every point.
     pub predicted: bool,
     pub options: &'a Options,
     pub model: &'a Model,
 }
 
 impl Frame<'_> {
-    /// The next state, given the one before: local rotations are followed, so that they may grow beyond half a turn.
+    /// The next state. Local rotations are updated from the previous ones, so that they may grow beyond half a turn.
     pub fn advance(&self, before: &State, u: Vec<Vector3<f64>>) -> State {
         let rotations = self.model.prior.rotations(&u, &before.rotations);
         State { u, rotations }
     }
 
-    /// A state out of nothing but displacements.
+    /// A state from displacements alone.
     pub fn state(&self, u: Vec<Vector3<f64>>) -> State {
         let mut state = self.rest();
         state.u = u;
@@ -81,7 +81,7 @@ impl Frame<'_> {
         }
     }
 
-    /// Node displacements from predicted point displacements: the mean over the points that lean on a node.
+    /// Node displacements from predicted point displacements: the mean over the points that a node influences.
     pub fn smoothed(&self, predicted: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut sums = vec![(Vector3::zeros(), 0.0); self.model.nodes.len()];
         for (shape, u) in self.model.shapes.iter().zip(predicted) {
@@ -101,7 +101,7 @@ impl Frame<'_> {
         start
     }
 
-    /// Membrane, landmarks and anchor: the same in all iterations.
+    /// Membrane, landmarks and anchor, which are the same in all iterations.
     pub fn assemble_fixed(&self, start: &[Vector3<f64>], system: &mut System) {
         let structure = &self.model.structure;
         system.reset(structure);
@@ -111,7 +111,7 @@ impl Frame<'_> {
         let points = self.source.points.len() as f64;
         for (landmark, &node) in self.landmarks.iter().zip(&self.model.nodes.of_landmark) {
             let relative = self.options.point_sigma / landmark.sigma;
-            // Exact landmarks have relative = ∞.
+            // Exact landmarks have an infinite relative weight.
             let w = (relative * relative).min(self.options.landmark_weight) / points;
             system.add_scalar(structure, node, node, w);
             system.add_right(node, &(w * (landmark.motion())));
@@ -123,7 +123,7 @@ impl Frame<'_> {
         }
     }
 
-    /// The smoothest field that meets the landmarks; `fixed` as assembled at rest.
+    /// The smoothest field through the landmarks; `fixed` as assembled at rest.
     pub fn landmark_field(
         &self,
         fixed: &System,
@@ -131,7 +131,7 @@ impl Frame<'_> {
         solver: &mut Solver,
     ) -> Result<State, Error> {
         let mut state = self.rest();
-        // The strain is measured against the local rotations: found anew as the field turns.
+        // Strain is measured in the local rotations, which are updated as the field turns.
         for iteration in 0..LANDMARK_ITERATIONS {
             system.copy_from(fixed);
             let structure = &self.model.structure;
@@ -144,7 +144,7 @@ impl Frame<'_> {
         Ok(state)
     }
 
-    /// Every source point is drawn to its predicted displacement, as strongly as `weight` cloud points would.
+    /// Ties every source point to its predicted displacement with `weight` times the weight of a cloud point.
     pub fn add_prediction(&self, predicted: &[Vector3<f64>], weight: f64, system: &mut System) {
         let metric = Matrix3::from_diagonal_element(weight / self.source.points.len() as f64);
         for (shape, wanted) in self.model.shapes.iter().zip(predicted) {
@@ -152,7 +152,7 @@ impl Frame<'_> {
         }
     }
 
-    /// Where every source point stands, whom it meets there, and what that counts.
+    /// The current position of every source point, its match there, and the weight of the match.
     pub fn find_matches(
         &self,
         state: &State,
@@ -165,7 +165,7 @@ impl Frame<'_> {
         let hits = each(self.source.points.len(), |i| {
             let probe = self.probe(i, state);
             let hit = correspondence.find(&probe, open, reach);
-            // An index out of range is no match, whatever the caller's part says.
+            // An index out of range, which a caller's implementation may return, is no match.
             hit.filter(|&q| q < count).map(|q| (probe, q))
         });
         let mut weigh = |(probe, q): (Probe, usize)| {
@@ -223,7 +223,7 @@ impl Frame<'_> {
         squares / weights
     }
 
-    /// Features, weighed by how well they agree with the motion of the nodes around them. Returns these weights.
+    /// Adds features, weighted by how well they agree with the motion of the nodes around them. Returns these weights.
     pub fn add_features(&self, u: &[Vector3<f64>], system: &mut System) -> Vec<f64> {
         let confidence = self.feature_confidence(u);
         let relative = self.options.point_sigma / self.options.feature_sigma;
@@ -236,7 +236,7 @@ impl Frame<'_> {
         confidence
     }
 
-    /// `(1 − |d − Φu|²/c²)²₊`, with a cut-off `c` of 2.5 medians, and never below the features' own noise.
+    /// `(1 − |d − Φu|²/c²)²₊`, with a cut-off `c` of 2.5 medians, but not below the noise of the features.
     pub fn feature_confidence(&self, u: &[Vector3<f64>]) -> Vec<f64> {
         let shapes = self.model.feature_shapes.iter();
         let misfit: Vec<f64> = shapes

@@ -1,4 +1,4 @@
-//! Everything the caller hands in, looked at once, before anything is computed.
+//! Checks of the whole input before anything is computed.
 
 use nalgebra::{Point3, Vector3};
 
@@ -7,7 +7,7 @@ use crate::error::{Error, check_length, check_points, check_vectors};
 use crate::options::Options;
 use crate::registration::{Feature, Landmark};
 
-/// Fewer points say nothing about a motion that nothing else says.
+/// With fewer points a motion is not determined.
 const FEWEST: usize = 4;
 
 /// The data of one call.
@@ -64,7 +64,7 @@ pub(crate) fn check_landmarks(landmarks: &[Landmark], options: &Options) -> Resu
     for (second, b) in landmarks.iter().enumerate() {
         for (first, a) in landmarks[..second].iter().enumerate() {
             let gap = ((b.target - b.source) - (a.target - a.source)).norm();
-            // A turn changes the difference of two points by at most twice their distance, a stretch to the double by once.
+            // A rotation changes the difference of two points by at most twice their distance, a stretch to twice the length by once.
             let doubt = 3.0 * (a.sigma.hypot(b.sigma) + options.point_sigma);
             if gap > 2.0 * (a.source - b.source).norm() + doubt {
                 return Err(Error::ContradictoryLandmarks { first, second, gap });

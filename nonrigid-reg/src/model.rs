@@ -1,6 +1,6 @@
 //! The source side of a registration: nodes, prior, shape functions and the structure of the equations.
 //!
-//! All of it depends on the source points and on where the landmarks sit, not on the target, so that a
+//! All of it depends on the source points and the positions of the landmarks, not on the target, so that a
 //! [`Registrar`](crate::Registrar) which follows one model through many frames makes it once.
 
 use gpwrm::ShapeFunctions;
@@ -14,20 +14,20 @@ use crate::options::Options;
 use crate::prior::Prior;
 use crate::system::Structure;
 
-/// Nodes that a point leans on.
+/// Number of nodes that influence a point.
 const SHAPE_NODES: usize = 8;
 
-/// A source point or feature in terms of nodes: `u(p) = Σ φ_k u_k`.
+/// The shape functions of a source point or feature: `u(p) = Σ φ_k u_k`.
 pub(crate) type Shape = Vec<(usize, f64)>;
 
-/// What a registration needs to know of its source.
+/// The source side of a registration.
 pub(crate) struct Model {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
     anchors: Vec<Point3<f64>>,
     spacing: f64,
     functions: ShapeFunctions,
-    /// The source points without their noise across the surface: these are matched.
+    /// The source points with reduced noise across the surface: these are matched.
     pub clean: Vec<Point3<f64>>,
     pub nodes: Nodes,
     pub prior: Prior,
@@ -38,7 +38,7 @@ pub(crate) struct Model {
 }
 
 impl Model {
-    /// From checked input: `anchors` are the landmarks, `features` the features where they were.
+    /// From checked input: `anchors` are the landmarks, `features` the source positions of the features.
     pub fn new(
         source: &Cloud,
         anchors: &[Point3<f64>],
@@ -73,7 +73,7 @@ impl Model {
         })
     }
 
-    /// Whether the nodes are those of this source.
+    /// Whether this is the model of this source.
     pub fn is_of(&self, source: &Cloud, anchors: &[Point3<f64>], options: &Options) -> bool {
         self.spacing.to_bits() == options.node_spacing.to_bits()
             && self.anchors == anchors
@@ -81,7 +81,7 @@ impl Model {
             && self.normals == source.normals
     }
 
-    /// Exchanges the features, which come and go while the source stands.
+    /// Replaces the features, which change while the source stays.
     pub fn set_features(&mut self, features: &[Point3<f64>]) -> Result<(), Error> {
         if self.features == features {
             return Ok(());
@@ -116,7 +116,7 @@ fn structure(
     structure.ok_or_else(|| too_many(nodes.len(), &nodes.positions))
 }
 
-/// Larger indices first, so that every later node of a shape lies in the lower triangle.
+/// Sorts by descending index, so that every later node of a shape lies in the lower triangle.
 fn descending(mut shape: Shape) -> Shape {
     shape.sort_unstable_by_key(|&(k, _)| std::cmp::Reverse(k));
     shape

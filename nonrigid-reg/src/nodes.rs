@@ -1,7 +1,7 @@
-//! Deformation nodes and who neighbours whom.
+//! Deformation nodes and their neighbours.
 //!
 //! Landmarks are nodes, and every cube of the voxel grid over the source adds one unless a node already stands within half
-//! a spacing. Neighbours of a node are all nodes within 2.35 spacings, and always the nearest eight: a grip on the hidden side has nobody
+//! a spacing. Neighbours of a node are all nodes within 2.35 spacings, and always the nearest eight: a grip on the hidden side has no nodes
 //! within reach and would otherwise move alone.
 
 use gpwrm::{Neighbour, Tree};
@@ -12,11 +12,11 @@ use crate::error::Error;
 
 /// Reach of a node in spacings: about 17 neighbours on a surface.
 const REACH: f64 = 2.35;
-/// Fewest neighbours of a node.
+/// Smallest number of neighbours of a node.
 const LEAST: usize = 8;
 /// Landmarks closer than this share of the spacing are one node.
 const SAME: f64 = 0.05;
-/// Largest dense system solved.
+/// Largest number of nodes solved for.
 pub(crate) const MOST: usize = 1500;
 
 /// A neighbour of a node.
@@ -58,7 +58,7 @@ impl Nodes {
             of_landmark.push(node);
         }
         let cells = representatives(source, spacing)?;
-        // Every node excludes the others from half a spacing around it, so at most eight cells share one.
+        // Nodes are at least half a spacing apart, so at most eight cells share one.
         if cells.len() > 8 * MOST {
             return Err(too_many(cells.len(), source));
         }
@@ -105,7 +105,7 @@ fn links(positions: &[Point3<f64>], spacing: f64) -> Vec<Vec<Link>> {
         .iter()
         .enumerate()
         .map(|(i, x)| {
-            // 32 is beyond what 2.35 spacings hold on a surface whose nodes are half a spacing apart on average less.
+            // On a surface, no more than 32 nodes lie within 2.35 spacings.
             let mut near = tree.nearest_n(x, 33.min(positions.len()));
             near.retain(|n| n.index != i);
             node_links(x, positions, &near, spacing)
@@ -113,14 +113,14 @@ fn links(positions: &[Point3<f64>], spacing: f64) -> Vec<Vec<Link>> {
         .collect()
 }
 
-/// Wendland weights over the neighbours in reach, nearest first.
+/// Wendland weights of the neighbours within reach, nearest first.
 fn node_links(
     x: &Point3<f64>,
     positions: &[Point3<f64>],
     near: &[Neighbour],
     spacing: f64,
 ) -> Vec<Link> {
-    // A little beyond the eighth, so that it still counts.
+    // The support ends a little beyond the eighth neighbour, so that its weight is not zero.
     let eighth = near.get(LEAST - 1).or(near.last());
     let radius = eighth
         .map_or(0.0, |n| 1.2 * n.squared.sqrt())

@@ -15,42 +15,42 @@ use crate::setters::setters;
 pub struct Options {
     /// Spacing `r` of the deformation nodes, in m. Cost grows with its inverse to the sixth.
     pub node_spacing: f64,
-    /// Most Gauss–Newton iterations. Every gate is used once; small motions need no more than that, large ones do.
+    /// Largest number of Gauss–Newton iterations. Every gate is used once; small motions need no more than that, large ones do.
     pub iterations: usize,
-    /// Distance beyond which a match counts nothing, in m, per iteration; the last stays. The first bounds the motion that
+    /// Distance beyond which a match has no weight, in m, per iteration; the last gate stays. The first gate limits the motion that
     /// can be found without landmarks, the last the residual of a match.
     pub gates: Vec<f64>,
     /// Stop once no node moves more than this in an iteration with the last gate, in m. Below the noise, because matches
     /// keep changing at that level without getting better.
     pub tolerance: f64,
-    /// `λ_b`: how strongly neighbours must agree with each other's gradient; no unit.
+    /// `λ_b`: weight of the difference between the gradients of neighbours; no unit.
     pub bending: f64,
-    /// `λ_s`: how strongly strain is held down, in units of `r²`.
+    /// `λ_s`: weight of the strain, in units of `r²`.
     pub strain: f64,
-    /// `α`: resistance of a match to sliding along the surface, per iteration, beside the point-to-plane part of weight one.
-    /// More of it settles what geometry does not see, less of it follows larger motions.
+    /// `α`: resistance of a match to sliding along the surface, per iteration, relative to the point-to-plane part of weight one.
+    /// A larger value stabilises what geometry does not determine, a smaller one follows larger motions.
     pub drag: f64,
-    /// Weight of the predicted displacement of every source point, beside the point-to-plane part of weight one. A grip
-    /// pulls at a soft body locally, but a smooth field would carry its motion along surfaces that geometry lets
-    /// slide; a prediction (the last frame's motion) holds them. Default 0: `initial` is only where the search starts.
+    /// Weight of the predicted displacement of every source point, relative to the point-to-plane part of weight one. A grip
+    /// pulls at a soft body locally, but a smooth field would extend its motion along surfaces that can slide;
+    /// a prediction (the motion of the last frame) prevents that. Default 0: `initial` is only the start of the search.
     pub prediction: f64,
-    /// Neighbours over which the noise of a point across the surface is averaged before it is matched, on both clouds; 0 leaves points
-    /// as they are.
+    /// Number of neighbours over which the noise of a point across the surface is averaged before it is matched, on both clouds; 0 leaves the
+    /// points as they are.
     pub denoise: usize,
     /// Smallest cosine between the normals of a match.
     pub normal_cosine: f64,
-    /// Weight of a match with a point where the target ends: it may be a neighbour of what is now hidden.
+    /// Weight of a match with a boundary point of the target: the true match may be hidden.
     pub boundary_weight: f64,
     /// Gap among the directions of a target point's neighbours that makes it a boundary point, in rad.
     pub boundary_angle: f64,
-    /// Standard deviation of a cloud point, in m: the unit in which landmarks and features are weighed.
+    /// Standard deviation of a cloud point, in m: the unit for the weights of landmarks and features.
     pub point_sigma: f64,
-    /// Weight of an exact landmark, in cloud points.
+    /// Weight of an exact landmark, as a number of cloud points.
     pub landmark_weight: f64,
-    /// Standard deviation of an image feature, in m; outliers are found by a robust weight.
+    /// Standard deviation of an image feature, in m; a robust weight suppresses outliers.
     pub feature_sigma: f64,
-    /// Without landmarks, features or `initial`: share of source points matched, at the start or in the end, below which the
-    /// registration also begins from [`align_rigid`](crate::align_rigid) and the better answer is taken. 0: only if it failed.
+    /// Without landmarks, features or `initial`: share of matched source points, at the start or at the end, below which the
+    /// registration also starts from [`align_rigid`](crate::align_rigid) and the better result is taken. 0: only if it failed.
     pub align_below: f64,
     /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
     pub min_overlap: f64,
@@ -107,8 +107,8 @@ setters! {
 }
 
 impl Options {
-    /// These settings for an object `factor` times as large, seen with as many points and noise in proportion: all lengths are multiplied.
-    /// Weights have no unit and stay.
+    /// These settings for an object `factor` times as large, seen with as many points and with noise in proportion: all lengths are multiplied,
+    /// weights stay.
     #[must_use]
     pub fn scaled(mut self, factor: f64) -> Self {
         self.gates.iter_mut().for_each(|gate| *gate *= factor);

@@ -1,5 +1,5 @@
-//! What a plausible motion is: neighbours agree with each other's gradient, and strain is small. Both in the frame that turns with the
-//! node, so that a rotation costs nothing, whatever its angle.
+//! The prior on motions: gradients of neighbours agree, and strain is small. Both are measured in the frame that turns with the
+//! node, so that a rotation by any angle costs nothing.
 //!
 //! ```text
 //! ê_ij = R_iᵀ (d_ij + u_j − u_i) − d_ij           d_ij = x_j − x_i, R_i the local rotation so far
@@ -15,7 +15,7 @@
 //! ĉ = (I ⊗ R)ᵀ c + vec((R − I)ᵀ M),      c = vec Σ_j w_ij (u_j − u_i) d_ijᵀ
 //! ```
 //!
-//! so that one 9 × 9 form per node, made once, carries its whole contribution; per iteration it is only turned.
+//! so that one 9 × 9 form per node, made once, holds its whole contribution; per iteration it is only rotated.
 
 use gpwrm::nearest_rotation;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -26,9 +26,9 @@ use crate::system::{Structure, System};
 type Matrix9 = SMatrix<f64, 9, 9>;
 type Vector9 = SVector<f64, 9>;
 
-/// `κ`: ties the gradient across the surface, which no neighbour determines, to a rotation.
+/// `κ`: ties the gradient across the surface, which no neighbour determines, to that of a rotation.
 const SHEAR: f64 = 0.05;
-/// Keeps `S` invertible for nodes on a line, whose rotation about the line nothing determines.
+/// Keeps `S` invertible for nodes on a line, whose rotation about the line is not determined.
 const LINE: f64 = 1e-6;
 
 /// The prior of one node.
@@ -39,7 +39,7 @@ struct NodePrior {
     scatter: Matrix3<f64>,
     /// `S⁻¹`.
     inverse: Matrix9,
-    /// Both energies in `ĉ`, weights included, but for `Σ w |ê|²`.
+    /// Both energies as a form in `ĉ`, weights included, except for `Σ w |ê|²`.
     form: Matrix9,
 }
 
@@ -63,7 +63,7 @@ impl Prior {
         }
     }
 
-    /// Which nodes each node's energy joins.
+    /// The nodes that the energy of each node couples.
     pub fn terms(&self) -> impl Iterator<Item = &[(usize, Vector3<f64>)]> {
         self.nodes.iter().map(|prior| prior.terms.as_slice())
     }
@@ -80,7 +80,7 @@ impl Prior {
         }
     }
 
-    /// Adds the rest, at the rotations given.
+    /// Adds the rest, at the given rotations.
     pub fn add_forms(
         &self,
         rotations: &[Matrix3<f64>],
@@ -90,14 +90,14 @@ impl Prior {
         for (prior, r) in self.nodes.iter().zip(rotations) {
             let turned = r.transpose() - Matrix3::identity();
             let offset = prior.form * vector(&(turned * prior.scatter));
-            // Σ w |ê|² pulls every neighbour to where the rotation alone takes it.
+            // The gradient of Σ w |ê|²: every neighbour is pulled to where the rotation alone takes it.
             let rigid = vector(&turned.transpose()) * self.bending_weight;
             let pull = rotate(r, &offset) - rigid;
             prior.add(&conjugate(r, &prior.form), &pull, structure, system);
         }
     }
 
-    /// The local rotations under `displacements`, given those so far.
+    /// The local rotations under `displacements`, starting from the previous ones.
     pub fn rotations(
         &self,
         displacements: &[Vector3<f64>],
@@ -128,7 +128,7 @@ impl NodePrior {
         let data = kronecker(&scatter);
         let s =
             data + symmetric_projection() * (SHEAR * trace) + Matrix9::identity() * (LINE * trace);
-        // A lone node has no spread: no gradient, and its energy is nothing.
+        // A single node has no scatter: its gradient and its energy are zero.
         let inverse = s
             .cholesky()
             .map_or_else(Matrix9::zeros, |factor| factor.inverse());

@@ -1,4 +1,4 @@
-//! The loop: match, weigh, solve, until nothing moves (Algorithm 1 of the [paper](https://doi.org/10.1177/02783649251415415)).
+//! The iteration: match, weight, solve, until nothing moves (paper, Algorithm 1).
 //!
 //! ```text
 //! E(u) = (1/n) Σ_p w_p |r_p + J_p Φ(u − u₀)|²                          matches: see `traits` and `defaults`
@@ -8,10 +8,10 @@
 //!      + prior(u)                                                       see `prior`
 //! ```
 //!
-//! `u₀` is the previous iterate. By default `|r + J δ|² = (n_q·(y + δ − q))² + α |Π_q δ|²`, `Π_q` the projection on the
-//! tangent plane of the match: `α` drags on sliding, in every iteration
-//! anew. The usual term pulls to the matched point itself, `α |y + δ − q|²`; it drags as well, but also pulls the surface by the offset
-//! between the two samplings, which on regular clouds does not average out (0.5 mm at rest on clouds 4 mm apart).
+//! `u₀` is the previous iterate. By default `|r + J δ|² = (n_q·(y + δ − q))² + α |Π_q δ|²`, with `Π_q` the projection on the
+//! tangent plane of the match: `α` damps sliding in every iteration.
+//! The usual term `α |y + δ − q|²` pulls to the matched point itself. It damps as well, but also pulls the surface by the offset
+//! between the two samplings, which on regular clouds does not average out (0.5 mm at rest on clouds with a spacing of 4 mm).
 
 use nalgebra::{Point3, Vector3};
 
@@ -42,8 +42,8 @@ pub fn register(
     Registrar::new(options.clone()).register(source, target, landmarks, features, None)
 }
 
-/// Registers frame after frame. Keeps between them its buffers, the search tree while the target stays the same, and nodes, shape
-/// functions and symbolic factor while the source does.
+/// Registers frame after frame. Keeps its buffers, the search tree while the target stays the same, and nodes, shape
+/// functions and symbolic factor while the source stays the same.
 ///
 /// The four parts of the loop can be replaced one by one, see [`Correspondence`], [`Residual`], [`Rejection`] and [`Termination`].
 pub struct Registrar<C = ClosestPoint, R = PointToPlane, J = AnnealedTukey, T = Settled> {
@@ -63,7 +63,7 @@ impl<C, R, J, T> std::fmt::Debug for Registrar<C, R, J, T> {
     }
 }
 
-/// What outlives a frame. Nothing in it changes an answer.
+/// Data kept from frame to frame; none of it changes a result.
 #[derive(Default)]
 struct Kept {
     model: Option<Model>,
@@ -99,7 +99,7 @@ impl<C, R, J, T> Registrar<C, R, J, T> {
         &self.options
     }
 
-    /// Lets `part` say who meets whom.
+    /// Replaces the search for matches.
     pub fn with_correspondence<P: Correspondence>(self, part: P) -> Registrar<P, R, J, T> {
         Registrar {
             options: self.options,
@@ -111,7 +111,7 @@ impl<C, R, J, T> Registrar<C, R, J, T> {
         }
     }
 
-    /// Lets `part` say what a pair costs.
+    /// Replaces the residual of a pair.
     pub fn with_residual<P: Residual>(self, part: P) -> Registrar<C, P, J, T> {
         Registrar {
             options: self.options,
@@ -123,7 +123,7 @@ impl<C, R, J, T> Registrar<C, R, J, T> {
         }
     }
 
-    /// Lets `part` say how much a pair counts.
+    /// Replaces the weights of pairs.
     pub fn with_rejection<P: Rejection>(self, part: P) -> Registrar<C, R, P, T> {
         Registrar {
             options: self.options,
@@ -135,7 +135,7 @@ impl<C, R, J, T> Registrar<C, R, J, T> {
         }
     }
 
-    /// Lets `part` say when to stop.
+    /// Replaces the stopping rule.
     pub fn with_termination<P: Termination>(self, part: P) -> Registrar<C, R, J, P> {
         Registrar {
             options: self.options,
@@ -151,9 +151,9 @@ impl<C, R, J, T> Registrar<C, R, J, T> {
 impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, R, J, T> {
     /// Finds the motion that carries `source` onto `target`.
     ///
-    /// `initial` is a displacement predicted for every source point: the search starts from it instead of from rest,
-    /// and is drawn to it as strongly as [`Options::prediction`] says. With neither landmarks, features nor `initial`, and if the clouds
-    /// do not meet from rest (see [`Options::align_below`]), the search starts from [`align_rigid`].
+    /// `initial` is a predicted displacement of every source point: the search starts from it instead of from rest,
+    /// and is tied to it with the weight [`Options::prediction`]. With neither landmarks, features nor `initial`, and if too few points
+    /// are matched from rest (see [`Options::align_below`]), the search starts from [`align_rigid`].
     ///
     /// # Errors
     /// Clouds of fewer than four points or of mismatched slices, coordinates that are not finite, a negative `sigma`, landmarks that contradict
@@ -185,7 +185,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         Ok(result)
     }
 
-    /// Nothing but the clouds to go by, and they were not brought together from rest: begin anew where a rigid motion does so.
+    /// Only the clouds are given, and they were not brought together from rest: starts again from a rigid alignment.
     fn realign(&mut self, input: &Input, poor: Registration) -> Result<Registration, Error> {
         let found = align_rigid(input.source, input.target)?;
         if found.overlap <= poor.overlap {
@@ -196,8 +196,8 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         Ok(if better { aligned } else { poor })
     }
 
-    /// The smoothest field that meets the landmarks, without any target: every node and every source point moves as the prior alone
-    /// carries it. No landmark: no motion.
+    /// The smoothest field through the landmarks, without any target: every node and every source point moves as the prior
+    /// implies. Without landmarks there is no motion.
     ///
     /// # Errors
     /// As for [`Registrar::register`].
@@ -243,7 +243,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         Ok(field)
     }
 
-    /// The kept model, if it is one of this source, or a new one.
+    /// The kept model if it belongs to this source, or a new one.
     fn take_model(&mut self, input: &Input) -> Result<Model, Error> {
         let anchors: Vec<Point3<f64>> = input.landmarks.iter().map(|l| l.source).collect();
         let features: Vec<Point3<f64>> = input.features.iter().map(|f| f.source).collect();
@@ -262,7 +262,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         }
     }
 
-    /// From the start to the report, and the share of source points that met something at the start.
+    /// Iterates from the start to the report; also gives the share of source points with a match at the start.
     fn follow(
         &mut self,
         input: &Input,
@@ -338,7 +338,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
     }
 }
 
-/// Where the search starts, and in `kept.fixed` what does not change from there on.
+/// Returns the start of the search, and assembles in `kept.fixed` the terms that stay the same.
 fn start(
     frame: &Frame,
     initial: Option<&[Vector3<f64>]>,
@@ -361,7 +361,7 @@ fn start(
     if let Some(predicted) = initial.filter(|_| frame.predicted) {
         frame.add_prediction(predicted, frame.options.prediction, fixed);
     }
-    // From rest, closest points lead astray where the motion is a good part of the gate; what is held says more then.
+    // From rest, closest points mislead where the motion is a large part of the gate; the landmarks are then a better start.
     if initial.is_none() && frame.landmarks.iter().any(|l| l.motion().norm() > far) {
         return frame.landmark_field(fixed, system, solver);
     }

@@ -1,13 +1,13 @@
-//! What came out, and how far to believe it.
+//! The result of a registration and its confidence.
 //!
 //! ```text
-//! trust of a point       w_p exp(−(ρ / 3σ)²);  0 without a match, or with the rim of the target
+//! trust of a point       w_p exp(−(ρ / 3σ)²);  0 without a match, or with a boundary point
 //! confidence of a node   (1 − doubt) Σ_p φ⁺ trust / Σ_p φ⁺;  1 at an exact landmark;  doubt: see `slippage`
 //! confidence of a point  Σ_k φ⁺ confidence_k / Σ_k φ⁺
 //! ```
 //!
-//! A hidden point between seen ones is so believed more than one far behind the rim, and a point that free rigid motions move is not believed. Sliding of a
-//! part along itself, where the rest holds the body, is invisible to this.
+//! A hidden point between visible ones thus has more confidence than one far behind the boundary, and a point that free rigid motions move has none. That a
+//! part slides along itself, while the rest holds the body, is not detected.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -16,7 +16,7 @@ use crate::registration::{Registration, Residuals, Status};
 use crate::slippage::Slippage;
 use crate::traits::Residual;
 
-/// Squared width of what counts as a line, by its squared length.
+/// Largest squared ratio of width to length of what counts as a line.
 const THIN: f64 = 1e-4;
 
 impl Frame<'_> {
@@ -28,7 +28,7 @@ impl Frame<'_> {
         iterations: usize,
         ended: Status,
     ) -> Registration {
-        // The rim of the target says nothing of the points that meet it.
+        // Matches with boundary points do not support the motion of their points.
         let inner: Vec<Option<&Match>> = matches
             .iter()
             .map(|m| m.as_ref().filter(|(pair, _)| !pair.on_rim))
@@ -36,7 +36,7 @@ impl Frame<'_> {
         let size = |(pair, _): &Match| residual.linearise(pair).residual.norm();
         let trust: Vec<f64> = inner
             .iter()
-            // Three sigma of a point is the scale at which a match stops being one.
+            // A residual of three sigma of a point is the scale at which trust ends.
             .map(|m| {
                 m.map_or(0.0, |m| {
                     m.1 * (-(size(m) / (3.0 * self.options.point_sigma)).powi(2)).exp()
@@ -44,7 +44,7 @@ impl Frame<'_> {
             })
             .collect();
         let slippage = self.slippage(&inner);
-        // However it is bent by now, a line at rest may roll about itself.
+        // A source that is a line at rest may rotate about itself, however it is bent by now.
         let rolls = !self.predicted && self.is_line(&inner);
         let free_motions = slippage.free().max(usize::from(rolls));
         let node_confidence = self.node_confidence(&trust, &slippage);
@@ -92,7 +92,7 @@ impl Frame<'_> {
         }
     }
 
-    /// Rigid motions that nothing determines: no match, landmark, feature or prediction.
+    /// Rigid motions that neither matches, landmarks, features nor a prediction determine.
     fn slippage(&self, matches: &[Option<&Match>]) -> Slippage {
         let matched = || {
             matches
@@ -122,7 +122,7 @@ impl Frame<'_> {
         slippage
     }
 
-    /// Whether all that is known of the source at rest, matches, landmarks and features, lies within a hundredth of its length of a line.
+    /// Whether all data on the source at rest (matches, landmarks and features) lie within a hundredth of its length of a line.
     fn is_line(&self, matches: &[Option<&Match>]) -> bool {
         let matched = self.source.points.iter().zip(matches);
         let matched = matched.filter_map(|(p, m)| m.map(|_| p.coords));
@@ -137,7 +137,7 @@ impl Frame<'_> {
         widths[1] <= THIN * widths[2]
     }
 
-    /// Mean trust of the points that lean on a node, less the doubt of free motions; exact landmarks are trusted.
+    /// Mean trust of the points that a node influences, less the doubt of free motions; exact landmarks are trusted.
     fn node_confidence(&self, trust: &[f64], slippage: &Slippage) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.model.nodes.len()];
         for (shape, t) in self.model.shapes.iter().zip(trust) {
@@ -162,7 +162,7 @@ impl Frame<'_> {
 }
 
 impl Residuals {
-    /// From residuals and their weights.
+    /// Statistics of residuals with their weights.
     fn new(mut fits: Vec<(f64, f64)>) -> Self {
         let weight: f64 = fits.iter().map(|f| f.1).sum();
         let squares: f64 = fits.iter().map(|f| f.1 * f.0 * f.0).sum();
@@ -182,7 +182,7 @@ impl Residuals {
     }
 }
 
-/// Mean of a node value over the nodes a point leans on, negative parts left out.
+/// Mean of a node value over the nodes that influence a point, without negative weights.
 fn positive_mean(shape: &[(usize, f64)], value: impl Fn(usize) -> f64) -> f64 {
     let total: f64 = shape.iter().map(|(_, phi)| phi.max(0.0)).sum();
     let sum: f64 = shape.iter().map(|&(k, phi)| phi.max(0.0) * value(k)).sum();

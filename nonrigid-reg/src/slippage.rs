@@ -8,31 +8,31 @@
 //! ```
 //!
 //! On a plane, a sphere or a cylinder `I` has a null space (slippable motions: Gelfand and Guibas 2004, doi 10.2312/SGP/SGP04/219-228), but only if the
-//! normals are exact. Mean and half difference of two independent normals have the same noise, and the surface itself is in the
-//! mean alone; so `I₀` is what `I` would be along a free motion, direction by direction and without a setting.
+//! normals are exact. The mean and half the difference of two independent normals have the same noise, and the surface itself appears only in the
+//! mean; so `I₀` is what `I` would be along a free motion, for every direction and without a parameter.
 
 use nalgebra::{Matrix3, Matrix6, Point3, SymmetricEigen, Vector3, Vector6};
 
-/// Resistance, in multiples of that of noise, up to which a motion is free.
+/// A motion is free up to this resistance, in multiples of that of noise.
 const RATIO: f64 = 4.0;
-/// Noise that both normals share, squared: estimated on the same side of the same rim they are off by the same degree or two.
+/// Squared noise that both normals share: estimated beside the same boundary, both are off by the same degree or two.
 const BIAS: f64 = 3e-4;
-/// Weight of a held point, in shares of the matches and in all directions.
+/// Weight of a held point relative to that of all matches, in all directions.
 const HELD: f64 = 0.1;
 
-/// Resistance of the matches to rigid motions about their centre, and the motions that meet next to none.
+/// Resistance of the matches to rigid motions about their centre, and the motions with next to none.
 pub(crate) struct Slippage {
     centre: Vector3<f64>,
     extent: f64,
     count: f64,
     information: Matrix6<f64>,
     noise: Matrix6<f64>,
-    /// Orthonormal motions, shift above turn times extent, and their resistance in multiples of that of noise, least first.
+    /// Orthonormal motions (shift, then rotation times extent) and their resistance in multiples of that of noise, smallest first.
     motions: Vec<(Vector6<f64>, f64)>,
 }
 
 impl Slippage {
-    /// Nothing known yet of matches and held points at `points`.
+    /// Without matches and held points yet, for those at `points`.
     pub fn around(points: &[Point3<f64>]) -> Self {
         let count = points.len().max(1) as f64;
         let centre = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;
@@ -42,7 +42,7 @@ impl Slippage {
             .sum();
         Self {
             centre,
-            // A single place turns about nothing.
+            // A single place has no extent to rotate about.
             extent: Some((squares / count).sqrt())
                 .filter(|extent| *extent > 0.0)
                 .unwrap_or(1.0),
@@ -99,8 +99,8 @@ impl Slippage {
             .count()
     }
 
-    /// What the motions may do to a point, 0 to 1: 1 where a free one moves it as far as a shift would, 0 where none does or all are resisted; those
-    /// that are resisted by `k` times as much as a free one count by `1/k`.
+    /// How far the free motions may move a point, 0 to 1: 1 where a free one moves it as far as a shift would, 0 where none does or all are resisted; a motion
+    /// that is resisted by `k` times as much as a free one has the weight `1/k`.
     pub fn doubt(&self, p: &Point3<f64>) -> f64 {
         let arm = (p.coords - self.centre) / self.extent;
         let moved = |(v, ratio): &(Vector6<f64>, f64)| {
@@ -109,7 +109,7 @@ impl Slippage {
         };
         let moves: Matrix3<f64> = self.motions.iter().map(moved).sum();
         let farthest = moves.symmetric_eigenvalues().max();
-        // A node may be as far away as numbers reach: whatever turns there is not believed.
+        // The distance of a node may overflow; a rotation moves it without limit.
         if farthest.is_finite() {
             farthest.clamp(0.0, 1.0).sqrt()
         } else {

@@ -1,13 +1,13 @@
 //! The normal equations `H u = f` of all node displacements: block-sparse assembly, sparse Cholesky by faer.
 //!
 //! ```text
-//! H = Σ Jᵀ W J        3 × 3 blocks, only k ≥ l kept:  a pair (k, l) is there if some term of the energy joins the nodes
+//! H = Σ Jᵀ W J        3 × 3 blocks, only k ≥ l kept:  a pair (k, l) exists if some term of the energy couples the nodes
 //! P H Pᵀ = L Lᵀ       P: approximate minimum degree over the nodes, so that the three rows of a node stay together
 //! ```
 //!
-//! Which blocks are there depends on the nodes and on which of them each point leans on, not on the displacements. So the
-//! order `P` and the structure of `L` are worked out once and serve all iterations, and the next frames too for as long as
-//! the nodes stand.
+//! The pattern of blocks depends on the nodes and on which of them influence each point, not on the displacements. So the
+//! order `P` and the structure of `L` are computed once and serve all iterations, and the following frames too while
+//! the nodes stay.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltParams, LltRegularization};
@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Vector3};
 /// No block here.
 const ABSENT: u32 = u32::MAX;
 
-/// Which pairs of nodes meet, in what order they are eliminated, and the scalar matrix that this makes.
+/// The coupled pairs of nodes, the order of elimination, and the resulting pattern of the scalar matrix.
 pub(crate) struct Structure {
     count: usize,
     /// Slot of block `(k, l)`, `k ≥ l`, at `k · count + l`.
@@ -35,7 +35,7 @@ pub(crate) struct Structure {
 }
 
 impl Structure {
-    /// The structure in which all nodes of any one group meet; `None` if it cannot be held in memory.
+    /// The structure in which all nodes of each group are coupled; `None` if it does not fit into memory.
     pub fn new<'a>(
         count: usize,
         groups: impl Iterator<Item = &'a [(usize, f64)]>,
@@ -88,7 +88,7 @@ impl Structure {
         })
     }
 
-    /// Whether all nodes of a group meet here.
+    /// Whether all nodes of a group are coupled.
     pub fn holds(&self, group: &[(usize, f64)]) -> bool {
         let slot = |k: usize, l: usize| self.slots[k.max(l) * self.count + k.min(l)];
         let meets = |&(k, _): &(usize, f64)| group.iter().all(|&(l, _)| slot(k, l) != ABSENT);
@@ -96,7 +96,7 @@ impl Structure {
     }
 }
 
-/// Every block as three by three entries, those above the diagonal left out.
+/// Every block as three by three entries, without those above the diagonal.
 fn scalar_structure(starts: &[usize], rows: &[u32]) -> (Vec<usize>, Vec<usize>) {
     let (mut scalar_starts, mut scalar_rows) = (vec![0], Vec::with_capacity(9 * rows.len()));
     for (l, ends) in starts.windows(2).enumerate() {
@@ -112,7 +112,7 @@ fn scalar_structure(starts: &[usize], rows: &[u32]) -> (Vec<usize>, Vec<usize>) 
     (scalar_starts, scalar_rows)
 }
 
-/// Orders the nodes, and finds out where the factor fills.
+/// Orders the nodes and computes the pattern of the factor.
 fn symbolic_factor(
     starts: &[usize],
     rows: &[u32],
@@ -169,7 +169,7 @@ impl System {
         self.right.resize(structure.count, Vector3::zeros());
     }
 
-    /// Takes over the content of `other`.
+    /// Copies the content of `other`.
     pub fn copy_from(&mut self, other: &Self) {
         self.blocks.clone_from(&other.blocks);
         self.right.clone_from(&other.right);
@@ -197,7 +197,7 @@ impl System {
         }
     }
 
-    /// `H_kl += weight · I`, either order.
+    /// `H_kl += weight · I`, for `k` and `l` in either order.
     pub fn add_scalar(&mut self, structure: &Structure, k: usize, l: usize, weight: f64) {
         let slot = structure.slots[k.max(l) * structure.count + k.min(l)] as usize;
         for a in 0..3 {
@@ -276,7 +276,7 @@ impl Solver {
         finite.then(|| solution.collect())
     }
 
-    /// Blocks as the columns of the scalar matrix.
+    /// Fills the columns of the scalar matrix from the blocks.
     fn fill(&mut self, structure: &Structure, system: &System) {
         self.values.clear();
         self.values.reserve(structure.scalar_rows.len());

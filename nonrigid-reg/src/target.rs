@@ -1,4 +1,4 @@
-//! The target cloud, ready to be searched. Kept from frame to frame for as long as the cloud stays the same.
+//! The target cloud with its search tree. Kept from frame to frame while the cloud stays the same.
 
 use gpwrm::Tree;
 use nalgebra::{Point3, UnitVector3};
@@ -7,15 +7,15 @@ use crate::cloud::{Cloud, denoised, is_boundary};
 use crate::error::Error;
 use crate::options::Options;
 
-/// Neighbours that decide whether the target ends.
+/// Number of neighbours that decide whether a point lies on the boundary.
 const RIM_NEIGHBOURS: usize = 12;
 
-/// What the neighbourhood of a target point says.
+/// What is computed from the neighbourhood of a target point.
 #[derive(Clone, Copy)]
 pub(crate) struct Place {
-    /// The point without the noise across the surface.
+    /// The point with reduced noise across the surface.
     pub point: Point3<f64>,
-    /// Whether the seen surface ends there.
+    /// Whether it is a boundary point.
     pub on_rim: bool,
 }
 
@@ -64,7 +64,7 @@ impl Target {
         &self.normals
     }
 
-    /// Index and squared distance (m²) of the point nearest to `p`; nothing if `p` is not finite. `O(log n)`.
+    /// Index and squared distance (m²) of the point nearest to `p`; `None` if `p` is not finite. `O(log n)`.
     pub fn nearest(&self, p: &Point3<f64>) -> Option<(usize, f64)> {
         self.tree.nearest(p).map(|hit| (hit.index, hit.squared))
     }
@@ -75,7 +75,7 @@ impl Target {
         hits.iter().map(|hit| (hit.index, hit.squared)).collect()
     }
 
-    /// Worked out once per point, and only for points that are met.
+    /// Computed once per point, and only for points that are matched.
     pub(crate) fn place(&mut self, index: usize) -> Place {
         if let Some(known) = self.places[index] {
             return known;

@@ -1,4 +1,4 @@
-//! Rigid alignment from anywhere, by itself and inside a registration.
+//! Rigid alignment without an initial guess, by itself and within a registration.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod shapes;
@@ -73,7 +73,7 @@ fn partial_overlap_both_ways() {
     assert!((0.4..0.9).contains(&found.overlap), "{}", found.overlap);
 }
 
-/// On a sphere every turn is as good as any other: rest is the answer, and it is said that the turn is free.
+/// On a sphere all rotations are equivalent: the result is the identity, and the rotation is reported as free.
 #[test]
 fn symmetric_shapes_stay_at_rest() {
     let golden = std::f64::consts::PI * (3.0 - 5_f64.sqrt());

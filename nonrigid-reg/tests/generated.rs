@@ -47,7 +47,7 @@ fn rest_is_rest() {
     assert!(mean < 0.1, "{mean}");
 }
 
-/// A fifth in shadow and 3 % of strays cost little; what lies in the shadow is doubted.
+/// A fifth in shadow and 3 % of strays cost little; points in the shadow have low confidence.
 #[test]
 fn shadow_and_strays_are_borne() {
     for case in Case::sweep(0.005) {

@@ -1,4 +1,4 @@
-//! Bad input and hopeless input: a clear error or a clear status, and nothing lost.
+//! Invalid input gives an error, undetermined input a status, and the registrar is unchanged.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod shapes;
@@ -178,7 +178,7 @@ fn wrong_input_is_named() {
     ));
 }
 
-/// A target out of reach of what the landmarks say: nothing meets, the landmarks' field is what remains, and it says so.
+/// A target out of reach of what the landmarks say: no point is matched, and the result is the field of the landmarks with the status for that.
 #[test]
 fn a_target_far_away_is_low_overlap() {
     let (source, target) = pair(0.0);
@@ -196,7 +196,7 @@ fn a_target_far_away_is_low_overlap() {
     assert!(result.matches.iter().all(Option::is_none));
 }
 
-/// On a plane, two shifts and the turn are anyone's guess; with landmarks, or with relief, they are not.
+/// On a plane, two shifts and the rotation are undetermined; landmarks or a relief determine them.
 #[test]
 fn flat_clouds_say_what_is_free() {
     let sheet = |shift: f64, relief: f64| {
@@ -231,7 +231,7 @@ fn flat_clouds_say_what_is_free() {
     assert_eq!(result.status, Status::Converged);
 }
 
-/// A landmark given twice is one landmark.
+/// A repeated landmark counts once.
 #[test]
 fn duplicate_landmarks_are_one() {
     let (source, target) = pair(0.004);

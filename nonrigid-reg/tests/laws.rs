@@ -1,4 +1,4 @@
-//! Symmetries, determinism, and answers to absurd input.
+//! Symmetries, determinism, and results for absurd input.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod shapes;

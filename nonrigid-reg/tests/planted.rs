@@ -1,4 +1,4 @@
-//! Motions whose answer is known by construction.
+//! Known motions.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod shapes;
@@ -129,7 +129,7 @@ fn wrong_features_are_outvoted() {
     assert!(error < 0.0003, "{error}");
 }
 
-/// A gripper hides a third of the target: what is behind it must neither be dragged to the rim of the hole nor called certain.
+/// A gripper hides a third of the target: the points behind it must neither be dragged to the boundary of the hole nor have a high confidence.
 #[test]
 fn hidden_points_are_not_dragged() {
     let source = seen(&potato(3000, 0.0));

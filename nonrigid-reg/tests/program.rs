@@ -434,7 +434,7 @@ fn what_cannot_be_used_says_why() {
         ),
         (
             "more.ply",
-            "the file ends at vertex 2000, the header promises 2500",
+            "the file ends at vertex 2000, the header says 2500",
         ),
     ] {
         let (code, said) = desk.refused(name, "target.ply");
@@ -442,7 +442,7 @@ fn what_cannot_be_used_says_why() {
     }
 }
 
-/// Turned by 45° about the line of sight: a doubtful answer, which says what would help.
+/// Turned by 45° about the line of sight: a doubtful result, with advice.
 #[test]
 fn a_turn_is_doubted_and_aligned() {
     let desk = Desk::new("turned");
@@ -461,7 +461,7 @@ fn a_turn_is_doubted_and_aligned() {
     assert!(off < 0.5, "{off} mm");
 }
 
-/// Points on a line roll about it, however well they meet a sheet: an answer that is not to be believed.
+/// Points on a line can rotate about it, however well they match a sheet: the result is doubtful.
 #[test]
 fn a_line_is_undetermined() {
     let desk = Desk::new("line");

@@ -1,4 +1,4 @@
-//! Surfaces that slide on themselves are said to, whatever the noise; those that do not are not.
+//! Surfaces that can slide on themselves are recognised at any noise, and only these.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -137,7 +137,7 @@ fn what_relief_holds_is_believed_as_far_as_it_stands_out_of_the_noise() {
     assert!(high > low + 0.05, "{high} {low}");
 }
 
-/// Far from where it is free to turn, a plane held in one place is not believed; there it is.
+/// A plane held in one place has confidence there, and none far from it, where it is free to rotate.
 #[test]
 fn a_grip_is_believed_and_what_turns_about_it_is_not() {
     let points = Surface::Plane.points(2e-4, 1);

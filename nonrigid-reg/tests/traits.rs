@@ -1,4 +1,4 @@
-//! Each of the four parts of the loop replaced by one of the caller's own.
+//! Each of the four parts of the iteration is replaced.
 #![allow(missing_docs, clippy::unwrap_used)]
 
 mod shapes;
@@ -35,7 +35,7 @@ fn error(result: &Registration, source: &Oriented) -> f64 {
     mean_error(&result.displacements, |i| bend(&source.points[i], SIZE))
 }
 
-/// The default parts, put in by hand, give the default answer to the bit.
+/// The default parts, passed explicitly, give the default result bit for bit.
 #[test]
 fn the_defaults_are_parts_like_any_other() {
     let pair = pair();
@@ -56,7 +56,7 @@ fn the_defaults_are_parts_like_any_other() {
     assert_eq!(run(by_hand, &pair), run(Registrar::new(options), &pair));
 }
 
-/// Meets the nearest point with an even index among the five nearest.
+/// Matches the nearest point with an even index among the five nearest.
 struct EvenOnes;
 
 impl Correspondence for EvenOnes {
@@ -84,7 +84,7 @@ fn another_correspondence() {
     assert!(error < 0.0007, "{error}");
 }
 
-/// A correspondence that names points which are not there is not believed.
+/// Matches with points that do not exist are ignored.
 #[test]
 fn an_index_out_of_range_is_no_match() {
     struct Wrong;
@@ -192,7 +192,7 @@ fn another_termination() {
     assert_eq!(endless.status, Status::MaxIterations);
 }
 
-/// The gate shrinks and stays, weights fall to zero at it, and the rim of the target counts its share.
+/// The gate shrinks and stays, weights fall to zero at it, and boundary points have their reduced weight.
 #[test]
 fn the_default_weights_are_tukeys() {
     let part = AnnealedTukey {

@@ -1,10 +1,10 @@
-//! Estimate projection against gain projection against none, in two scenes.
+//! Compares estimate projection, gain projection and no projection in two scenes.
 //!
 //! - *table*: a strip on a table is lifted at one end, and only that end is seen.
 //! - *pin*: a hidden part of a sheet is lifted by a pin of known height, a single inequality.
 //!
-//! Prints, over runs with different noise, the mean error of the hidden vertices, the largest strain of an edge by the projection, and the
-//! normalised estimation error (1 is honest).
+//! Prints, over runs with different noise, the mean error of the hidden vertices, the largest strain of an edge caused by the projection, and the
+//! normalised estimation error (1 for a consistent filter).
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -18,7 +18,7 @@ use topo_ekf::{Error, Filter, Frame, Inequality, Observation, Options, Plane, Pr
 mod common;
 use common::{Noise, mean_error, sheet};
 
-/// Compares how a constraint is kept: not at all, by a projected gain, by a projected estimate
+/// Compares ways to enforce a constraint: none, gain projection, estimate projection
 #[derive(Debug, clap::Parser)]
 #[command(name = "projections", after_help = "Example: projections --json")]
 struct Arguments {
@@ -29,11 +29,11 @@ struct Arguments {
 const FRAMES: usize = 30;
 const RUNS: u64 = 12;
 const LENGTH: f64 = 0.12;
-/// What is seen of the strip.
+/// Length of the seen part of the strip.
 const SEEN: f64 = 0.04;
 
-/// An elastic strip held at the height `h`: it comes down as the cube of the distance to where it touches, then lies flat. Arc length is
-/// kept by walking along the curve.
+/// An elastic strip held at the height `h`: its height falls with the cube of the distance to the contact point, and then it lies flat. Arc length is
+/// kept by integrating along the curve.
 fn laid(rest: &[Point3<f64>], share: f64) -> Vec<Point3<f64>> {
     let (height, touch) = (0.025 * share, 0.04 + 0.05 * share);
     let steps = 2000;
@@ -59,7 +59,7 @@ struct Score {
 
 type Truth = fn(&[Point3<f64>], f64) -> Vec<Point3<f64>>;
 
-/// A scene: rest shape and graph, the truth at a share of the motion, what is seen, and what is known beside it.
+/// A scene: rest shape and graph, the true shape at a share of the motion, which part is seen, and the constraints.
 struct Scene {
     name: &'static str,
     rest: Vec<Point3<f64>>,
@@ -162,7 +162,7 @@ fn projections(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (output, mut rows) = (arguments.output, Vec::new());
     writeln!(
         output.words(),
-        "scene   projection   hidden error (mm)   largest strain by it   normalised error"
+        "scene   projection   hidden error (mm)   largest strain by projection   normalised error"
     )?;
     let scenes = [strip(), pinned()];
     let kinds = [

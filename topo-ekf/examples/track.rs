@@ -1,10 +1,10 @@
 //! Tracks a mesh through a table of observations: `cargo run --release -p topo-ekf --example track -- --help`.
 //!
-//! `REST` is a mesh with faces; its vertices keep the numbers that they have in the file (in STL, which has none, that of their first corner).
+//! `REST` is a mesh with faces; its vertices keep their numbers in the file (in STL, which has none, the number of their first corner).
 //! `OBSERVATIONS.csv` has the columns `frame,vertex,x,y,z`, sorted by frame; frames without a line are predicted. Observations that are spread
-//! far wider, or far less, than the same vertices at rest are taken to be in another unit, and refused. Every plane `A x + B y + C z + D ≥ 0` is
-//! kept, and the surface does not pass through itself.
-//! `STATES.csv` has `frame,vertex,x,y,z,sd` for every vertex of every frame. The answer is how many frames there were, and the times of the steps.
+//! much more, or much less, than the same vertices at rest are assumed to be in another unit, and rejected. Every plane `A x + B y + C z + D ≥ 0`
+//! is a constraint, and the surface does not pass through itself.
+//! `STATES.csv` has `frame,vertex,x,y,z,sd` for every vertex of every frame. The program prints the number of frames and the times of the steps.
 
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -18,7 +18,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use serde_json::{Value, json};
 use topo_ekf::{Filter, Frame, Observation, Options, Plane, Status};
 
-/// Tracks a surface through a table of what was seen of it
+/// Tracks a surface from a table of observations of its vertices
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "track",
@@ -53,7 +53,7 @@ fn main() -> ExitCode {
 
 fn track(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let path = &arguments.rest;
-    // Observations name vertices by their numbers in the file. No soft body on a table is larger or smaller.
+    // Observations refer to vertices by their numbers in the file. The limits are far outside the sizes of soft bodies on a table.
     let load = Load::default()
         .with_vertices(Vertices::AsInFile)
         .with_extent([1e-3, 10.0]);
@@ -67,11 +67,11 @@ fn track(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let frames = frames(&table, arguments).map_err(in_table)?;
     same_units(&points, &frames).map_err(in_table)?;
     let mut filter = Filter::new(&points, &edges(&faces), &Options::default())?;
-    // Written beside and moved into place at the end: a failure leaves no half table behind.
+    // Written to a temporary file and renamed at the end, so that a failure leaves no incomplete table.
     let partial = PathBuf::from(format!("{}.partial", arguments.out.display()));
     let tracked = run(&mut filter, &frames, &faces, arguments, &partial);
     if tracked.is_err() {
-        // The partial table is of no use; that it may not exist does not matter.
+        // The partial table is removed; it may not exist.
         let _ = std::fs::remove_file(&partial);
     }
     let times = tracked?;
@@ -111,7 +111,7 @@ fn run(
     let mut times = Times::default();
     let mut next = frames.first().map_or(0, |f| f.0);
     for (number, observations) in frames {
-        // Frames that show nothing still pass: everything is a little less certain after them.
+        // Frames without observations are predicted too: the uncertainty grows.
         while next <= *number {
             let seen = if next == *number {
                 &observations[..]
@@ -166,7 +166,7 @@ impl Times {
 
     fn words(&self, vertices: usize, out: &Path) -> String {
         format!(
-            "{} frames of {vertices} vertices, {:.1} ms each, to {}; of them {} with constraints at work, {} unsettled, {} infeasible",
+            "{} frames of {vertices} vertices, {:.1} ms each, written to {}; {} with active constraints, {} unsettled, {} infeasible",
             self.step.len(),
             at(&self.step, 0.5) + at(&self.sigmas, 0.5),
             out.display(),
@@ -177,7 +177,7 @@ impl Times {
     }
 }
 
-/// The time, in ms, that this share of the steps stays below.
+/// The time, in ms, that this share of the steps does not exceed.
 fn at(times: &[Duration], share: f64) -> f64 {
     let mut ms: Vec<f64> = times.iter().map(|t| t.as_secs_f64() * 1e3).collect();
     ms.sort_by(f64::total_cmp);
@@ -236,10 +236,10 @@ fn frames(table: &[u8], arguments: &Arguments) -> Result<Vec<(u64, Vec<Observati
     Ok(frames)
 }
 
-/// A soft body stretches and folds, but the seen part of it does not grow or shrink by more than this.
+/// Largest change of the extent of the seen part, by stretching and folding.
 const MOST_STRETCH: f64 = 20.0;
 
-/// Whether the first frame that shows three vertices has them about as far apart as they are at rest.
+/// Whether the first frame with three vertices has them about as far apart as at rest.
 fn same_units(rest: &[Point3<f64>], frames: &[(u64, Vec<Observation>)]) -> Result<(), Failure> {
     let Some((frame, seen)) = frames.iter().find(|(_, seen)| seen.len() > 2) else {
         return Ok(());
@@ -274,7 +274,7 @@ fn plane(text: &str) -> Result<Plane, String> {
     let normal = Vector3::new(a, b, c);
     let length = normal.norm();
     if !(length.is_finite() && length > 0.0) {
-        return Err("the normal A,B,C must not vanish".into());
+        return Err("the normal A,B,C must not be zero".into());
     }
     Ok(Plane {
         normal: UnitVector3::new_unchecked(normal / length),

@@ -1,6 +1,6 @@
-//! A soft body is seen from above, turned over by 180° and bent; where is the side that nobody sees?
+//! A soft body is seen from above, turned over by 180° and bent: how accurately is the hidden side estimated?
 //!
-//! Prints the mean error of the hidden half, averaged over the turn, against the number of alternations per frame.
+//! Prints the mean error of the hidden half, averaged over the turn, for several numbers of alternations per frame.
 
 use std::f64::consts::PI;
 use std::io::Write;
@@ -15,7 +15,7 @@ use topo_ekf::{Error, Filter, Frame, Observation, Options, Plane};
 mod common;
 use common::{Noise, ellipsoid, mean_error};
 
-/// Says where the hidden side of a turned body is believed to be, against the number of alternations a frame
+/// Prints the error of the hidden side of a turned body for several numbers of alternations per frame
 #[derive(Debug, clap::Parser)]
 #[command(name = "turn_over", after_help = "Example: turn_over --json")]
 struct Arguments {
@@ -25,7 +25,7 @@ struct Arguments {
 
 const HALF: [f64; 3] = [0.06, 0.045, 0.025];
 
-/// Where a point of the resting body is after `share` of the movement: bent round the y axis, turned, lifted.
+/// Position of a point of the resting body after `share` of the motion: bent about the y axis, rotated, lifted.
 fn moved(p: &Point3<f64>, share: f64, bend: f64) -> Point3<f64> {
     let k = (share * bend).max(1e-9);
     let arc = p.x * k;

@@ -1,16 +1,16 @@
-//! The two active sets of a projection, found in alternation: which vertices rest on the main plane, and which rows push.
+//! Alternates two active sets of the projection: vertices on the main plane, and active inequality rows.
 //!
 //! ```text
-//! pass p     min ½ λᵀ (G + ς I) λ − gᵖᵀ λ,  λ ≥ 0     with the table's set, until neither set changes
-//! residual   g − G λᵖ = ς (λᵖ − λᵖ⁻¹)                  of rows that push
+//! pass p     min ½ λᵀ (G + ς I) λ − gᵖᵀ λ,  λ ≥ 0     with the set of the plane, until neither set changes
+//! residual   g − G λᵖ = ς (λᵖ − λᵖ⁻¹)                  of active rows
 //! shift      gᵖ⁺¹ = g + ς λᵖ                            where the residual exceeds the tolerance
 //! ```
 //!
 //! The regularisation `ς` makes `G` definite where rows are linearly dependent, and leaves a share of every gap open. For gaps of millimetres
-//! one pass leaves less than the tolerance; for gaps of metres, or where rows oppose each other, it leaves more, and the gap is shifted by what
-//! was left: the method of multipliers of Hestenes and Powell. Rows that can be satisfied together then are, to the tolerance; rows that
-//! contradict each other end at the least sum of squares. If the sets have not settled after the rounds allowed, an interior point method takes
-//! over ([`crate::interior`]).
+//! one pass leaves less than the tolerance; for gaps of metres, or where rows oppose each other, it leaves more, and the gap is shifted by the
+//! remainder: the method of multipliers of Hestenes and Powell. Rows that are feasible together then hold to the tolerance; infeasible rows end at
+//! the least sum of squares. If the sets have not converged after the allowed rounds, an interior point method is used
+//! ([`crate::interior`]).
 
 use crate::Error;
 use crate::compliance::{Compliance, Influence};
@@ -21,27 +21,27 @@ use crate::problem::{Problem, ROW_DEPTH, Warm};
 use crate::rows::{FEASIBLE, Stack};
 use crate::system::System;
 
-/// Alternations before the interior point method is asked. A sheet that peels off the table takes one for every few rings
+/// Alternations before the interior point method is used. A sheet that peels off the table takes one for every few rings
 /// of vertices.
 const ROUNDS: usize = 40;
-/// Rounds whose next set is foretold by relaxation. After them the primal-dual set goes its own way, which is known to end.
+/// Rounds in which the next set is predicted by relaxation. After them only the primal-dual active set is used, which is known to terminate.
 const FORETOLD: usize = 3;
-/// While the table still changes, forces need not be better than this share of the largest gap.
+/// While the set of the plane still changes, forces are computed only to this share of the largest gap.
 const COARSE: f64 = 1e-1;
-/// Passes at most. One is the rule, two or three where gaps are of metres.
+/// Most passes. Usually one suffices; gaps of metres take two or three.
 const PASSES: usize = 20;
-/// What is left of the gaps has come to rest when it changes by less than this, m: the rows contradict each other.
+/// Change of the remaining gaps, m, below which the passes have converged: the rows are then infeasible.
 const STILL: f64 = 1e-2 * FEASIBLE;
 
-/// A projection under way, and in the end its result.
+/// A projection in progress, and finally its result.
 pub(crate) struct ActiveSets<'a> {
     problem: &'a Problem<'a>,
     stack: Stack,
     /// Gaps without forces, m.
     gaps: Vec<f64>,
-    /// Who rests.
+    /// The vertices on the plane.
     pub table: PlaneContact,
-    /// Forces of the rows.
+    /// Forces of the rows (Lagrange multipliers).
     pub forces: Vec<f64>,
     /// Displacement, as a block in the frame of the plane.
     pub shift: Vec<f64>,
@@ -51,7 +51,7 @@ pub(crate) struct ActiveSets<'a> {
 }
 
 impl<'a> ActiveSets<'a> {
-    /// From the forces of `warm`.
+    /// Starts from the forces of `warm`.
     pub fn new(
         problem: &'a Problem,
         stack: Stack,
@@ -73,7 +73,7 @@ impl<'a> ActiveSets<'a> {
         }
     }
 
-    /// Passes until the rows hold or nothing more is to be had.
+    /// Makes passes until the rows hold or no more progress is possible.
     pub fn run(&mut self, system: &mut System, influence: &mut Influence) -> Result<(), Error> {
         let held = self.held_compliance(system);
         let rows = self.problem.rows;
@@ -86,7 +86,7 @@ impl<'a> ActiveSets<'a> {
         for _ in 0..PASSES {
             self.alternate((&asked, &soft), system, influence)?;
             let before = std::mem::replace(&mut left, self.left());
-            // A hair below what will be demanded of the positions, which round differently.
+            // Slightly tighter than the tolerance on the positions, which are rounded differently.
             let kept = rows
                 .iter()
                 .zip(&left)
@@ -105,7 +105,7 @@ impl<'a> ActiveSets<'a> {
         Ok(())
     }
 
-    /// One pass: the two active sets by turns.
+    /// One pass: alternates the two active sets.
     fn alternate(
         &mut self,
         (asked, soft): (&[f64], &[f64]),
@@ -150,7 +150,7 @@ impl<'a> ActiveSets<'a> {
         Ok(())
     }
 
-    /// Forces of the rows with the table's set as it is; whether they are optimal.
+    /// Forces of the rows for the present set of the plane; returns whether they are optimal.
     fn push(
         &mut self,
         dual: &Dual,
@@ -186,7 +186,7 @@ impl<'a> ActiveSets<'a> {
         Ok(settled)
     }
 
-    /// Displacement under the forces, with the struck vertices on the plane.
+    /// Displacement under the forces, with the held vertices on the plane.
     fn respond(&mut self, lift: &[f64], system: &mut System) {
         self.shift = self.stack.push(&self.forces, lift.len());
         if !self.problem.rows.is_empty() {
@@ -204,13 +204,13 @@ impl<'a> ActiveSets<'a> {
         self.table.foretell(values, pattern, &self.shift, &push);
     }
 
-    /// What the displacement leaves of the gaps.
+    /// The gaps that remain after the displacement.
     fn left(&self) -> Vec<f64> {
         let reached = self.stack.reach(&self.shift);
         self.gaps.iter().zip(reached).map(|(g, r)| g - r).collect()
     }
 
-    /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: what a row gives to a unit force when everything around is held.
+    /// Mean of `Σ_v ‖a_v‖² / W_vv` over the rows: the displacement of a row under a unit force when everything around it is fixed.
     fn held_compliance(&self, system: &System) -> f64 {
         let diagonal = |v: u32| self.problem.values[system.pattern.diagonal[v as usize]];
         let of = |k: usize| {

@@ -1,4 +1,4 @@
-//! Three right-hand sides as one column-major block: entry `(i, axis)` lies at `axis · Q + i`.
+//! Three right-hand sides as one column-major block: entry `(i, axis)` is at index `axis · Q + i`.
 
 use nalgebra::Vector3;
 
@@ -10,7 +10,7 @@ pub(crate) fn add(block: &mut [f64], i: usize, v: &Vector3<f64>) {
     block[2 * size + i] += v.z;
 }
 
-/// The rows as vectors.
+/// Reads the rows as vectors.
 pub(crate) fn read(block: &[f64]) -> Vec<Vector3<f64>> {
     let size = block.len() / 3;
     (0..size)

@@ -1,14 +1,14 @@
-//! How far the rows give under forces: `G = A S⁻¹ Aᵀ`, as an operator and as a dense model.
+//! Compliance of the rows under forces, `G = A S⁻¹ Aᵀ`, as an operator and as a dense model.
 //!
 //! A product with `G` is one sparse solve with three columns, however many rows there are. A dense model of `G` ([`crate::dual`]) needs
-//! the entries of `S⁻¹` among the vertices that rows touch:
+//! the entries of `S⁻¹` among the vertices of the rows:
 //!
 //! ```text
 //! G_kl = Σ_vw (a_kv,t · a_lw,t) (S⁻¹)_vw + a_kv,n a_lw,n (S_free⁻¹)_vw         t: along the plane, n: along its normal
 //! ```
 //!
-//! Those of one factor come at once ([`crate::selected_inverse`]), a few more by a solve each: sheets that lie on each other share vertices among many rows, resting ones have no column
-//! along the normal, and another linearisation costs no solve at all.
+//! Those of one factor are computed together ([`crate::selected_inverse`]), a few more by a solve each: sheets in contact share vertices among many
+//! rows, resting vertices have no column along the normal, and another linearisation needs no new solve.
 
 use nalgebra::DMatrix;
 
@@ -17,10 +17,10 @@ use crate::plane_contact::PlaneContact;
 use crate::rows::Stack;
 use crate::system::{Factor, System};
 
-/// A row whose direction is nearer to the normal than this (sine of the angle) is taken for normal by the model.
+/// Sine of the angle to the normal below which the model treats a row as parallel to the normal.
 const TILT: f64 = 0.3;
 
-/// The operator at the table's present set.
+/// The operator for the present set of vertices on the plane.
 pub(crate) struct Compliance<'a> {
     pub stack: &'a Stack,
     pub table: &'a PlaneContact,
@@ -36,7 +36,7 @@ impl Compliance<'_> {
         self.stack.reach(&block)
     }
 
-    /// Entries of `G` in the rows `of` and the columns `new`; `influence` learns the vertices it does not know.
+    /// Entries of `G` in the rows `of` and the columns `new`; vertices that are new to `influence` are added to it.
     pub fn columns(
         &mut self,
         of: &[usize],
@@ -73,9 +73,9 @@ impl Compliance<'_> {
         Ok(entries)
     }
 
-    /// Entries of `S⁻¹` (of the free vertices' along the normal) in the rows `of` and the columns `new`, which are among them.
+    /// Entries of `S⁻¹` (of the free vertices, along the normal) in the rows `of` and the columns `new`, which are a subset of them.
     fn inverse(&mut self, of: &[u32], new: &[u32], normal: bool) -> Result<DMatrix<f64>, Error> {
-        // A resting vertex does not move along the normal, whoever pushes it.
+        // A resting vertex does not move along the normal under any force.
         let moves = |v: u32| !(normal && self.table.rests(v));
         let moving: Vec<usize> = (0..new.len()).filter(|&l| moves(new[l])).collect();
         let chosen: Vec<u32> = moving.iter().map(|&l| new[l]).collect();
@@ -105,16 +105,16 @@ impl Compliance<'_> {
     }
 }
 
-/// Entries of `S⁻¹` and `S_free⁻¹` among the vertices that rows in play touch.
+/// Entries of `S⁻¹` and `S_free⁻¹` among the vertices of the included rows.
 pub(crate) struct Influence {
     vertices: Vec<u32>,
-    /// Where each vertex stands among them, `u32::MAX` for those that no row has touched.
+    /// Index of each vertex among them, `u32::MAX` for those in no row.
     slots: Vec<u32>,
     full: DMatrix<f64>,
     free: DMatrix<f64>,
-    /// Vertices that some row pushes along the plane by more than [`TILT`]; the model leaves out the rest's `full`.
+    /// Vertices on which a row has a component along the plane of more than [`TILT`]; for the others the model omits `full`.
     tilted: Vec<bool>,
-    /// Resting vertices for which `free` was made.
+    /// Resting vertices for which `free` was computed.
     resting: Vec<bool>,
 }
 
@@ -130,7 +130,7 @@ impl Influence {
         }
     }
 
-    /// The model has become of no use: because the table's set is another by now, or else because of what it leaves out along the plane.
+    /// Renews a model that no longer helps: for the present set of the plane, or, if it was made for that, with the omitted components along the plane.
     pub fn renew(&mut self, compliance: &mut Compliance) -> Result<(), Error> {
         if self.resting != compliance.table.set() {
             self.free = compliance.inverse(&self.vertices, &self.vertices, true)?;
@@ -165,12 +165,12 @@ impl Influence {
         }
         let all: Vec<usize> = (0..self.vertices.len()).collect();
         self.extend(compliance, &all, old, true)?;
-        // Left out on both sides or on none: the model stays symmetric and positive.
+        // Omitted on both sides or on none: the model stays symmetric and positive.
         let tilted: Vec<usize> = all.into_iter().filter(|&k| self.tilted[k]).collect();
         self.extend(compliance, &tilted, old, false)
     }
 
-    /// Entries among the vertices at `of` for those from position `old` on.
+    /// Adds entries among the vertices `of` for those from index `old` on.
     fn extend(
         &mut self,
         compliance: &mut Compliance,

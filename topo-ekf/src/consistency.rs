@@ -1,8 +1,8 @@
-//! Whether the covariances are honest: errors measured in the filter's own standard deviations.
+//! Whether the covariances are consistent: errors measured in the filter's own standard deviations.
 //!
 //! ```text
 //! innovation   ε = νᵀ (H P⁻ Hᵀ + R)⁻¹ ν,   ν = z − H x⁻           ~ χ² with 3 · (seen vertices) degrees
-//! estimation   ε = (x̂ − x)ᵀ Λ (x̂ − x),     x the truth             ~ χ² with 3 Q degrees
+//! estimation   ε = (x̂ − x)ᵀ Λ (x̂ − x),     x the true positions             ~ χ² with 3 Q degrees
 //! band         χ²_p(k) ≈ k (1 − 2/(9k) + u_p √(2/(9k)))³            Wilson and Hilferty
 //! ```
 //!
@@ -23,11 +23,11 @@ use crate::{Error, columns};
 pub struct Consistency {
     /// `ε`: squared error in the metric of its information.
     pub squared: f64,
-    /// Degrees of freedom: the value expected of `squared`.
+    /// Degrees of freedom: the expected value of `squared`.
     pub degrees: usize,
 }
 
-/// What a statistic says of the covariances it was normalised by.
+/// Whether a statistic agrees with the covariances it was normalised by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -48,24 +48,24 @@ impl Consistency {
         Self { squared, degrees }
     }
 
-    /// Both statistics together: frames of a run, or runs with different noise. Independent ones add.
+    /// The sum of both statistics: frames of a run, or runs with different noise. They must be independent.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self::new(self.squared + other.squared, self.degrees + other.degrees)
     }
 
-    /// `ε / degrees`: 1 for honest covariances. NaN without degrees of freedom.
+    /// `ε / degrees`: 1 in the mean for consistent covariances. NaN without degrees of freedom.
     pub fn mean(&self) -> f64 {
         self.squared / self.degrees as f64
     }
 
-    /// The 95 % band of [`Consistency::mean`] for honest covariances.
+    /// The 95 % band of [`Consistency::mean`] for consistent covariances.
     pub fn band(&self) -> [f64; 2] {
         let spread = 2.0 / (9.0 * self.degrees as f64);
         [-TWO_SIDED_95, TWO_SIDED_95].map(|u| (1.0 - spread + u * spread.sqrt()).max(0.0).powi(3))
     }
 
-    /// Where the mean lies with respect to the band. Without degrees of freedom nothing speaks against honesty.
+    /// The mean compared with the band; `Consistent` without degrees of freedom.
     pub fn verdict(&self) -> Verdict {
         let [low, high] = self.band();
         match self.mean() {
@@ -76,19 +76,19 @@ impl Consistency {
     }
 }
 
-/// How many vertices of a group lie inside the ball that holds 95 % of errors, by the standard deviation of each.
+/// How many vertices of a group lie inside the ball that should contain 95 % of the errors, by the standard deviation of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Coverage {
-    /// Vertices of the group.
+    /// Number of vertices in the group.
     pub vertices: usize,
-    /// Those inside.
+    /// Number of those inside.
     pub inside: usize,
 }
 
 impl Coverage {
-    /// Both together: frames of a run.
+    /// The sum of both: frames of a run.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -97,12 +97,12 @@ impl Coverage {
         }
     }
 
-    /// Share of vertices inside: 0.95 for covariances that are right. NaN without vertices.
+    /// Share of vertices inside: 0.95 for correct covariances. NaN without vertices.
     pub fn share(&self) -> f64 {
         self.inside as f64 / self.vertices as f64
     }
 
-    /// `Consistent` from 90 to 99 % inside, and without vertices. Errors of neighbours agree, so a narrower band would say nothing.
+    /// `Consistent` from 90 to 99 % inside, and without vertices. Errors of neighbours are correlated, so a narrower band would not be significant.
     pub fn verdict(&self) -> Verdict {
         match self.share() {
             share if share < 0.90 => Verdict::Overconfident,
@@ -112,7 +112,7 @@ impl Coverage {
     }
 }
 
-/// [`Coverage`] of what the last step saw and of what it did not: a sum over all vertices hides the hidden ones.
+/// [`Coverage`] of vertices seen in the last step and of hidden ones, separately: in a sum over all vertices the hidden ones hardly count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -124,7 +124,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    /// Both together: frames of a run.
+    /// The sum of both: frames of a run.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {
@@ -138,10 +138,10 @@ impl Calibration {
 const BALL_95: f64 = 7.814_727_903_251_179;
 
 impl Filter {
-    /// How many vertices lie where [`Filter::marginal_sigmas`] says, where the truth is known: in simulations.
+    /// How many vertices lie within the bounds of [`Filter::marginal_sigmas`], for simulations, where the true positions are known.
     ///
     /// # Errors
-    /// A truth of another length or with unusable points; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    /// Another number of true positions, or invalid ones; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
     ///
     /// ```
     /// use topo_ekf::{Filter, Frame, Observation, Options, nalgebra::{Point3, Vector3}};
@@ -186,11 +186,11 @@ impl Filter {
         check_points("truth", truth)
     }
 
-    /// Normalised innovation squared of the last step: what was seen against what data, shape and motion foretold, one innovation
-    /// per seen vertex. `None` before the first step and after a change of graph or stiffness.
+    /// Normalised innovation squared of the last step: observations compared with the prediction by data, shape and motion, one innovation
+    /// for each seen vertex. `None` before the first step and after a change of graph or stiffness.
     ///
     /// Exact for [`Motion::Still`](crate::Motion::Still). With [`Motion::Spread`](crate::Motion::Spread) the motion was estimated from the same observations, so the statistic
-    /// reads low; how low, the README says.
+    /// is too low (by how much: see the README).
     ///
     /// # Errors
     /// As [`Filter::step`].
@@ -219,10 +219,10 @@ impl Filter {
         Ok(Some(Consistency::new(squared, 3 * count)))
     }
 
-    /// Normalised estimation error squared of the live positions, where the truth is known: in simulations.
+    /// Normalised estimation error squared of the live positions, for simulations, where the true positions are known.
     ///
     /// # Errors
-    /// A truth of another length or with unusable points.
+    /// Another number of true positions, or invalid ones.
     pub fn error_statistic(&self, truth: &[Point3<f64>]) -> Result<Consistency, Error> {
         self.check_truth(truth)?;
         let values = self.values(&self.information, &self.weights());
@@ -239,17 +239,17 @@ impl Filter {
         Ok(Consistency::new((0..3).map(along).sum(), 3 * truth.len()))
     }
 
-    /// What the last step left of each of its observations, in the standard deviations that an honest residual has:
-    /// `‖z − x̂‖ / √(3 (σ² − P))`, `P` the marginal variance. About 1 is ordinary, 3 and more is an outlier.
+    /// Residuals of the last step's observations in units of their standard deviation: `‖z − x̂‖ / √(3 (σ² − P))`, with `P` the marginal
+    /// variance. About 1 is normal, 3 and more is an outlier.
     ///
     /// # Errors
-    /// Unusable observations; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    /// Invalid observations; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
     pub fn normalised_residuals(&self, observations: &[Observation]) -> Result<Vec<f64>, Error> {
         Frame::new(observations).check(self.live.len())?;
         let variances = self.variances()?;
         let of = |o: &Observation| {
             let i = o.vertex as usize;
-            // A vertex that nothing but this observation holds leaves no residual, and no variance of one: 0, not 0/0.
+            // If a vertex is determined by this observation alone, residual and variance are both zero: the result is 0, not 0/0.
             let left = (o.sigma * o.sigma - variances[i]).max(1e-12 * o.sigma * o.sigma);
             (o.position - self.estimate[i]).norm() / (3.0 * left).sqrt()
         };

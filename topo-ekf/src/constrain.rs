@@ -1,4 +1,4 @@
-//! The constraints of a frame: planes, inequalities and contacts, the last linearised until they stand.
+//! The constraints of a frame: planes, inequalities and contacts; the latter are linearised repeatedly until they converge.
 
 use std::collections::HashSet;
 
@@ -16,10 +16,10 @@ use crate::report::StepReport;
 use crate::rows::{FEASIBLE, Key, Row, SPARE, deepest_gap};
 use crate::system::Factor;
 
-/// Most times the contacts are linearised. Two are the rule; where two sheets are pressed hard onto each other, the triangle
-/// under a vertex changes with the push and five have been seen.
+/// Most linearisations of the contacts. Usually two suffice; where two sheets are pressed hard onto each other, the triangle
+/// below a vertex changes during the projection and five have been observed.
 const LINEARISATIONS: usize = 8;
-/// A constrained estimate with what the next frame starts from.
+/// A constrained estimate, and the start of the next frame's projection.
 pub(crate) struct Constrained {
     pub positions: Vec<Point3<f64>>,
     pub warm: Warm,
@@ -43,7 +43,7 @@ impl Metric<'_> {
 }
 
 impl Filter {
-    /// Puts the estimate back among the constraints.
+    /// Projects the estimate onto the constraints.
     pub(crate) fn constrain(
         &mut self,
         frame: &Frame,
@@ -103,7 +103,7 @@ impl Filter {
         })
     }
 
-    /// Projects, looks at the contacts where that ended, and projects again until they hold.
+    /// Projects, linearises the contacts at the result, and projects again until they hold.
     fn linearise(
         &mut self,
         metric: &Metric,
@@ -128,7 +128,7 @@ impl Filter {
             };
             let projected = problem.solve(&mut self.system, &warm, &mut influence)?;
             work.add(&projected);
-            // Normals and feet were those expected; what the projection bent is linearised again where it ended.
+            // Normals and feet were predicted ones; contacts are linearised again at the projected positions.
             let again = self.watch(surface, &projected.positions);
             let left = lack(&again, &projected.positions);
             if left <= FEASIBLE || work.linearisations == LINEARISATIONS {
@@ -159,7 +159,7 @@ impl Filter {
         })
     }
 
-    /// Where the constraints will put the estimate if they do what they did last: there the contacts are linearised first.
+    /// The constrained estimate if the constraints act as in the last frame: the contacts are first linearised there.
     fn expected(&self, estimate: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let pushed = self.live.iter().zip(&self.estimate).map(|(x, e)| x - e);
         estimate.iter().zip(pushed).map(|(p, d)| p + d).collect()
@@ -172,7 +172,7 @@ impl Filter {
     }
 }
 
-/// Where the linearisations ended.
+/// The result of the linearisations.
 struct Settled {
     projected: Projected,
     left: f64,
@@ -197,12 +197,12 @@ impl Work {
     }
 }
 
-/// Lack of separation beyond the spare.
+/// Missing separation beyond the reserve.
 fn lack(contacts: &[Row], positions: &[Point3<f64>]) -> f64 {
     (deepest_gap(contacts, positions) - SPARE).max(0.0)
 }
 
-/// The rows of the newer linearisation, and of the older one for the vertices that the newer does not watch.
+/// The rows of the newer linearisation, and those of the older one for vertices that the newer does not contain.
 fn merged(old: Vec<Row>, new: Vec<Row>) -> Vec<Row> {
     let watched: HashSet<Key> = new.iter().map(|r| r.key).collect();
     let mut rows = new;

@@ -1,14 +1,14 @@
-//! Self-contact: which vertex must stay on which side of which triangle.
+//! Self-contact: which vertices must stay on which side of which triangles.
 //!
 //! ```text
 //! n_T · (x_v − Σ_k b_k x_k) ≥ δ        n_T: unit normal of the triangle, on the side v was on in the last frame
-//!                                      b: where v projects into it
+//!                                      b: barycentric coordinates of the projection of v
 //! ```
 //!
-//! A vertex is watched against triangles that are far along the surface and near in space. Far means: no corner within two rings
-//! of it, nor within `π δ` along the edges (a smooth sheet that comes back to itself at a distance `δ` has gone round that much).
-//! The side is that of the last live positions, which were feasible: this is what tells a vertex that has just passed through a
-//! sheet from one that belongs there.
+//! A vertex is constrained against triangles that are far along the surface and near in space. Far means: no corner within two rings
+//! of it, nor within `π δ` along the edges (the length of a smooth sheet that bends back to itself at a distance `δ`).
+//! The side is that of the last live positions, which were feasible: this distinguishes a vertex that has just passed through a
+//! sheet from one that belongs on that side.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,26 +19,26 @@ use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
 use crate::rows::{Key, Row};
 
-/// How far outside a triangle, in barycentric units, a projection still counts: neighbouring triangles then overlap and
-/// a vertex over their common edge is not missed by both.
+/// Tolerance in barycentric coordinates for a projection outside a triangle: neighbouring triangles then overlap, and
+/// a vertex above their common edge is not missed by both.
 const OVERLAP: f64 = 0.1;
 
-/// Which separation is asked for of a vertex and a triangle, by the side of it that the vertex is on (±1), m.
+/// The required separation of a vertex and a triangle, by the side that the vertex is on (±1), m.
 pub(crate) type Asked<'a> = dyn Fn(u32, &[u32; 3], f64) -> Option<f64> + 'a;
 
-/// The triangles with, for every vertex, the vertices near it along the surface.
+/// The triangles, and for every vertex the vertices near it along the surface.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Surface {
     triangles: Vec<[u32; 3]>,
     corners: Vec<u32>,
     starts: Vec<usize>,
     near: Vec<u32>,
-    /// Over the prisms of all triangles; made once, brought up to date by every look.
+    /// Search tree over the prisms of all triangles; built once and updated before every use.
     tree: Bvh,
 }
 
 impl Surface {
-    /// The same surface if the triangles are the same, a new one otherwise; distances along it are those at rest.
+    /// The same surface if the triangles are unchanged, else a new one; distances along it are those at rest.
     pub fn renewed(self, triangles: &[[u32; 3]], rest: &[Point3<f64>], separation: f64) -> Self {
         if self.triangles == triangles && self.starts.len() == rest.len() + 1 {
             self
@@ -82,8 +82,8 @@ impl Surface {
         triangle.iter().any(|k| near.binary_search(k).is_ok())
     }
 
-    /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row per vertex, that of the
-    /// deepest pass. `asked` is at most `most`.
+    /// Rows for every vertex near a far triangle of `now`, with sides from `before`; at most one row for each vertex, that of the
+    /// deepest penetration. `asked` is at most `most`.
     pub fn watch(
         &mut self,
         before: &[Point3<f64>],
@@ -108,7 +108,7 @@ impl Surface {
                         let foot = facet.over(p);
                         self.pair(v, triangle, before, foot, asked, reach)
                     })
-                    // Lower triangles first would depend on the tree's order: ties are broken by the row itself.
+                    // Taking the first triangle would depend on the order of the tree: ties are broken by the row itself.
                     .max_by(|(a, r), (b, s)| {
                         a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0))
                     })
@@ -117,11 +117,11 @@ impl Surface {
             .collect()
     }
 
-    /// Puts the present prisms into the tree.
+    /// Updates the prisms in the tree.
     fn refresh(&mut self, facets: &[Option<Facet>], now: &[Point3<f64>], reach: f64) {
         let all = self.triangles.iter().zip(facets).enumerate();
         let prisms = all.map(|(t, (triangle, facet))| {
-            // What is over a sliver is not asked; any box will do.
+            // Slivers get no contacts; any box will do.
             let corner =
                 |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
             let flat = || Aabb::from_points(triangle.map(corner));
@@ -161,7 +161,7 @@ impl Surface {
         let side = was.signum();
         let separation = asked(vertex, triangle, side)?;
         let gap = separation - side * height;
-        // A distance of one separation in reserve: what is so far away cannot be pushed into contact by the projection.
+        // A reserve of one separation: what is farther away cannot be pushed into contact by the projection.
         (was.abs() > 1e-9 && gap > -separation).then(|| {
             let direction = normal * side;
             let terms = std::iter::once((vertex, direction)).chain(
@@ -184,7 +184,7 @@ impl Surface {
 
 /// Vertices within two rings of `from` or within `length` along the edges, sorted.
 fn around(from: u32, ring: &[Vec<u32>], rest: &[Point3<f64>], length: f64) -> Vec<u32> {
-    // Path lengths by label correction: the neighbourhoods are a few dozen vertices, a heap would cost more.
+    // Path lengths by label correction: for neighbourhoods of a few dozen vertices a heap would be slower.
     let mut reached = BTreeMap::from([(from, (0.0, 0u32))]);
     let mut queue = std::collections::VecDeque::from([from]);
     while let Some(v) = queue.pop_front() {
@@ -205,10 +205,10 @@ fn around(from: u32, ring: &[Vec<u32>], rest: &[Point3<f64>], length: f64) -> Ve
     reached.into_keys().collect()
 }
 
-/// Signed height over a triangle's plane, its unit normal and the barycentric weights of the foot.
+/// Signed height above a triangle's plane, its unit normal and the barycentric weights of the foot.
 type Foot = (f64, Vector3<f64>, [f64; 3]);
 
-/// A triangle made ready for many vertices: most candidates are next to it and not over it, and a few products tell.
+/// A triangle prepared for tests with many vertices: most candidates are next to it and not above it, which a few products decide.
 struct Facet {
     origin: Point3<f64>,
     normal: Vector3<f64>,
@@ -222,7 +222,7 @@ impl Facet {
         let (u, v) = (b - origin, c - origin);
         let area = u.cross(&v);
         let square = area.norm_squared();
-        // A sliver has no side; its neighbours stand in for it.
+        // A sliver has no side; its neighbours take its place.
         (square > 1e-12 * u.norm_squared() * v.norm_squared()).then(|| Self {
             origin,
             normal: area / square.sqrt(),
@@ -230,8 +230,8 @@ impl Facet {
         })
     }
 
-    /// Box around the points that stand over the triangle, its margin of [`OVERLAP`] included, within `reach`: far fewer vertices lie in it
-    /// than triangles in a box of that reach around a vertex.
+    /// Bounding box of the points above the triangle, with a margin of [`OVERLAP`], within `reach`: it contains far fewer vertices than there are
+    /// triangles in a box of that reach around a vertex.
     fn prism(&self, triangle: &[u32; 3], points: &[Point3<f64>], reach: f64) -> Aabb {
         let corners = triangle.map(|k| points[k as usize].coords);
         let sum: Vector3<f64> = corners.iter().sum();

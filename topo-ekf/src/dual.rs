@@ -3,14 +3,14 @@
 //! ```text
 //! min ½ λᵀ G λ − gᵀ λ   s.t. λ ≥ 0              G = A S⁻¹ Aᵀ + ς I,  g: gaps without forces
 //! gradient q = Gλ − g
-//! model    μ = argmin ½ (μ − λ)ᵀ M (μ − λ) + qᵀ(μ − λ)   s.t. μ ≥ 0        M: dense, of the rows in play
+//! model    μ = argmin ½ (μ − λ)ᵀ M (μ − λ) + qᵀ(μ − λ)   s.t. μ ≥ 0        M: dense, of the included rows
 //! step     λ ← λ + t (μ − λ),   t from the exact G
 //! ```
 //!
-//! `M` is what `G` was when the rows came into play, with another set of resting vertices or before the last linearisation. The gradient and the length of the step are exact, so an old model costs steps and no accuracy: the cost falls in
-//! every step, and where it no longer does the answer is optimal for the exact `G`. A step is one sparse solve, where a fresh dense
-//! `G` would be a solve per row and per round. When the model is of no use any more, it is
-//! renewed for the present set of resting vertices or, if that is what it was made for, completed by what it left out ([`crate::compliance`]).
+//! `M` holds entries of `G` from when each row was included, possibly with another set of resting vertices or before the last linearisation.
+//! The gradient and the length of the step are exact, so an old model costs steps but no accuracy: the objective falls in every step, and where it no
+//! longer does the result is optimal for the exact `G`. A step is one sparse solve, where a new dense `G` would need a solve for each row and round. A
+//! model that no longer helps is renewed for the present set of resting vertices or, if it was made for that, completed ([`crate::compliance`]).
 
 use nalgebra::DMatrix;
 
@@ -27,15 +27,15 @@ const STEPS: usize = 60;
 pub(crate) struct Dual<'a> {
     /// Gaps without forces, m.
     pub gaps: &'a [f64],
-    /// Softness `ς`: rows that repeat or contradict each other would make `G` singular.
+    /// Softness `ς`: equal or infeasible rows would make `G` singular.
     pub soft: &'a [f64],
     /// Gradient entries below this count as zero, m.
     pub tolerance: f64,
 }
 
-/// `G` among the rows in play, as it was when each came into play.
+/// `G` among the included rows, with entries from when each was included.
 pub(crate) struct Model {
-    /// Positions of the rows in the stack.
+    /// Indices of the rows in the stack.
     rows: Vec<usize>,
     gram: DMatrix<f64>,
 }
@@ -81,7 +81,7 @@ impl Dual<'_> {
             }
             let mut target = self.target(&forces, &gradient, model);
             if target.is_none() {
-                // Entries of different age need not make a positive matrix.
+                // Entries from different times need not form a positive matrix.
                 model.renew(&forces, &gradient, influence, compliance)?;
                 target = self.target(&forces, &gradient, model);
             }
@@ -112,7 +112,7 @@ impl Dual<'_> {
         product
     }
 
-    /// Rows that push or ought to, and are not in play.
+    /// Rows that are active or should be, and are not included.
     fn lacking(&self, forces: &[f64], gradient: &[f64], model: &Model) -> Vec<usize> {
         let mut known = vec![false; forces.len()];
         for &k in &model.rows {
@@ -123,7 +123,7 @@ impl Dual<'_> {
             .collect()
     }
 
-    /// Largest of `min(λ_k G_kk, q_k)` in size: how far, in metres, the optimality conditions are from holding.
+    /// Largest of `min(λ_k G_kk, q_k)` in absolute value: how much, in metres, the optimality conditions are violated.
     fn defect(&self, forces: &[f64], gradient: &[f64], model: &Model) -> f64 {
         let inside = (0..model.rows.len()).map(|at| {
             let k = model.rows[at];
@@ -146,7 +146,7 @@ impl Dual<'_> {
             gaps[at] += self.soft[k] * now[at] - gradient[k];
         }
         let soft: Vec<f64> = model.rows.iter().map(|&k| self.soft[k]).collect();
-        // Who pushes now, and who is violated now: mostly right, so that a pivot or two are enough.
+        // The guess is the rows that are active or violated now: mostly right, so that one or two pivots are enough.
         let active = model
             .rows
             .iter()
@@ -161,7 +161,7 @@ impl Dual<'_> {
     }
 }
 
-/// Steps to the lowest cost along the direction that keeps the forces positive.
+/// Moves along the direction to the lowest objective with non-negative forces.
 fn advance(
     forces: &mut [f64],
     gradient: &mut [f64],
@@ -176,7 +176,7 @@ fn advance(
         .filter(|(_, d)| **d < 0.0)
         .map(|(f, d)| -f / d)
         .fold(f64::INFINITY, f64::min);
-    // The model's own length makes forces that it takes away vanish exactly; within these limits it lowers the cost as well.
+    // A full step of the model makes removed forces exactly zero; within these limits it lowers the objective as well.
     let length = if (0.7..1.5).contains(&lowest) {
         1.0
     } else {
@@ -202,7 +202,7 @@ impl Model {
         }
     }
 
-    /// Takes rows into play.
+    /// Includes rows.
     fn admit(
         &mut self,
         new: &[usize],
@@ -226,7 +226,7 @@ impl Model {
         Ok(())
     }
 
-    /// Starts again with the rows that push or ought to.
+    /// Starts again with the rows that are active or should be.
     fn renew(
         &mut self,
         forces: &[f64],

@@ -1,26 +1,26 @@
-//! What can be wrong with an input, and with which entry of it.
+//! Errors, each with the list and the index of the invalid entry.
 
 use thiserror::Error;
 
-/// Why a call was refused. The filter is left exactly as it was before the call.
+/// Why a call was rejected. The filter is unchanged then.
 #[derive(Clone, Debug, PartialEq, Error)]
 #[non_exhaustive]
 pub enum Error {
     /// The graph has no vertex.
     #[error("the graph has no vertices")]
     NoVertices,
-    /// An option lies outside its range.
+    /// An option is out of range.
     #[error("option `{name}` is {value}; it must be {must}")]
     Option {
         /// Field of [`Options`](crate::Options).
         name: &'static str,
-        /// The refused value.
+        /// The rejected value.
         value: f64,
-        /// What would be accepted.
+        /// The allowed range.
         must: &'static str,
     },
-    /// What the frame would have done to the body lies beyond a [limit](crate::body::Limits) of it.
-    #[error("{what} is {value:.3}, at most {limit:.3} is believed")]
+    /// The frame would move the body beyond one of its [limits](crate::body::Limits).
+    #[error("{what} is {value:.3}, more than the limit of {limit:.3}")]
     Beyond {
         /// Which limit: `motion of the surface, m` or `pull of the grips in weights of the body`.
         what: &'static str,
@@ -29,7 +29,7 @@ pub enum Error {
         /// The limit.
         limit: f64,
     },
-    /// A coordinate is NaN or infinite, or so large that squares overflow.
+    /// A coordinate is NaN, infinite, or so large that its square loses precision.
     #[error("{what} {index} is not a usable point: {value:?}")]
     NonFinitePoint {
         /// Which list: `rest`, `live`, `truth`, `observation`, `coefficient of inequality`, `grip`, `target of row` or
@@ -37,68 +37,68 @@ pub enum Error {
         what: &'static str,
         /// Position in that list.
         index: usize,
-        /// The refused coordinates.
+        /// The rejected coordinates.
         value: [f64; 3],
     },
-    /// Two lists that describe the same thing differ in length.
+    /// Two lists that belong together differ in length.
     #[error("{what} has {found} entries, {expected} are needed")]
     Length {
         /// Which list.
         what: &'static str,
         /// Its length.
         found: usize,
-        /// The length that fits.
+        /// The required length.
         expected: usize,
     },
-    /// An index points past the end of the vertices.
-    #[error("{what} {index} names vertex {vertex}, there are {vertices}")]
+    /// An index of a vertex is out of range.
+    #[error("{what} {index} refers to vertex {vertex}, but there are {vertices}")]
     VertexOutOfRange {
         /// Which list: `edge`, `observation`, `triangle`, `inequality` or `keep`.
         what: &'static str,
         /// Position in that list.
         index: usize,
-        /// The refused vertex.
+        /// The invalid index.
         vertex: u32,
         /// Number of vertices.
         vertices: usize,
     },
-    /// An embedded point names a cell that the lattice does not have (for variances: did not have in the last step).
-    #[error("{what} {index} lies in cell {cell}, there are {cells}")]
+    /// An embedded point is in a cell that does not exist (for variances: did not exist in the last step).
+    #[error("{what} {index} is in cell {cell}, but there are {cells}")]
     CellOutOfRange {
         /// Which list: `row`, `grip`, `surface point`, `foot`, `inequality`, `seen point` or `point`.
         what: &'static str,
         /// Position in that list.
         index: usize,
-        /// The refused cell.
+        /// The invalid cell.
         cell: u32,
         /// Number of cells.
         cells: usize,
     },
-    /// The weights of an embedded point are not those of a point: not finite, or their sum is not one.
+    /// The weights of an embedded point are invalid: not finite, or their sum is not one.
     #[error("the weights of {what} {index} are {weights:.3?}; they must be finite and sum to one")]
     Embedding {
         /// Which list, as for [`Self::CellOutOfRange`].
         what: &'static str,
         /// Position in that list.
         index: usize,
-        /// The refused weights.
+        /// The rejected weights.
         weights: [f64; 8],
     },
-    /// A change of a lattice takes cells away or moves them; cells may only be added and refilled.
+    /// A change of a lattice removes or moves cells; cells may only be added and refilled.
     #[error(
-        "the change takes cells away or moves them (cell {cell}); cells may only be added and refilled"
+        "the change removes or moves cells (cell {cell}); cells may only be added and refilled"
     )]
     CellsLost {
-        /// The first cell that is no longer as it was.
+        /// The first cell that has changed.
         cell: usize,
     },
-    /// A cell of the lattice is at a place for which no piece was given.
-    #[error("no piece is given for the cell at {place:?}; every cell needs one")]
+    /// A place with a cell has no piece.
+    #[error("there is no piece for the cell at {place:?}, but every cell needs one")]
     PlaceWithoutPiece {
         /// The place.
         place: [i32; 3],
     },
-    /// Joined pieces that are none, or whose cells share no corner.
+    /// Joined pieces that do not exist, or whose cells share no corner.
     #[error("joined pair {index}: {pair:?} are not two pieces whose cells share a corner")]
     NotJoined {
         /// Position in the list of pairs.
@@ -121,9 +121,9 @@ pub enum Error {
         what: &'static str,
         /// Position in its list (0 for a single value).
         index: usize,
-        /// The refused value.
+        /// The rejected value.
         value: f64,
-        /// What would be accepted.
+        /// The allowed range.
         must: &'static str,
     },
     /// A plane's normal is not a unit vector or its offset is not finite.
@@ -131,9 +131,9 @@ pub enum Error {
     Plane {
         /// Position in the list of planes.
         index: usize,
-        /// The refused normal.
+        /// The rejected normal.
         normal: [f64; 3],
-        /// Its offset.
+        /// The rejected offset.
         offset: f64,
     },
     /// A matrix given as a rotation is not orthonormal.
@@ -142,9 +142,11 @@ pub enum Error {
         /// Position in the list of rotations.
         index: usize,
     },
-    /// The information matrix could not be factorised: the spread between the largest and the smallest
-    /// information is beyond what `f64` carries.
-    #[error("the information matrix could not be factorised (weights too far apart)")]
+    /// The information matrix could not be factorised: the ratio of the largest to the smallest information is beyond the
+    /// precision of `f64`.
+    #[error(
+        "the information matrix could not be factorised: the weights differ by too many orders of magnitude"
+    )]
     Factorisation,
     /// The estimate overflowed.
     #[error("the estimate of vertex {vertex} is not finite")]

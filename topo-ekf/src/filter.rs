@@ -1,15 +1,15 @@
 //! The filter: predict, update, project.
 //!
 //! ```text
-//! state      live x̃, rotations R, data information d with the place y where the data put each vertex
-//! predict    x⁻, ΔR from the motion of what is seen;  y ← x⁻ + ΔR (y − x̃);  d ← d/(1 + q d)
+//! state      live x̃, rotations R, data information d, and the position y of each vertex by the data alone
+//! predict    x⁻, ΔR from the motion of the seen vertices;  y ← x⁻ + ΔR (y − x̃);  d ← d/(1 + q d)
 //! update     S = diag(d + r + a) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ,   S x̂ = d y + r z + a x⁻ + shape(R)
 //! project    x̃ = argmin (x − x̂)ᵀ (S ⊗ I₃) (x − x̂) over the constraints
 //! keep       x̃, R;  d ← d + r,  y ← (d y + r z)/(d + r) + x̃ − x̂
 //! ```
 //!
-//! Data and shape are kept apart: `(d, y)` is what was measured, the shape prior is a standing prior that enters each
-//! frame once. Pulling to the last estimate instead of `y` would count the shape again in every frame.
+//! Data and shape are kept apart: `(d, y)` summarises the measurements, while the shape prior is a fixed prior that enters each frame
+//! once. Pulling to the last estimate instead of `y` would count the shape again in every frame.
 
 use nalgebra::{Point3, Rotation3};
 
@@ -31,17 +31,17 @@ use crate::{Error, columns};
 /// Live positions of the vertices of a surface graph, with their rotations from rest and the information about them.
 ///
 /// # Guarantees
-/// After a step that returned `Ok`, no vertex is lower than rounding (1e-12 m for an object of a metre) below the plane
-/// most vertices touch, and with [`Status::Constrained`](crate::Status) every constraint holds within 1e-6 m. A rigid
-/// motion of everything given (rest, live, observations, planes) moves the answer by the same motion.
-/// After an error the filter is what it was before the call.
+/// After a successful step, no vertex is lower than rounding (1e-12 m for an object of a metre) below the plane
+/// that most vertices touch, and with [`Status::Constrained`](crate::Status) every constraint holds within 1e-6 m. A rigid
+/// motion of all inputs (rest, live, observations, planes) moves the result by the same motion.
+/// After an error the filter is unchanged.
 ///
 /// # Limits
-/// The shape prior of a surface graph resists stretch and, by the overlap of neighbouring rotations, bending over about two edges. A
-/// hollow shell that is unseen on one half keeps that half's bulge only as well as that; edges through the body stiffen it.
+/// The shape prior of a surface graph resists stretching and, by the overlap of neighbouring rotations, bending over about two edges. The bulge of the
+/// hidden half of a hollow shell is kept only by this bending resistance; edges through the body stiffen it.
 ///
-/// Covariances are those of the linearised model: they take the predicted motion and the fitted rotations for given, but for [`Filter::marginal_sigmas`], which adds
-/// what is not known of the rotations. See [`Filter::innovation_statistic`], [`Filter::error_statistic`] and [`Filter::calibration`] for how right that is on your data.
+/// Covariances are those of the linearised model: they treat the predicted motion and the fitted rotations as known; only [`Filter::marginal_sigmas`] adds the
+/// uncertainty of the rotations. [`Filter::innovation_statistic`], [`Filter::error_statistic`] and [`Filter::calibration`] test this on your data.
 pub struct Filter {
     pub(crate) options: Options,
     pub(crate) graph: Graph,
@@ -50,16 +50,16 @@ pub struct Filter {
     pub(crate) live: Vec<Point3<f64>>,
     /// Estimate before the constraints.
     pub(crate) estimate: Vec<Point3<f64>>,
-    /// Where the data of all frames put every vertex, carried along by the motion.
+    /// Position of every vertex by the data of all frames, moved with the predicted motion.
     pub(crate) evidence: Vec<Point3<f64>>,
     pub(crate) rotations: Vec<Rotation3<f64>>,
-    /// Data information of every vertex, 1/m²: what was measured, less what time has taken.
+    /// Data information of every vertex, 1/m²: what was measured, less the decay over time.
     pub(crate) information: Vec<f64>,
     /// Vertices measured in the last step.
     pub(crate) seen: Vec<bool>,
     pub(crate) warm: Warm,
     pub(crate) surface: Surface,
-    /// What the statistics of the last step need.
+    /// Data for the statistics of the last step.
     pub(crate) last: Option<Prior>,
 }
 
@@ -72,18 +72,18 @@ impl std::fmt::Debug for Filter {
     }
 }
 
-/// The prior of the last update and what was weighed in against it.
+/// The prior of the last update and the observations.
 pub(crate) struct Prior {
     pub seen: Seen,
     /// Data information before the update.
     pub information: Vec<f64>,
-    /// Predicted places, the origin of `pull`.
+    /// Predicted positions, the origin of `pull`.
     pub origin: Vec<Point3<f64>>,
     /// Right-hand side of the prior alone, for displacements from the origin.
     pub pull: Vec<f64>,
 }
 
-/// Everything the prediction hands to the update.
+/// The results of the prediction that the update needs.
 struct Prediction {
     seen: Seen,
     positions: Vec<Point3<f64>>,
@@ -103,13 +103,13 @@ pub(crate) struct Update {
 }
 
 impl Filter {
-    /// Filter whose live positions are the rest positions.
+    /// A filter whose live positions are the rest positions.
     ///
     /// # Errors
-    /// No vertices, unusable points, edges out of range or from a vertex to itself, options out of range.
+    /// No vertices, invalid points, edges out of range or from a vertex to itself, options out of range.
     ///
     /// # Complexity
-    /// `O(E)`, an order of elimination and one symbolic factorisation: about two linear updates.
+    /// `O(E)`, an elimination order and one symbolic factorisation: about two linear updates.
     pub fn new(rest: &[Point3<f64>], edges: &[[u32; 2]], options: &Options) -> Result<Self, Error> {
         options.check()?;
         let graph = Graph::new(rest, edges)?;
@@ -136,7 +136,7 @@ impl Filter {
         &self.live
     }
 
-    /// Estimate of the last step before the constraints; equal to [`Filter::live`] where nothing was violated. The covariance is its.
+    /// Estimate of the last step before the constraints; equal to [`Filter::live`] where nothing was violated. The covariances belong to it.
     pub fn unconstrained(&self) -> &[Point3<f64>] {
         &self.estimate
     }
@@ -156,7 +156,7 @@ impl Filter {
         &self.graph.edges
     }
 
-    /// What is left of what was measured of every vertex, 1/m².
+    /// Remaining data information of every vertex, 1/m².
     pub fn information(&self) -> &[f64] {
         &self.information
     }
@@ -169,7 +169,7 @@ impl Filter {
     /// Stiffness of every edge relative to `1/edge_sigma²`, in the order of the edges. A new graph starts with 1.
     ///
     /// # Errors
-    /// Wrong length, or a stiffness outside `[0, 1e6]`. An edge of stiffness 0 carries no shape.
+    /// Wrong length, or a stiffness outside `[0, 1e6]`. An edge of stiffness 0 has no effect on the shape.
     pub fn set_stiffness(&mut self, stiffness: &[f64]) -> Result<(), Error> {
         let expected = self.graph.edges.len();
         if stiffness.len() != expected {
@@ -193,15 +193,15 @@ impl Filter {
         Ok(())
     }
 
-    /// Standard deviation of each coordinate of every vertex, m: the data of all frames, the shape prior and the
-    /// anchor together, and what is not known of the turns of hidden parts. A constraint does not lower it (a resting vertex is known better along the normal
-    /// than this says).
+    /// Standard deviation of each coordinate of every vertex, m: from the data of all frames, the shape prior and the
+    /// anchor together, plus the uncertainty of the rotations of hidden parts. Constraints do not reduce it (a resting vertex is known better along the
+    /// normal than this).
     ///
     /// # Errors
     /// As [`Filter::step`], after stiffness or options that leave the information matrix unusable.
     ///
     /// # Complexity
-    /// One factorisation and one selected inverse, together about two linear updates; with [`Motion::Spread`] two factorisations and 96 solves more.
+    /// One factorisation and one selected inverse, together about two linear updates; with [`Motion::Spread`] two factorisations and 96 more solves.
     pub fn marginal_sigmas(&self) -> Result<Vec<f64>, Error> {
         let weights = self.weights();
         let values = self.values(&self.information, &weights);
@@ -219,20 +219,20 @@ impl Filter {
         self.system.variances(&values)
     }
 
-    /// What the last step determined, by connection; [`Filter::marginal_sigmas`] says how well.
+    /// What the last step determined, by connectivity; for the accuracy see [`Filter::marginal_sigmas`].
     pub fn observability(&self) -> Observability {
         Observability::new(&self.seen, &self.graph.component, self.graph.components)
     }
 
-    /// One frame: predict, update, project.
+    /// Processes one frame: predict, update, project.
     ///
     /// # Errors
-    /// Unusable observations, planes, triangles or inequalities; information too far apart to be factorised. The filter is left as
-    /// it was.
+    /// Invalid observations, planes, triangles or inequalities; information too far apart to be factorised. The filter is then
+    /// unchanged.
     ///
     /// # Complexity
-    /// Three numeric factorisations (one for [`Motion::Still`]) and `rotation_iterations + 2` solves; a touched table costs one or two
-    /// factorisations more, contacts as many more and a dense problem among the vertices that touch.
+    /// Three numeric factorisations (one for [`Motion::Still`]) and `rotation_iterations + 2` solves; contact with a plane costs one or two
+    /// more factorisations, self-contacts as many more and a dense problem among the vertices in contact.
     pub fn step(&mut self, frame: &Frame) -> Result<StepReport, Error> {
         frame.check(self.live.len())?;
         let prediction = self.predict(frame)?;
@@ -276,7 +276,7 @@ impl Filter {
         self.evidence = (0..self.live.len())
             .map(|i| {
                 let (y, z) = (prediction.evidence[i], seen.position[i]);
-                // What the constraints did is fed back, or a motion that they stop would carry the evidence on through the table.
+                // The displacement by the constraints is fed back, or a motion that they stop would carry the evidence on through the table.
                 let pushed = constrained.positions[i] - update.relaxed.positions[i];
                 y + (z - y) * (seen.information[i] / update.information[i]) + pushed
             })
@@ -294,7 +294,7 @@ impl Filter {
         self.estimate = update.relaxed.positions;
     }
 
-    /// Carries everything to this frame.
+    /// Predicts the state at this frame.
     fn predict(&mut self, frame: &Frame) -> Result<Prediction, Error> {
         let seen = Seen::gather(frame.observations, &self.live);
         let moved = match self.options.motion {
@@ -324,7 +324,7 @@ impl Filter {
         })
     }
 
-    /// Weighs the observations in.
+    /// Adds the observations.
     fn update(&mut self, prediction: &Prediction) -> Result<Update, Error> {
         let seen = &prediction.seen;
         let information: Vec<f64> = prediction
@@ -360,7 +360,7 @@ impl Filter {
         })
     }
 
-    /// `d/(1 + q d)`: the information of a vertex that walked at random with variance `q`.
+    /// `d/(1 + q d)`: the information about a vertex after a random walk with variance `q`.
     fn decayed(&self, frames: f64) -> Vec<f64> {
         let q = self.options.process_noise.powi(2) * frames;
         self.information.iter().map(|d| d / (1.0 + q * d)).collect()

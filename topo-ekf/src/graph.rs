@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::Error;
 
-/// Coordinates beyond this have squares that cost the digits of everything else.
+/// Largest coordinate: squares of larger ones would lose precision elsewhere.
 pub(crate) const FARTHEST: f64 = 1e9;
 
 /// Undirected graph over the vertices. Parallel edges are allowed and add their stiffness.
@@ -68,7 +68,7 @@ fn components(vertices: usize, edges: &[[u32; 2]]) -> (Vec<u32>, usize) {
     };
     for &[i, j] in edges {
         let (a, b) = (root(&mut parent, i as usize), root(&mut parent, j as usize));
-        // The smaller index wins, so the numbering does not depend on the order of the edges.
+        // The smaller index becomes the root, so the numbering does not depend on the order of the edges.
         parent[a.max(b)] = a.min(b);
     }
     let mut number = vec![u32::MAX; vertices];
@@ -86,7 +86,7 @@ fn components(vertices: usize, edges: &[[u32; 2]]) -> (Vec<u32>, usize) {
     (component, count as usize)
 }
 
-/// Refuses NaN, infinite and absurdly far points.
+/// Rejects NaN, infinite and absurdly distant points.
 pub(crate) fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result<(), Error> {
     match points.iter().position(|p| !usable_point(p)) {
         Some(index) => Err(Error::NonFinitePoint {
@@ -98,12 +98,12 @@ pub(crate) fn check_points(what: &'static str, points: &[Point3<f64>]) -> Result
     }
 }
 
-/// Whether every coordinate is finite and of a size that squares well.
+/// Whether every coordinate is finite and small enough to be squared.
 pub(crate) fn usable_point(p: &Point3<f64>) -> bool {
     p.iter().all(|c| c.abs() <= FARTHEST)
 }
 
-/// Refuses an index past the end.
+/// Rejects an index out of range.
 pub(crate) fn check_vertex(
     what: &'static str,
     index: usize,

@@ -1,11 +1,11 @@
-//! The whole projection at once by clarabel's interior point method, for what the active sets did not settle.
+//! The whole projection by clarabel's interior point method, for cases in which the active sets did not converge.
 //!
 //! ```text
-//! min ½ dᵀ (W ⊗ I₃) d + ‖s‖²/(2ς)     s.t.   A d + s ≥ g,   h + d_n ≥ 0        d: displacement, s: what contradiction leaves
+//! min ½ dᵀ (W ⊗ I₃) d + ‖s‖²/(2ς)     s.t.   A d + s ≥ g,   h + d_n ≥ 0        d: displacement, s: residual of infeasible rows
 //! ```
 //!
-//! The same programme as that of [`crate::project`], its softness `ς` included: at the optimum `s = ς λ`. Posed in displacements,
-//! because the constant of the other form swallows the solver's relative gap. Seconds at 2,000 vertices; it always ends.
+//! The same programme as in [`crate::project`], including its softness `ς`: at the optimum `s = ς λ`. It is posed in displacements,
+//! because the constant in the other form would dominate the solver's relative gap. It takes seconds at 2,000 vertices, but always terminates.
 
 use clarabel::algebra::CscMatrix;
 
@@ -21,7 +21,7 @@ use crate::system::System;
 /// that grows from 1e-14 to 1e-10 makes clarabel stop where the cost is still wrong by per cents (seen at 1e-12).
 const FEASIBILITY: f64 = 1e-9;
 
-/// Displacement as a block in the frame of the plane, and the forces of the rows. The table takes over who rests.
+/// Displacement as a block in the frame of the plane, and the forces of the rows. The resting vertices are set in `table`.
 pub(crate) fn interior_point(
     problem: &Problem,
     stack: &Stack,
@@ -31,7 +31,7 @@ pub(crate) fn interior_point(
     table: &mut PlaneContact,
 ) -> Result<(Vec<f64>, Vec<f64>), Error> {
     let (size, rows) = (problem.estimate.len(), stack.len());
-    // In units of the deepest violation and of the largest information: clarabel's tolerances are absolute.
+    // In units of the deepest violation and of the largest information, because clarabel's tolerances are absolute.
     let deepest = gaps
         .iter()
         .copied()
@@ -55,7 +55,7 @@ pub(crate) fn interior_point(
     let zero = vec![0.0; 3 * size + rows];
     let found = minimise(&quadratic, &zero, &bounds, &right, FEASIBILITY)?;
     if problem.plane.is_some() {
-        // Strict complementarity: who rests has the larger multiplier than distance.
+        // Strict complementarity: a vertex rests if its multiplier exceeds its distance.
         let rests = |i: usize| found.z[rows + i] > found.s[rows + i];
         table.set_resting((0..size).map(rests).collect());
     }
@@ -108,7 +108,7 @@ fn bounds(stack: &Stack, size: usize, plane: bool) -> CscMatrix<f64> {
             for axis in 0..3 {
                 let column = &mut columns[axis * size + *v as usize];
                 match column.last_mut() {
-                    // A vertex named twice in one row.
+                    // A vertex that occurs twice in one row.
                     Some((row, value)) if *row == k => *value -= a[axis],
                     _ => column.push((k, -a[axis])),
                 }

@@ -1,4 +1,4 @@
-//! Marginal variances of all vertices at once: the selected inverse, block by block.
+//! Marginal variances of all vertices: the selected inverse, block by block.
 //!
 //! ```text
 //! S = L Lᵀ,   Z = S⁻¹ on the pattern of L, last block first.   J: the columns of a block, R: its rows below
@@ -7,8 +7,8 @@
 //! Z_JJ = L_JJ⁻ᵀ L_JJ⁻¹ − Yᵀ Z_RJ
 //! ```
 //!
-//! `Z_RR` lies on the pattern of `L` again, in later blocks, so nothing outside it is ever formed: the cost is that of
-//! a few factorisations, not of `Q` solves, and it is spent in dense products. Source: Takahashi, Fagan and Chen (1973); Erisman and
+//! `Z_RR` lies on the pattern of `L` again, in later blocks, so nothing outside it is computed: the cost is that of
+//! a few factorisations instead of `Q` solves, and consists of dense products. Source: Takahashi, Fagan and Chen (1973); Erisman and
 //! Tinney (1975).
 
 use faer::linalg::matmul::matmul;
@@ -67,7 +67,7 @@ pub(crate) fn selected_diagonal(
     diagonal
 }
 
-/// The block of every column.
+/// The index of the block of every column.
 pub(crate) fn block_of(symbolic: &SymbolicSupernodalCholesky<usize>) -> Vec<usize> {
     let mut block = vec![0; symbolic.nrows()];
     let ends = symbolic.supernode_end().iter();
@@ -81,7 +81,7 @@ pub(crate) fn block_of(symbolic: &SymbolicSupernodalCholesky<usize>) -> Vec<usiz
 struct Selected<'a> {
     symbolic: &'a SymbolicSupernodalCholesky<usize>,
     values: Vec<f64>,
-    /// The block of every column.
+    /// The index of the block of every column.
     block: Vec<usize>,
 }
 
@@ -104,7 +104,7 @@ impl<'a> Selected<'a> {
         MatMut::from_column_major_slice_mut(&mut self.values[range], height, end - begin)
     }
 
-    /// `Z_RR` for the rows of a block: column by column from the later blocks that own them.
+    /// `Z_RR` for the rows of a block: column by column from the later blocks that contain them.
     fn corner(&self, rows: &[usize]) -> Mat<f64> {
         let mut corner = Mat::zeros(rows.len(), rows.len());
         let mut places = vec![0; rows.len()];

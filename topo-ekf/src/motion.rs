@@ -1,16 +1,16 @@
-//! Prediction: how everything moved since the last frame, told by what is seen, spread over what is not.
+//! Prediction: the motion since the last frame, estimated from the seen vertices and spread to the hidden ones.
 //!
 //! ```text
 //! whole component   z_i ≈ C(x_i)                        C rigid, weighted least squares (Kabsch)
-//! local turns       min Σ_i λ_i ‖ω_i − ω̂_i‖² + Σ_e ‖ω_i − ω_j‖²/σ_b²
-//!                   ω̂_i turns the seen edges of i, λ_i is how well they tell
+//! local rotations   min Σ_i λ_i ‖ω_i − ω̂_i‖² + Σ_e ‖ω_i − ω_j‖²/σ_b²
+//!                   ω̂_i rotates the seen edges of i, λ_i is the information they give
 //! positions         min Σ_i ‖x⁻_i − z_i‖²/σ_i² + Σ_e ‖x⁻_i − x⁻_j − ½(ΔR_i + ΔR_j)(x_i − x_j)‖²/σ_m²
 //!                   ΔR_i = exp[ω_i] R_C
 //! ```
 //!
 //! As-rigid-as-possible alternations move information one edge at a time: from a bad start the far side of a half-seen
-//! body needs hundreds of them. Two linear solves give them a start that is exact for any rigid motion, carries bending
-//! smoothly round to the far side, and averages the noise of the seen side over many vertices.
+//! body needs hundreds of them. Two linear solves provide a start that is exact for any rigid motion, extrapolates bending
+//! smoothly to the far side, and averages the noise of the seen side over many vertices.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
@@ -21,8 +21,8 @@ use crate::rotation::{nearest_rotation, solve_positive};
 use crate::system::System;
 use crate::{Error, columns};
 
-/// Prior on the turn of a whole component within a frame, as information on an angle (1/0.2² rad⁻²). It holds the axis
-/// that one, two or collinear observations leave open; a properly seen body outweighs it ten-thousandfold.
+/// Prior on the rotation of a whole component within a frame, as information on an angle (1/0.2² rad⁻²). It determines the axis
+/// that one, two or collinear observations leave open; a well observed body outweighs it ten-thousandfold.
 const TURN_INFORMATION: f64 = 25.0;
 
 /// Rigid motion of a component: `x ↦ R (x − from) + to`.
@@ -45,14 +45,14 @@ impl Rigid {
     }
 }
 
-/// Turn and place of every vertex as the motion predicts them.
+/// Predicted rotation and position of every vertex.
 pub(crate) struct Moved {
     pub turns: Vec<Rotation3<f64>>,
     pub positions: Vec<Point3<f64>>,
 }
 
 impl Moved {
-    /// Nothing moves.
+    /// The prediction without motion.
     pub fn still(live: &[Point3<f64>]) -> Self {
         Self {
             turns: vec![Rotation3::identity(); live.len()],
@@ -61,7 +61,7 @@ impl Moved {
     }
 }
 
-/// Predicts from last frame's positions and this frame's observations.
+/// Predicts from the last frame's positions and this frame's observations.
 pub(crate) fn predict(
     graph: &Graph,
     system: &mut System,
@@ -126,7 +126,7 @@ fn rigid_motions(
         Unseen::Hold => None,
         Unseen::Follow => fit(None),
     };
-    // Components are few in practice; with many, one pass per seen component would be quadratic.
+    // There are few components in practice; with many, one pass for each seen component would be quadratic.
     let mut motions = vec![unseen.unwrap_or_else(Rigid::STILL); graph.components];
     let mut done = vec![false; graph.components];
     for i in 0..live.len() {
@@ -141,7 +141,7 @@ fn rigid_motions(
     motions
 }
 
-/// Turns beyond the component's own: measured on the edges with two seen ends, harmonic elsewhere.
+/// Rotations relative to the component's own: measured on edges with two seen ends, harmonic elsewhere.
 fn spread_turns(
     graph: &Graph,
     system: &mut System,
@@ -175,13 +175,13 @@ fn spread_turns(
         let trace = normal[i].trace();
         if trace > 0.0 {
             information[i] = trace / 3.0;
-            // A thousandth of the trace keeps edges on one line solvable: no turn about that line is then assumed.
+            // A thousandth of the trace keeps collinear edges solvable: no rotation about their line is then assumed.
             let held = normal[i] + Matrix3::identity() * (1e-3 * trace);
             let turn = solve_positive(&held, &moment[i]).unwrap_or_else(Vector3::zeros);
             columns::add(&mut rhs, i, &(turn * information[i]));
         }
     }
-    // One unit (1 rad) of pull to no turn at all keeps components without a seen edge solvable.
+    // A weight of one (1 rad) on zero rotation keeps components without a seen edge solvable.
     let diagonal: Vec<f64> = information.iter().map(|w| w + 1.0).collect();
     let stiff = 1.0 / options.bend_sigma.powi(2);
     let values = system.pattern.assemble(&diagonal, &graph.edges, |_| stiff);
@@ -190,7 +190,7 @@ fn spread_turns(
     Ok(columns::read(&rhs))
 }
 
-/// Positions whose edges are last frame's, turned, and that pass near the observations.
+/// Positions whose edges are the rotated edges of the last frame, and that are near the observations.
 fn place(
     graph: &Graph,
     system: &mut System,
@@ -203,7 +203,7 @@ fn place(
     let size = live.len();
     let anchor = 1.0 / options.anchor_sigma.powi(2);
     let stiff = 1.0 / options.motion_sigma.powi(2);
-    // Solved for the displacement from the carried place: what is rigid then costs no digits.
+    // Solved for the displacement from the rigidly moved position, so that rigid motion costs no precision.
     let mut rhs = vec![0.0; 3 * size];
     for i in 0..size {
         columns::add(

@@ -4,10 +4,9 @@
 //! structural   rank(HᵀR⁻¹H + w L) = Q − (components without a seen vertex)
 //! graded       vertex i is determined within τ  ⇔  (Λ⁻¹)_ii ≤ τ²
 //! ```
-//!
-//! The structural statement is exact for any positive weights and costs a union-find; it says what has an answer at all. The graded one says
-//! how good the answer is. (The rank of the observability matrix with the neighbour-coupled dynamics is neither: on symmetric graphs it
-//! misses antisymmetric modes and its singular values fall off exponentially with the distance.)
+//! The structural statement is exact for any positive weights and costs a union-find; it tells which vertices have an estimate at all. The graded one
+//! tells how accurate it is. (The rank of the observability matrix with the neighbour-coupled dynamics tells neither: on symmetric graphs it
+//! misses antisymmetric modes, and its singular values fall off exponentially with the distance.)
 
 /// Which vertices the last frame and the shape prior determine together.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -16,9 +15,9 @@
 pub struct Observability {
     /// Whether the vertex was measured in the last step.
     pub seen: Vec<bool>,
-    /// Whether the vertex is connected with a measured one: its position has an answer.
+    /// Whether the vertex is connected with a measured one, so that its position is determined.
     pub determined: Vec<bool>,
-    /// Number of determined directions divided by three: vertices less blind components.
+    /// Number of determined directions divided by three: vertices minus components without observations.
     pub rank: usize,
     /// Connected components of the graph.
     pub components: usize,

@@ -1,4 +1,4 @@
-//! What a frame brings: measured vertices, planes that nothing passes, the surface for self-intersection.
+//! The input of a frame: measured vertices, planes that nothing may pass, the surface for self-contact.
 
 use nalgebra::{Point3, UnitVector3, Vector3};
 
@@ -8,14 +8,14 @@ use crate::options::usable_sigma;
 
 /// A vertex measured at a position, with the same standard deviation in every direction.
 ///
-/// Registered positions have a sigma of about half the spacing of the camera's points; a grip, whose place is known by
+/// Registered positions have a sigma of about half the spacing of the camera's points; a grip, whose position is known from
 /// the arm's kinematics, a few tenths of a millimetre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Observation {
     /// The vertex.
     pub vertex: u32,
-    /// Where it was seen.
+    /// Its measured position.
     pub position: Point3<f64>,
     /// Standard deviation of each coordinate, m.
     pub sigma: f64,
@@ -38,30 +38,30 @@ impl Plane {
     }
 }
 
-/// A linear inequality of the caller's own, `Σ_v a_v · x_v ≥ bound`, over any few vertices.
+/// A linear inequality of the caller, `Σ_v a_v · x_v ≥ bound`, over a few vertices.
 ///
-/// Feasible to 1e-6 times the largest `‖a_v‖`: with unit vectors, to a micrometre.
+/// Satisfied to 1e-6 times the largest `‖a_v‖`: with unit vectors, to a micrometre.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inequality {
-    /// Vertices with their coefficient vectors `a_v`; a vertex named twice counts with the sum.
+    /// Vertices with their coefficient vectors `a_v`; a vertex that occurs twice counts with the sum.
     pub terms: Vec<(u32, Vector3<f64>)>,
     /// Lower bound, metres times the unit of the coefficients.
     pub bound: f64,
 }
 
-/// Everything one step is given.
+/// The input of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// Measured vertices; a vertex may be measured more than once.
     pub observations: &'a [Observation],
-    /// Planes that no vertex passes: the table.
+    /// Planes that no vertex may pass, such as the table.
     pub planes: &'a [Plane],
-    /// Triangles of the surface, for self-intersection; may be empty.
+    /// Triangles of the surface, for self-contact; may be empty.
     pub triangles: &'a [[u32; 3]],
-    /// Linear inequalities of the caller's own; may be empty.
+    /// Linear inequalities of the caller; may be empty.
     pub inequalities: &'a [Inequality],
-    /// Frame periods since the last step: scales the process noise. 1 when no frame was dropped.
+    /// Frame periods since the last step, a factor on the process noise: 1 when no frame was dropped.
     pub dt_frames: f64,
 }
 
@@ -105,7 +105,7 @@ impl<'a> Frame<'a> {
         self
     }
 
-    /// Refuses anything that has no meaning for a filter of this many vertices.
+    /// Rejects input that is invalid for a filter with this many vertices.
     pub(crate) fn check(&self, vertices: usize) -> Result<(), Error> {
         for (index, o) in self.observations.iter().enumerate() {
             o.check(index, vertices)?;
@@ -160,7 +160,7 @@ impl Observation {
 impl Plane {
     fn check(&self, index: usize) -> Result<(), Error> {
         let unit = (self.normal.norm() - 1.0).abs() < 1e-6;
-        // Written so that NaN is refused too.
+        // Written so that NaN is rejected too.
         if unit && self.offset.abs() <= FARTHEST {
             return Ok(());
         }
@@ -230,7 +230,7 @@ pub(crate) fn check_inequality<T>(
 
 /// The observations gathered by vertex: `r_i = Σ 1/σ²` and the weighted mean position.
 pub(crate) struct Seen {
-    /// `r_i`, zero for what is not seen.
+    /// `r_i`, zero for vertices that are not seen.
     pub information: Vec<f64>,
     /// Weighted mean; the given default where nothing is seen.
     pub position: Vec<Point3<f64>>,
@@ -243,7 +243,7 @@ impl Seen {
         for o in observations {
             let i = o.vertex as usize;
             let r = 1.0 / (o.sigma * o.sigma);
-            // Running weighted mean; a first observation is taken as it is, without the rounding of a full step.
+            // Running weighted mean; a first observation is taken exactly, without the rounding of a full step.
             position[i] = if information[i] > 0.0 {
                 position[i] + (o.position - position[i]) * (r / (information[i] + r))
             } else {

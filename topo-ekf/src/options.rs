@@ -1,9 +1,9 @@
-//! Settings of the filter, each with the reason for its default.
+//! Options of the filter, with the reasons for their defaults.
 
 use crate::Error;
 use crate::setters::setters;
 
-/// How stiff, how noisy, how many iterations. All lengths in metres, angles in radians.
+/// Stiffness, noise, numbers of iterations. All lengths in metres, angles in radians.
 ///
 /// ```
 /// use topo_ekf::Options;
@@ -17,69 +17,69 @@ pub struct Options {
     /// Standard deviation of an edge vector around its rotated rest vector. The shape prior is as strong as
     /// `1/edge_sigma²`. Default 0.5 mm: a tenth of the usual edge of 5 mm, the strain of soft tissue under its own weight.
     pub edge_sigma: f64,
-    /// Standard deviation of what one frame's motion of a vertex leaves unexplained; what was known of a vertex decays by it.
-    /// Default 0.5 mm: less lets an old error of the hidden side live longer, more forgets a bent hidden side for its rest shape.
+    /// Standard deviation of the part of a vertex's motion in a frame that the prediction does not explain; the information about a vertex decays by it.
+    /// Default 0.5 mm: with less, old errors of the hidden side persist; with more, a bent hidden side returns to its rest shape.
     pub process_noise: f64,
-    /// Standard deviation, per frame, of the change of a live edge vector beyond its rotation. It decides over how many
+    /// Standard deviation, per frame, of the change of a live edge vector beyond its rotation. It determines over how many
     /// neighbours the predicted motion is averaged. Default 0.2 mm.
     pub motion_sigma: f64,
-    /// Standard deviation, per frame, of the difference between the turns of the two ends of an edge.
-    /// Default 0.05 rad. Smaller averages the turns of the hidden side over more of the seen one: less noise under rigid
+    /// Standard deviation, per frame, of the difference between the rotations of the two ends of an edge.
+    /// Default 0.05 rad. A smaller value averages the rotations of the hidden side over more of the seen one: less noise under rigid
     /// motion (0.17 mm instead of 0.25 mm at 0.02 rad), but a hidden end then lags behind a bend (4 mm instead of 0.5 mm).
     pub bend_sigma: f64,
     /// Most alternations between rotations and positions per frame. Default 6.
     pub rotation_iterations: usize,
     /// Alternations stop when no vertex moved farther than this. Default 10 µm, well below what a camera resolves.
     pub tolerance: f64,
-    /// Weight of the predicted rotation against the one fitted to a vertex's edges, as a share of the edges' own.
-    /// It decides only where edges leave the rotation open (one edge, or all on a line). Default 0.01.
+    /// Weight of the predicted rotation relative to the edges of a vertex.
+    /// It matters only where the edges do not determine the rotation (one edge, or all collinear). Default 0.01.
     pub rotation_memory: f64,
-    /// Standard deviation of the pull of every vertex to its predicted place. It only matters for what nothing else
-    /// holds. Default 0.1 m.
+    /// Standard deviation of the pull of every vertex to its predicted position. It matters only for vertices that nothing else
+    /// determines. Default 0.1 m.
     pub anchor_sigma: f64,
-    /// Standard deviation of the position of a vertex that enters the graph. Default 5 mm, one spacing.
+    /// Standard deviation of the position of a vertex added to the graph. Default 5 mm, one spacing.
     pub initial_sigma: f64,
     /// Least distance `δ` that a vertex keeps from a triangle far along the surface. Default 1 mm.
     pub separation: f64,
-    /// How deep a vertex may have passed a triangle and still be put back on its side. It has to cover the relative motion
-    /// of two folds within a frame; deeper passes are not seen. Default 5 mm.
+    /// Largest penetration depth at which a vertex is returned to its side of a triangle. It must cover the relative motion
+    /// of two folds within a frame; deeper penetrations are not detected. Default 5 mm.
     pub contact_reach: f64,
-    /// What a component of the graph does in a frame that shows nothing of it.
+    /// How a component of the graph without observations moves.
     pub unseen: Unseen,
     /// How the next frame is predicted.
     pub motion: Motion,
-    /// In which metric an estimate that violates a constraint is put back.
+    /// The metric in which an estimate that violates a constraint is projected.
     pub projection: Projection,
 }
 
-/// What is predicted before a frame's observations are weighed in.
+/// What is predicted before a frame's observations are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Motion {
-    /// The motion of the seen side is spread over the graph, rotations follow the edges: objects that are handled.
+    /// The motion of the seen side is spread over the graph, and rotations follow the edges: for objects that are manipulated.
     Spread,
-    /// Nothing moves and nothing turns but by the process noise: one linear Kalman update per frame with the rest shape as
-    /// standing prior. For objects that lie still, and for comparison with the textbook.
+    /// Vertices move only by the process noise, without rotation: one linear Kalman update per frame with the rest shape as
+    /// fixed prior. For objects at rest, and for comparison with the textbook filter.
     Still,
 }
 
-/// Which of Simon's projections puts a violating estimate back (IET Control Theory and Applications 2010, sections 2.4 and 2.5).
+/// Which of Simon's projections is used for an estimate that violates constraints (IET Control Theory and Applications 2010, sections 2.4 and 2.5).
 ///
 /// The example `projections` compares them; the README has its figures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Projection {
-    /// Estimate projection with the information as metric: the most probable state that keeps the constraints. A constraint
-    /// that binds moves the vertices around it too.
+    /// Estimate projection with the information as metric: the most probable state that satisfies the constraints. An active
+    /// constraint moves the vertices around it too.
     Estimate,
-    /// Gain projection: the gain nearest to Kalman's whose estimate keeps the constraints. It equals the Euclidean projection
-    /// of the estimate, so it moves the violating vertices alone and tears them from their neighbours.
+    /// Gain projection: the gain nearest to the Kalman gain whose estimate satisfies the constraints. It equals the Euclidean projection
+    /// of the estimate, so it moves only the violating vertices, away from their neighbours.
     Gain,
 }
 
-/// What a component without any observation does.
+/// How a component without observations moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -131,17 +131,17 @@ setters! {
     }
 }
 
-/// Range in which a standard deviation squares and inverts without leaving `f64`'s comfortable part: the ratio of the
+/// Range in which a standard deviation can be squared and inverted without loss of precision: the ratio of the
 /// largest to the smallest information stays below 1e24.
 const SIGMA_RANGE: std::ops::RangeInclusive<f64> = 1e-9..=1e3;
 
-/// Whether a standard deviation can be turned into information.
+/// Whether a standard deviation can be converted to information.
 pub(crate) fn usable_sigma(sigma: f64) -> bool {
     SIGMA_RANGE.contains(&sigma)
 }
 
 impl Options {
-    /// Refuses settings that have no meaning.
+    /// Rejects invalid options.
     pub(crate) fn check(&self) -> Result<(), Error> {
         for (name, value) in [
             ("edge_sigma", self.edge_sigma),

@@ -1,18 +1,18 @@
-//! Order of elimination: nested dissection of the surface by where its vertices lie at rest (George 1973).
+//! Elimination order: nested dissection of the surface by the rest positions of its vertices (George 1973).
 //!
 //! ```text
 //! set  →  half A,  separator,  half B        cut across the longest extent; separator: vertices of one half with neighbours in the other
-//! order:  A,  B,  separator                  A and B alike
+//! order:  A,  B,  separator                  A and B recursively
 //! ```
 //!
-//! On a surface of `Q` vertices separators have `√Q` of them, and what is eliminated last is a few large dense blocks. Minimum
+//! On a surface of `Q` vertices separators have `√Q` vertices, and the last ones to be eliminated form a few large dense blocks. Minimum
 //! degree leaves fewer entries in the factor but in smaller blocks, which take longer.
 
 use nalgebra::Point3;
 
 use crate::pattern::Pattern;
 
-/// Sets of so many vertices are not cut any more.
+/// Largest size of sets that are not divided further.
 const LEAF: usize = 30;
 
 /// The vertices in the order in which to eliminate them.
@@ -48,7 +48,7 @@ fn cut(
         return;
     }
     let axis = longest(points, &set);
-    // Stable: equal coordinates stay in the order of their vertices.
+    // Stable sort: vertices with equal coordinates keep their order.
     set.sort_by(|&i, &j| points[i][axis].total_cmp(&points[j][axis]));
     let half = set.len() / 2;
     for (k, &i) in set.iter().enumerate() {
@@ -78,7 +78,7 @@ fn cut(
     order.extend(separator);
 }
 
-/// Coordinate in which the set reaches farthest.
+/// Coordinate in which the set has the largest extent.
 fn longest(points: &[Point3<f64>], set: &[usize]) -> usize {
     let (mut low, mut high) = (points[set[0]], points[set[0]]);
     for &i in set {

@@ -1,21 +1,21 @@
-//! Where the entries of the information matrix lie, and the matrix as an operator.
+//! The sparsity pattern of the information matrix, and the matrix as an operator.
 //!
 //! ```text
 //! S = diag(d) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ          one entry per vertex and one per edge of the lower triangle
 //! ```
 //!
-//! Values are a plain vector beside the pattern: one pattern serves the posterior, the motion and the metrics of the projection.
+//! Values are stored separately from the pattern, which the posterior, the motion and the metrics of the projection share.
 
 /// Lower triangle of `S` in compressed columns.
 #[derive(Clone, Debug)]
 pub(crate) struct Pattern {
     pub starts: Vec<usize>,
     pub rows: Vec<usize>,
-    /// Where each diagonal entry lies: always first in its column.
+    /// Index of each diagonal entry, always the first in its column.
     pub diagonal: Vec<usize>,
-    /// Where each edge's entry lies.
+    /// Index of each edge's entry.
     pub edge: Vec<usize>,
-    /// Both triangles by rows, without the diagonal: the other vertex and where the entry lies.
+    /// Both triangles by rows, without the diagonal: the other vertex and the index of the entry.
     around: Vec<(u32, u32)>,
     around_starts: Vec<usize>,
 }
@@ -60,7 +60,7 @@ impl Pattern {
         around.iter().map(|&(j, _)| j as usize)
     }
 
-    /// `(S v)_i` without the diagonal's part.
+    /// `(S v)_i` without the diagonal term.
     pub fn pull(&self, values: &[f64], v: &[f64], i: usize) -> f64 {
         self.around[self.around_starts[i]..self.around_starts[i + 1]]
             .iter()
@@ -108,7 +108,7 @@ impl Pattern {
     }
 
     /// `S` with the rows and columns of `struck` vertices replaced by those of a diagonal matrix: the system of the
-    /// others when the struck ones are held. The pattern stays, so the symbolic factor does too.
+    /// others when the struck ones are fixed. The pattern and therefore the symbolic factor stay the same.
     pub fn strike(&self, values: &[f64], struck: &[bool]) -> Vec<f64> {
         let mut kept = values.to_vec();
         for column in 0..self.size() {

@@ -4,9 +4,9 @@
 //! optimal:  μ ≥ 0,  Mμ ≥ g,  μᵀ(Mμ − g) = 0
 //! ```
 //!
-//! Every wrong row changes sides at once, and when that stops making progress, the last wrong one alone (Júdice and Pires
-//! 1994, after Kostreva): fast where it is easy, and it does not cycle where two sheets watch each other and their rows nearly
-//! repeat.
+//! All wrong rows are swapped at once, and when that makes no progress, only the last wrong one (Júdice and Pires
+//! 1994, after Kostreva): this is fast in easy cases, and does not cycle where two sheets constrain each other and their rows are
+//! nearly equal.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{
@@ -16,12 +16,12 @@ use faer::linalg::cholesky::llt::solve::solve_in_place;
 use faer::{MatMut, Par, Spec};
 use nalgebra::DMatrix;
 
-/// Pivots allowed. What is then reached still serves as a direction of descent.
+/// Most pivots. The result is a direction of descent even if they do not suffice.
 const STEPS: usize = 40;
-/// Block pivots without progress before single ones.
+/// Block pivots without progress before single ones are used.
 const PATIENCE: usize = 3;
 
-/// Forces `μ` for the matrix with `soft` on its diagonal, from a guess of the rows that push; rows lacking less than `slack` are left alone. `None` if the
+/// Forces `μ` for the matrix with `soft` added to its diagonal, from a guess of the active rows; violations below `slack` are ignored. `None` if the
 /// matrix is not positive.
 pub(crate) fn minimise(
     gram: &DMatrix<f64>,
@@ -54,7 +54,7 @@ pub(crate) fn minimise(
     }
 }
 
-/// Rows that pull, and idle ones that are violated.
+/// Active rows with negative forces, and inactive rows that are violated.
 fn wrong_rows(
     gram: &DMatrix<f64>,
     gaps: &[f64],
@@ -62,9 +62,9 @@ fn wrong_rows(
     forces: &[f64],
     slack: f64,
 ) -> Vec<usize> {
-    // Rounding of the largest force decides what counts as a pull.
+    // Relative to the largest force, so that rounding does not count as a negative force.
     let pull = -1e-12 * forces.iter().fold(0.0, |a: f64, f| a.max(f.abs()));
-    // An idle row has no force of its own, so its softness gives nothing.
+    // An inactive row has no force, so its softness has no effect.
     let reached = |k: usize| {
         let column = gram.column(k);
         column.iter().zip(forces).map(|(g, f)| g * f).sum::<f64>()

@@ -1,32 +1,32 @@
-//! The main plane as bounds on heights: which vertices rest on it.
+//! The main plane as bounds on heights: the active set of vertices that rest on it.
 //!
 //! ```text
-//! struck vertices   h_i = 0,  force of the table  (W δh)_i − f_i ≥ 0      else they are freed        f: normal forces of the rows
+//! struck vertices   h_i = 0,  force of the table  (W δh)_i − f_i ≥ 0      else they are released     f: normal forces of the rows
 //! other vertices    h_i ≥ 0                                               else they are struck
 //! ```
 //!
-//! All that are wrong change sides at once: a primal-dual active set, that is a semismooth Newton method (Hintermüller, Ito, Kunisch
-//! 2002), with the next set foretold by relaxation in the first rounds. Struck vertices are taken out of `W` by zeroing their rows, so the pattern and its symbolic factor stay. Without
-//! rows `W` is an M-matrix and the sets are monotone.
+//! All wrong vertices change sides at once: a primal-dual active set, that is, a semismooth Newton method (Hintermüller, Ito, Kunisch
+//! 2002), with the next set predicted by relaxation in the first rounds. Struck vertices are removed from `W` by zeroing their rows, so that the
+//! pattern and its symbolic factor stay the same. Without rows `W` is an M-matrix and the sets are monotone.
 
 use crate::Error;
 use crate::pattern::Pattern;
 use crate::system::{Factor, System};
 
-/// A vertex lower than this is struck, m; it is then put exactly on the plane.
+/// A vertex lower than this is struck, m; it is then moved exactly onto the plane.
 const DEPTH: f64 = 1e-9;
 
-/// Sweeps of the relaxation that foretells the set.
+/// Sweeps of the relaxation that predicts the set.
 const SWEEPS: usize = 24;
-/// Its over-relaxation: 1 is Gauss and Seidel's, at 2 it no longer converges.
+/// Over-relaxation factor: 1 is Gauss–Seidel, and from 2 on it does not converge.
 const OVER: f64 = 1.7;
 
-/// Resting vertices and the factor of the others.
+/// Resting vertices, and the factor of the others.
 pub(crate) struct PlaneContact {
-    /// Heights of the unconstrained estimate over the plane; infinite without a plane.
+    /// Heights of the unconstrained estimate above the plane; infinite without a plane.
     heights: Vec<f64>,
     struck: Vec<bool>,
-    /// For which struck vertices `free` was made.
+    /// The struck vertices for which `free` was computed.
     factored: Vec<bool>,
     free: Option<Factor>,
     pub factorisations: usize,
@@ -56,8 +56,8 @@ impl PlaneContact {
             .collect()
     }
 
-    /// Displacement to foretell from, as a block: struck vertices on the plane, the others risen as they had last time (which is the
-    /// better part of what they will, the weight of a table changes little from frame to frame).
+    /// Starting displacement of the prediction, as a block: struck vertices on the plane, the others raised as in the last projection, which is
+    /// usually close because the support of a table changes little from frame to frame.
     pub fn start(&self, risen: &[f64]) -> Vec<f64> {
         let size = self.struck.len();
         let mut block = vec![0.0; 3 * size];
@@ -86,12 +86,12 @@ impl PlaneContact {
         self.struck[vertex as usize]
     }
 
-    /// Takes over a set found elsewhere.
+    /// Sets the resting vertices from another method.
     pub fn set_resting(&mut self, struck: Vec<bool>) {
         self.struck = struck;
     }
 
-    /// Brings the factor of the free vertices up to date.
+    /// Updates the factor of the free vertices.
     pub fn refactor(&mut self, values: &[f64], system: &mut System) -> Result<(), Error> {
         if self.factored != self.struck {
             self.factored.clone_from(&self.struck);
@@ -104,7 +104,7 @@ impl PlaneContact {
         Ok(())
     }
 
-    /// Takes the normal component of resting vertices out of a block.
+    /// Removes the normal component of resting vertices from a block.
     pub fn hold(&self, block: &mut [f64]) {
         let size = self.struck.len();
         for (v, &s) in block[2 * size..].iter_mut().zip(&self.struck) {
@@ -114,7 +114,7 @@ impl PlaneContact {
         }
     }
 
-    /// Displacement under a block of forces, resting vertices held along the normal.
+    /// Displacement under a block of forces, with resting vertices fixed along the normal.
     pub fn respond(&self, full: &Factor, system: &mut System, block: &mut [f64]) {
         let size = self.struck.len();
         if let Some(free) = &self.free {
@@ -126,7 +126,7 @@ impl PlaneContact {
         }
     }
 
-    /// Factor that answers forces along the normal (none of them on resting vertices) or along the plane.
+    /// The factor for forces along the normal (none of them on resting vertices) or along the plane.
     pub fn factor_along<'a>(&'a self, full: &'a Factor, normal: bool) -> &'a Factor {
         match &self.free {
             Some(free) if normal => free,
@@ -134,7 +134,7 @@ impl PlaneContact {
         }
     }
 
-    /// Height changes with the struck vertices on the plane and nothing else pushing.
+    /// Height changes with the struck vertices on the plane and no other forces.
     pub fn lift(&self, values: &[f64], system: &mut System) -> Vec<f64> {
         let Some(free) = &self.free else {
             return vec![0.0; self.struck.len()];
@@ -151,8 +151,8 @@ impl PlaneContact {
         lift
     }
 
-    /// Foretells the set by projected over-relaxation of the heights (Cryer 1971), from a displacement and the forces of the rows (blocks).
-    /// A sweep costs a fraction of a factorisation, and neighbours answer each other in it, where in [`Table::update`] they err together.
+    /// Predicts the set by projected over-relaxation of the heights (Cryer 1971), from a displacement and the forces of the rows (blocks).
+    /// A sweep costs a fraction of a factorisation and takes interactions of neighbours into account, which [`Table::update`] ignores.
     pub fn foretell(&mut self, values: &[f64], pattern: &Pattern, shift: &[f64], push: &[f64]) {
         let size = self.struck.len();
         let (mut risen, pushed) = (shift[2 * size..].to_vec(), &push[2 * size..]);
@@ -166,7 +166,7 @@ impl PlaneContact {
         }
     }
 
-    /// Next set, from the displacement and the forces of the rows (blocks); `true` if it changed.
+    /// The next set, from the displacement and the forces of the rows (blocks); returns `true` if it changed.
     pub fn update(&mut self, values: &[f64], system: &System, shift: &[f64], push: &[f64]) -> bool {
         let size = self.struck.len();
         let (risen, pushed) = (&shift[2 * size..], &push[2 * size..]);

@@ -1,4 +1,4 @@
-//! What is projected: the estimate, its metric, the plane and the rows; and what the search for the active sets starts from.
+//! The input of a projection: the estimate, its metric, the plane and the rows; and the start of the active sets.
 
 use std::collections::HashMap;
 
@@ -8,10 +8,10 @@ use crate::observation::Plane;
 use crate::rows::{Key, Row};
 use crate::system::Factor;
 
-/// A row violated by more than this is projected, m. It leaves a hundredfold reserve to the 1e-6 m that is promised.
+/// A row violated by more than this is projected, m: a hundredth of the guaranteed 1e-6 m.
 pub(crate) const ROW_DEPTH: f64 = 1e-8;
 
-/// The main plane is handled by striking vertices; everything else is a row.
+/// The main plane is handled by striking vertices; every other constraint is a row.
 pub(crate) struct Problem<'a> {
     /// Lower triangle of the metric.
     pub values: &'a [f64],
@@ -21,13 +21,13 @@ pub(crate) struct Problem<'a> {
     pub rows: &'a [Row],
 }
 
-/// What to start from: the last frame's or the last linearisation's.
+/// The start of the active sets: from the last frame or the last linearisation.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Warm {
     /// Vertices that rested on the plane.
     pub resting: Vec<u32>,
-    /// How far every vertex was moved along the normal of the plane, m; empty if there is nothing to go by.
+    /// Displacement of every vertex along the normal of the plane, m; empty if unknown.
     pub risen: Vec<f64>,
-    /// Forces of the rows that pushed.
+    /// Forces of the active rows.
     pub forces: HashMap<Key, f64>,
 }

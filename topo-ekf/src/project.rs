@@ -1,17 +1,17 @@
-//! The estimate nearest to the unconstrained one, in the metric of its information, that keeps the constraints.
+//! The constrained estimate nearest to the unconstrained one, in the metric of its information.
 //!
 //! ```text
 //! min ½ (x − x̂)ᵀ (W ⊗ I₃) (x − x̂)      s.t.   n·x_i + c ≥ 0  for every i,      Σ_v a_kv·x_v ≥ b_k  for every row k
 //! ```
 //!
 //! `W = S` is estimate projection, `W = I` gain projection ([`crate::Projection`]). The metric is the same in every direction, so
-//! the main plane touches the heights `n·x` alone: a bound-constrained problem with the scalar matrix `W`, solved by a primal-dual
-//! active set ([`crate::plane_contact`]). Rows (self-contact, further planes, the caller's) push with forces found in the
+//! the main plane involves only the heights `n·x`: a bound-constrained problem with the scalar matrix `W`, solved by a primal-dual
+//! active set ([`crate::plane_contact`]). The forces of rows (self-contact, further planes, the caller's inequalities) are found in the
 //! dual ([`crate::dual`]), and the two alternate until neither changes ([`crate::active_sets`]). The optimum of a strictly convex
-//! problem is unique, so the starting set changes the time and not the answer.
+//! problem is unique, so the starting set affects the time and not the result.
 //!
-//! The projected mean is kept by the filter; the set of active constraints is a property of this estimate and never becomes
-//! information (that would make the filter overconfident by an order of magnitude, since the same table would be measured anew in
+//! The filter keeps the projected mean; the set of active constraints is a property of this estimate and is not used as information
+//! (that would make the filter overconfident by an order of magnitude, since the same table would be measured again in
 //! every frame).
 
 use std::collections::HashMap;
@@ -27,24 +27,24 @@ use crate::rows::{Row, Stack, plane_rows};
 use crate::system::System;
 use crate::{Error, columns};
 
-/// Height up to which a vertex that rested last time is taken to rest again, m.
+/// Height up to which a vertex that rested last time starts as resting, m.
 const NEAR: f64 = 1e-3;
 
-/// How the projection ended.
+/// Outcome of the projection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Status {
     /// Nothing was violated: the estimate is the unconstrained one.
     Free,
-    /// Nothing was observed and nothing violated: the estimate is the prediction, and as uncertain as that.
+    /// Nothing was observed and nothing violated: the estimate is the prediction, with its uncertainty.
     Unobserved,
-    /// Constraints hold and the estimate is the nearest that keeps them.
+    /// The constraints hold, and the estimate is the nearest that satisfies them.
     Constrained,
-    /// The linearised contacts had not settled: planes and inequalities hold, a contact may lack some separation
+    /// The linearised contacts did not converge: planes and inequalities hold, but a contact may lack some separation
     /// (see [`StepReport::contact_depth`](crate::StepReport)).
     Unsettled,
-    /// The constraints contradict each other: the first plane holds, the rest is violated as little as possible (least squares).
+    /// The constraints cannot hold together: the first plane holds, the others are violated as little as possible (least squares).
     Infeasible,
 }
 
@@ -53,7 +53,7 @@ pub(crate) struct Projected {
     pub positions: Vec<Point3<f64>>,
     pub status: Status,
     pub warm: Warm,
-    /// Rows that push.
+    /// Number of active rows.
     pub pushing: usize,
     pub rounds: usize,
     pub solves: usize,
@@ -61,7 +61,7 @@ pub(crate) struct Projected {
 }
 
 impl Problem<'_> {
-    /// Solves from the active sets of `warm`; `influence` belongs to the metric and serves all linearisations.
+    /// Solves from the active sets of `warm`; `influence` belongs to the metric and is used in all linearisations.
     pub fn solve(
         &self,
         system: &mut System,
@@ -79,7 +79,7 @@ impl Problem<'_> {
         }
         let mut struck: Vec<bool> = heights.iter().map(|&h| h < 0.0).collect();
         for &i in &warm.resting {
-            // Only those near the plane: a set left over from another place would cost rounds, not save them.
+            // Only vertices near the plane: a set from a different pose would cost rounds instead of saving them.
             struck[i as usize] |= heights[i as usize] < NEAR;
         }
         let basis = self.basis();
@@ -90,7 +90,7 @@ impl Problem<'_> {
         Ok(self.finish(&basis, &search))
     }
 
-    /// Into the frame whose third axis is the normal of the main plane.
+    /// Rotation into the frame whose third axis is the normal of the main plane.
     fn basis(&self) -> Matrix3<f64> {
         let Some(plane) = self.plane else {
             return Matrix3::identity();
@@ -154,7 +154,7 @@ impl Problem<'_> {
     }
 }
 
-/// Puts on the plane what rounding left a nanometre below.
+/// Moves vertices that rounding left a nanometre below onto the plane.
 fn lift_above(positions: &mut [Point3<f64>], plane: &Plane) {
     for p in positions {
         let height = plane.height(p);
@@ -172,7 +172,7 @@ pub(crate) fn deepest(planes: &[Plane], positions: &[Point3<f64>]) -> f64 {
         .fold(0.0, f64::max)
 }
 
-/// The plane that is handled by striking (the one most vertices violate, the first of equals) and rows for the others.
+/// The plane that is handled by striking (the one violated by most vertices, the first of equals), and rows for the others.
 pub(crate) fn split_planes(
     planes: &[Plane],
     estimate: &[Point3<f64>],

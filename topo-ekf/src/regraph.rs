@@ -1,4 +1,4 @@
-//! Another graph under a running filter: vertices added, removed, joined otherwise.
+//! Changes of the graph of a running filter: vertices added, removed, or joined differently.
 
 use nalgebra::{Point3, Rotation3};
 
@@ -12,13 +12,13 @@ use crate::shape_prior::fit_rotations;
 use crate::system::System;
 
 impl Filter {
-    /// Replaces the graph: vertices added, removed, joined otherwise, or with relaxed rest positions.
+    /// Replaces the graph: vertices added, removed, joined differently, or with other rest positions.
     ///
-    /// `keep[i]` is the old vertex that new vertex `i` continues; it hands on its information and, unless `rotations` gives
-    /// others, its rotation. Vertices without one get [`Options::initial_sigma`](crate::Options::initial_sigma) and the rotation that fits their edges.
+    /// `keep[i]` is the old vertex that new vertex `i` continues; it inherits the information and, unless given in `rotations`,
+    /// the rotation. Other vertices get [`Options::initial_sigma`](crate::Options::initial_sigma) and the rotation that fits their edges.
     ///
     /// # Errors
-    /// Lists of different lengths, unusable points or rotations, indices out of range; the filter then keeps its graph.
+    /// Lists of different lengths, invalid points or rotations, indices out of range; the filter is then unchanged.
     ///
     /// # Complexity
     /// As [`Filter::new`].
@@ -68,11 +68,11 @@ impl Filter {
             .iter()
             .map(|k| k.is_some_and(|k| self.seen[k as usize]))
             .collect();
-        // Active sets only warm up the next projection, so dropping them is safe.
+        // Active sets are only a warm start of the next projection, so dropping them is safe.
         self.warm = Warm::default();
         self.surface = Surface::default();
         self.last = None;
-        // What was measured of a kept vertex lies from its new place as it lay from the old one.
+        // The evidence of a kept vertex keeps its offset from the live position.
         self.evidence = keep
             .iter()
             .zip(live)
@@ -91,7 +91,7 @@ impl Filter {
         Ok(())
     }
 
-    /// Rotations of kept vertices; new ones take the mean of their kept neighbours' as guess and prior of a fit.
+    /// Rotations of kept vertices; new ones start from the mean of their kept neighbours, which is also the prior of a fit.
     fn continued_rotations(
         &self,
         graph: &Graph,
@@ -103,7 +103,7 @@ impl Filter {
             .map(|k| k.map(|k| self.rotations[k as usize]))
             .collect();
         let weights = vec![1.0; graph.edges.len()];
-        // Outward from the kept ones, a ring at a time; what is never reached starts unrotated.
+        // Outward from the kept vertices, ring by ring; vertices that are never reached start unrotated.
         loop {
             let mut sums = vec![None; live.len()];
             for &[i, j] in &graph.edges {
@@ -147,7 +147,7 @@ impl Filter {
 fn checked_rotations(given: &[Rotation3<f64>]) -> Result<Vec<Rotation3<f64>>, Error> {
     for (index, r) in given.iter().enumerate() {
         let defect = (r.matrix().tr_mul(r.matrix()) - nalgebra::Matrix3::identity()).norm();
-        // Written so that NaN is refused too.
+        // Written so that NaN is rejected too.
         if !(defect < 1e-6 && r.matrix().determinant() > 0.0) {
             return Err(Error::NotARotation { index });
         }

@@ -1,4 +1,4 @@
-//! What a step tells about itself.
+//! The report of a step.
 
 use crate::project::Status;
 
@@ -7,11 +7,11 @@ use crate::project::Status;
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StepReport {
-    /// How the constraints ended.
+    /// Outcome of the constraints.
     pub status: Status,
     /// Alternations between rotations and positions.
     pub iterations: usize,
-    /// Farthest that a vertex moved in the last of them, m.
+    /// Largest displacement of a vertex in the last of them, m.
     pub last_move: f64,
     /// Deepest vertex below a plane, before the projection and after it, m.
     pub plane_depth: [f64; 2],
@@ -22,14 +22,14 @@ pub struct StepReport {
     pub inequality_depth: [f64; 2],
     /// Vertices resting on the plane that most vertices touch.
     pub resting: Vec<u32>,
-    /// Number of pushing rows: self-contacts and touches of further planes.
+    /// Number of active rows: self-contacts, further planes and inequalities.
     pub pushing: usize,
-    /// Pairs of vertex and triangle that were watched.
+    /// Number of pairs of vertex and triangle that were constrained.
     pub watched: usize,
     /// Rounds of the two alternating active sets, over all linearisations.
     pub rounds: usize,
-    /// Sparse solves that the forces of the rows took.
+    /// Sparse solves for the forces of the rows.
     pub solves: usize,
-    /// Factorisations beyond those that every step needs.
+    /// Factorisations in addition to those of every step.
     pub factorisations: usize,
 }

@@ -5,16 +5,16 @@
 //! Newton:  (tr(A) I − sym A) ω = vee(A − Aᵀ),   R ← R · cay(ω)
 //! ```
 //!
-//! From last iteration's rotation two or three steps are enough, ten times cheaper than a singular value decomposition;
-//! a guess on the wrong side (the Hessian is not positive) falls back to the decomposition. Where `M` leaves an axis open
-//! (all edges on a line) the caller adds a multiple of the rotation it would like to see.
+//! From the rotation of the last iteration two or three steps are enough, ten times faster than a singular value decomposition;
+//! for a poor guess (the Hessian is not positive) the decomposition is used. If `M` does not determine an axis
+//! (all edges collinear) the caller adds a multiple of the rotation to prefer.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// Steps before the decomposition is asked; a guess within 90° needs at most five.
+/// Steps before the decomposition is used; a guess within 90° needs at most five.
 const STEPS: usize = 8;
 
-/// Rotation maximising `tr(Rᵀ m)`; `guess` itself where `m` has nothing to say.
+/// The rotation that maximises `tr(Rᵀ m)`; `guess` itself where `m` does not determine it.
 pub(crate) fn nearest_rotation(m: &Matrix3<f64>, guess: &Rotation3<f64>) -> Rotation3<f64> {
     newton(m, guess).or_else(|| decompose(m)).unwrap_or(*guess)
 }
@@ -27,7 +27,7 @@ fn newton(m: &Matrix3<f64>, guess: &Rotation3<f64>) -> Option<Rotation3<f64>> {
         let hessian = Matrix3::identity() * a.trace() - (a + a.transpose()) * 0.5;
         let step = solve_positive(&hessian, &gradient)?;
         r *= cayley(&step);
-        // Quadratic convergence: a step of 1e-7 leaves an error of 1e-14.
+        // Convergence is quadratic: a step of 1e-7 leaves an error of 1e-14.
         if step.norm_squared() < 1e-14 {
             return Some(Rotation3::from_matrix_unchecked(r));
         }
@@ -65,7 +65,7 @@ pub(crate) fn solve_positive(h: &Matrix3<f64>, g: &Vector3<f64>) -> Option<Vecto
     let (c00, c01, c02) = (d * f - e * e, c * e - b * f, b * e - c * d);
     let determinant = a * c00 + b * c01 + c * c02;
     let minor = a * d - b * b;
-    // Relative to the matrix's own size, or a tiny matrix would always look singular.
+    // Relative to the matrix's own size, or a small matrix would always appear singular.
     let size = a.abs().max(d.abs()).max(f.abs());
     let positive =
         a > 0.0 && minor > 1e-12 * size * size && determinant > 1e-12 * size * size * size;
@@ -87,7 +87,7 @@ fn cayley(w: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::identity() + (cross + cross * cross) * (2.0 / (1.0 + s))
 }
 
-/// Removes the rounding that many products leave in a rotation.
+/// Removes the rounding errors of many products from a rotation.
 pub(crate) fn clean(r: &Rotation3<f64>) -> Rotation3<f64> {
     nalgebra::UnitQuaternion::from_rotation_matrix(r).to_rotation_matrix()
 }

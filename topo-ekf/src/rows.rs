@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! row k      Σ_v a_kv · x_v ≥ b_k                gap   g_k = b_k − Σ_v a_kv · x̂_v
-//! forces     f = Aᵀ λ                            reach A d: what a displacement d closes of the gaps
+//! forces     f = Aᵀ λ                            reach A d: reduction of the gaps by a displacement d
 //! ```
 //!
 //! Displacements and forces are blocks of three columns: two along the main plane and, last, its normal.
@@ -11,28 +11,28 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::observation::{Inequality, Plane};
 
-/// What a row stands for: by it, its force is found again in the next linearisation and in the next frame.
+/// Identifies a row, so that its force can be reused in the next linearisation and in the next frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Key {
     /// A vertex against the surface.
     Contact(u32),
     /// A vertex against a plane (position in the list).
     Plane(u32, u32),
-    /// An inequality of the caller's (position in the list).
+    /// An inequality of the caller (position in the list).
     Own(u32),
 }
 
-/// Softness of a row relative to what it would give with everything around it held. A single row that is 1 mm violated keeps about
-/// 1e-9 m of it; rows that contradict each other share what is left by least squares.
+/// Softness of a row relative to its compliance with everything around it fixed. A single row that is violated by 1 mm keeps about
+/// 1e-9 m of it; infeasible rows share the remainder by least squares.
 const SOFT: f64 = 2e-5;
-/// The same for contacts. Two sheets that lie on each other watch each other from both sides: their rows repeat nearly, and what keeps
-/// their forces apart is this. What it leaves of a gap is covered by what contacts ask for in excess ([`crate::constrain`]).
+/// The same for contacts. Two sheets in contact constrain each other from both sides: their rows are nearly equal, and this softness keeps
+/// their forces unique. The gap that it leaves is covered by the reserve of contacts ([`crate::constrain`]).
 const SOFT_CONTACT: f64 = 3e-3;
 
-/// What a contact asks for beyond the separation, m: the triangle turns while it is pushed, and softness leaves something of the
-/// gap; this much is then there to be lost. Without it every contact is linearised once or twice more for the last micrometre.
+/// Separation required of a contact in excess, m: the triangle turns during the projection, and softness leaves a part of the
+/// gap; this reserve covers both. Without it every contact would be linearised once or twice more for the last micrometre.
 pub(crate) const SPARE: f64 = 2e-5;
-/// Violation that is left standing, m.
+/// Largest remaining violation, m.
 pub(crate) const FEASIBLE: f64 = 1e-6;
 
 /// `Σ a · x_vertex ≥ bound`.
@@ -44,7 +44,7 @@ pub(crate) struct Row {
 }
 
 impl Row {
-    /// How far the row is violated; negative where it holds.
+    /// Violation of the row; negative where it holds.
     pub fn gap(&self, positions: &[Point3<f64>]) -> f64 {
         let sum: f64 = self
             .terms
@@ -62,7 +62,7 @@ impl Row {
         }
     }
 
-    /// What may be left of a gap, m.
+    /// Tolerance of a gap, m.
     pub fn tolerance(&self) -> f64 {
         match self.key {
             Key::Contact(_) => SPARE + FEASIBLE,
@@ -104,14 +104,14 @@ pub(crate) fn deepest_gap(rows: &[Row], positions: &[Point3<f64>]) -> f64 {
     rows.iter().map(|r| r.gap(positions)).fold(0.0, f64::max)
 }
 
-/// The rows one after the other, turned into the frame of the main plane.
+/// The concatenated rows, rotated into the frame of the main plane.
 pub(crate) struct Stack {
     starts: Vec<usize>,
     terms: Vec<(u32, Vector3<f64>)>,
 }
 
 impl Stack {
-    /// `basis` turns into the frame whose third axis is the normal of the main plane.
+    /// `basis` rotates into the frame whose third axis is the normal of the main plane.
     pub fn new(rows: &[Row], basis: &Matrix3<f64>) -> Self {
         let (mut starts, mut terms) = (vec![0], vec![]);
         for row in rows {

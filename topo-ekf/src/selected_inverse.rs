@@ -1,13 +1,13 @@
-//! Entries of the inverse among some vertices: half a solve each, along the elimination tree.
+//! Entries of the inverse among selected vertices: half a solve for each, along the elimination tree.
 //!
 //! ```text
 //! S = L Lᵀ,   X = L⁻¹ E_C        E_C: the unit columns of the vertices C
 //! (S⁻¹)_CC = Xᵀ X
 //! ```
 //!
-//! Column `c` of `X` vanishes outside the path from `c` to the root of the elimination tree. With the vertices in the order of
-//! elimination, those below a block of the factor are an interval, so `X` is a row of dense blocks and both steps are
-//! dense products. The backward substitution and the rows that nobody asks for are never computed.
+//! Column `c` of `X` is zero outside the path from `c` to the root of the elimination tree. With the vertices in elimination
+//! order, those below a block of the factor form an interval, so `X` is a row of dense blocks and both steps are
+//! dense products. The backward substitution and the rows that are not needed are never computed.
 
 use faer::linalg::matmul::{matmul, triangular};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
@@ -16,7 +16,7 @@ use faer::{Accum, Mat, MatMut, Par};
 
 use crate::marginal::block_of;
 
-/// `(S⁻¹)_CC`, lower triangle, for places in the order of the factor that ascend.
+/// `(S⁻¹)_CC`, lower triangle, for ascending indices in the order of the factor.
 pub(crate) fn selected_inverse(
     symbolic: &SymbolicSupernodalCholesky<usize>,
     factor: &[f64],
@@ -65,12 +65,12 @@ pub(crate) fn selected_inverse(
     product
 }
 
-/// `X`: for every block of the factor the columns from below it, column-major.
+/// `X`: for every block of the factor the columns below it, column-major.
 struct Columns<'a> {
     symbolic: &'a SymbolicSupernodalCholesky<usize>,
-    /// The block of every place.
+    /// The index of the block of every column.
     block: Vec<usize>,
-    /// First and one past the last column that does not vanish in a block; empty where none does.
+    /// The first and one past the last non-zero column in a block; empty where there is none.
     ranges: Vec<(usize, usize)>,
     starts: Vec<usize>,
     values: Vec<f64>,
@@ -141,7 +141,7 @@ struct Later<'a> {
 }
 
 impl Later<'_> {
-    /// Adds what an earlier block does to these rows in the columns from `first` on, column-major.
+    /// Adds the contribution of an earlier block to these rows in the columns from `first` on, column-major.
     fn add(&mut self, rows: &[usize], update: &[f64], first: usize) {
         let mut done = 0;
         while done < rows.len() {

@@ -6,10 +6,10 @@
 //! local    R_i = argmax tr(Rᵀ M_i),   M_i = Σ_{e∋i} w_e (x_i − x_j) E_eᵀ + δ tr · R⁻_i
 //! ```
 //!
-//! `S` does not change over the alternations, so each costs three back-substitutions. The rotation at the linearisation
-//! point makes the iteration the iterated form of an extended Kalman filter's update. Source: Sorkine and Alexa,
-//! *As-rigid-as-possible surface modeling* (SGP 2007), section 3, with uniform weights; the pull to the predicted rotation
-//! is ours and decides only what the edges leave open.
+//! `S` is constant over the alternations, so each costs three back-substitutions. Because the rotations are those at the linearisation
+//! point, the iteration is the iterated form of an extended Kalman filter's update. Source: Sorkine and Alexa,
+//! *As-rigid-as-possible surface modeling* (SGP 2007), section 3, with uniform weights; the pull to the predicted rotation is
+//! an addition and matters only where the edges do not determine the rotation.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
@@ -29,7 +29,7 @@ pub(crate) struct Relaxed {
     pub pull: Vec<f64>,
 }
 
-/// Everything the alternations hold fixed.
+/// Data that are constant over the alternations.
 pub(crate) struct ShapePrior<'a> {
     pub graph: &'a Graph,
     /// Weight of every edge, `s_e/σ_e²`.
@@ -38,12 +38,12 @@ pub(crate) struct ShapePrior<'a> {
     pub predicted: &'a [Rotation3<f64>],
     /// Predicted positions `x⁻`; the unknowns are displacements from them.
     pub origin: &'a [Point3<f64>],
-    /// Data side of the right-hand side, `r (z − x⁻) + d (y − x⁻)`, column-major.
+    /// Data part of the right-hand side, `r (z − x⁻) + d (y − x⁻)`, column-major.
     pub data: &'a [f64],
 }
 
 impl ShapePrior<'_> {
-    /// Alternates until nothing moves or the allowed number is used up.
+    /// Alternates until nothing moves or the largest number of iterations is reached.
     pub fn relax(
         &self,
         system: &mut System,
@@ -87,7 +87,7 @@ impl ShapePrior<'_> {
         })
     }
 
-    /// Right-hand side of the global step: data and turned rest edges.
+    /// Right-hand side of the global step: data and rotated rest edges.
     fn pull(&self, rotations: &[Rotation3<f64>]) -> Vec<f64> {
         let mut pull = self.data.to_vec();
         for (e, &[i, j]) in self.graph.edges.iter().enumerate() {

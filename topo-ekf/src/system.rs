@@ -4,8 +4,8 @@
 //! S = diag(d) + Σ_e w_e (e_i − e_j)(e_i − e_j)ᵀ          Q × Q, the same for x, y and z
 //! ```
 //!
-//! The pattern and the fill-reducing order depend on the graph alone: they are found once and every factorisation
-//! after it is numeric only.
+//! The pattern and the fill-reducing order depend only on the graph: they are computed once, and later factorisations
+//! are only numeric.
 
 use std::sync::Arc;
 
@@ -31,25 +31,25 @@ use crate::order::dissect;
 use crate::pattern::Pattern;
 use crate::selected_inverse::selected_inverse;
 
-/// Columns that one solve may have; more are solved in slices of this width.
+/// Most columns of one solve; more are solved in slices of this width.
 const WIDTH: usize = 64;
 
-/// Below every ratio, that of a graph without edges (0) included: one kind of factor for all, and [`crate::marginal`] needs its blocks.
+/// Below every ratio, including that of a graph without edges (0), so that all factors are supernodal: [`crate::marginal`] needs the blocks.
 const ALWAYS_BLOCKED: SupernodalThreshold = SupernodalThreshold(-1.0);
 
-/// Up to how many columns and up to what share of zeros neighbouring blocks of the factor are merged. Wider than faer's own: more
-/// entries, but a twentieth less time, since products of a few columns cost little more than their call.
+/// Number of columns and share of zeros up to which neighbouring blocks of the factor are merged. More than faer's defaults: this gives more
+/// entries but takes a twentieth less time, since products of a few columns cost little more than their call.
 const MERGED: [(usize, f64); 4] = [(8, 1.0), (32, 0.8), (64, 0.3), (usize::MAX, 0.05)];
 
-/// A dissected surface of `Q` vertices has 5 (edges of a mesh) to 9 (ten neighbours) times `Q log₂ Q` entries in its factor. With more than
-/// this, minimum degree is tried too.
+/// A dissected surface of `Q` vertices has 5 (edges of a mesh) to 9 (ten neighbours) times `Q log₂ Q` entries in its factor. With more,
+/// minimum degree is tried too.
 const SURFACE: f64 = 12.0;
 
-/// Lower triangle in the order of elimination, ready to be filled: permuting the pattern anew would be a tenth of a factorisation.
+/// Lower triangle in elimination order, ready to be filled: permuting the pattern each time would cost a tenth of a factorisation.
 struct Permuted {
     starts: Vec<usize>,
     rows: Vec<usize>,
-    /// Where in [`Pattern`] each entry is taken from.
+    /// Index in [`Pattern`] from which each entry is taken.
     from: Vec<usize>,
 }
 
@@ -74,7 +74,7 @@ impl Permuted {
     }
 }
 
-/// Pattern, order and working memory; a numeric factor is a plain vector made by [`System::factorise`].
+/// Pattern, order and working memory; a numeric factor is a vector computed by [`System::factorise`].
 pub(crate) struct System {
     pub pattern: Arc<Pattern>,
     symbolic: SymbolicCholesky<usize>,
@@ -86,7 +86,7 @@ pub(crate) struct System {
 pub(crate) struct Factor(Vec<f64>);
 
 impl System {
-    /// For a graph whose vertices lie about there: where they lie decides what a factorisation costs, not what it gives.
+    /// For a graph whose vertices have about these positions, which affect the cost of a factorisation but not its result.
     pub fn new(points: &[Point3<f64>], edges: &[[u32; 2]]) -> Result<Self, Error> {
         let pattern = Pattern::new(points.len(), edges);
         let symbolic = analyse(&pattern, points)?;
@@ -128,7 +128,7 @@ impl System {
         Ok(variances)
     }
 
-    /// Entries of `S⁻¹` among some vertices, each named once.
+    /// Entries of `S⁻¹` among some vertices, each of which occurs once.
     pub fn selected_inverse(
         &self,
         factor: &Factor,
@@ -153,7 +153,7 @@ impl System {
         Ok(entries)
     }
 
-    /// [`System::solve`] with the matrix of these lower-triangle values and memory of its own.
+    /// [`System::solve`] for the matrix with these lower-triangle values, with its own memory.
     pub fn solve_once(&self, values: &[f64], rhs: &mut [f64]) -> Result<(), Error> {
         let (blocks, _) = parts(&self.symbolic)?;
         let scratch = numeric_scratch(blocks).or(self.solve_scratch());
@@ -213,7 +213,7 @@ fn numeric_scratch(blocks: &SymbolicSupernodalCholesky<usize>) -> StackReq {
     factorize_supernodal_numeric_llt_scratch::<usize, f64>(blocks, Par::Seq, faer::Spec::default())
 }
 
-/// The blocks and the order that [`analyse`] found: both are there for every graph.
+/// The blocks and the order from [`analyse`], which exist for every graph.
 fn parts(
     symbolic: &SymbolicCholesky<usize>,
 ) -> Result<(&SymbolicSupernodalCholesky<usize>, PermRef<'_, usize>), Error> {
@@ -223,7 +223,7 @@ fn parts(
     }
 }
 
-/// Fill-reducing order and pattern of the factor: by dissection, or by minimum degree for a graph that is far from a surface.
+/// Fill-reducing order and pattern of the factor: by dissection, or by minimum degree for a graph that is not like a surface.
 fn analyse(pattern: &Pattern, points: &[Point3<f64>]) -> Result<SymbolicCholesky<usize>, Error> {
     let order = dissect(points, pattern);
     let mut place = vec![0; order.len()];

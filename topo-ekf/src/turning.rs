@@ -1,14 +1,14 @@
-//! What the uncertainty of rotations adds to that of positions.
+//! The contribution of uncertain rotations to the variance of positions.
 //!
 //! ```text
-//! ω ~ N(0, T⁻¹)      T = diag(λ) + Σ_e (1/τ²)(e_i − e_j)(e_i − e_j)ᵀ      λ_i: how well the data around i tell its turn
-//! δx = S⁻¹ Σ_e w_e (e_i − e_j) ½(ω_i + ω_j) × R E_e                     what a turn of the rest edges does to the estimate
+//! ω ~ N(0, T⁻¹)      T = diag(λ) + Σ_e (1/τ²)(e_i − e_j)(e_i − e_j)ᵀ      λ_i: information of the data around i on its rotation
+//! δx = S⁻¹ Σ_e w_e (e_i − e_j) ½(ω_i + ω_j) × R E_e                     effect of rotations of the rest edges on the estimate
 //! P  = S⁻¹ + cov δx
 //! ```
 //!
-//! `S⁻¹` takes the rotations of the shape prior for given. Where a part is hidden they are spread from what is seen and fitted to the estimate itself, and an
-//! error of a turn grows with its lever: a hidden end may be wrong by many of the standard deviations that `S⁻¹` gives it. The covariance of `δx` has no sparse
-//! form; it is estimated from draws whose right-hand sides have the covariance `T`, all solved at once (as the diagonal of a matrix is by probing:
+//! `S⁻¹` treats the rotations of the shape prior as known. In hidden parts they are extrapolated from the seen ones and fitted to the estimate itself, and an
+//! error of a rotation acts with a lever: a hidden end may be wrong by many of the standard deviations from `S⁻¹`. The covariance of `δx` has no sparse
+//! form; it is estimated from random draws whose right-hand sides have the covariance `T`, all solved at once (similar to probing for the diagonal of a matrix:
 //! Bekas, Kokiopoulou and Saad 2007, doi 10.1016/j.apnum.2007.01.003).
 
 use nalgebra::Vector3;
@@ -17,15 +17,15 @@ use crate::filter::Filter;
 use crate::options::Motion;
 use crate::{Error, columns};
 
-/// Draws, of three columns each: the variance of a coordinate is a mean of 48 squares, and smooth over neighbours.
+/// Number of draws, of three columns each: the variance of a coordinate is a mean of 48 squares, and smooth over neighbours.
 const DRAWS: usize = 16;
-/// Frames whose errors of the turns add up before the shape prior has taken them back; each leaves neighbours
-/// [`Options::bend_sigma`](crate::Options::bend_sigma) apart. Calibrated on sheets that are lifted and folded (test `motions`); what is closed or braced is known
-/// better than this says.
+/// Number of frames over which errors of the rotations accumulate before the shape prior corrects them; in each, neighbours deviate by
+/// [`Options::bend_sigma`](crate::Options::bend_sigma). Calibrated on sheets that are lifted and folded (test `motions`); for closed or braced bodies it
+/// is conservative.
 const FRAMES: f64 = 4.0;
 
 impl Filter {
-    /// Variance of each coordinate of every vertex that the uncertainty of the rotations adds; none if nothing turns.
+    /// The additional variance of each coordinate of every vertex due to uncertain rotations; zero with [`Motion::Still`].
     pub(crate) fn turn_variances(
         &self,
         values: &[f64],
@@ -66,9 +66,9 @@ impl Filter {
         Ok(variances)
     }
 
-    /// `λ`: information on the turn of each vertex from the edges around it whose ends were measured, 1/rad².
+    /// `λ`: information on the rotation of each vertex from the edges around it whose ends were measured, 1/rad².
     fn turn_information(&self) -> Vec<f64> {
-        // One unit (1 rad) keeps components without any data solvable.
+        // A weight of one (1 rad) keeps components without any data solvable.
         let mut told = vec![1.0; self.live.len()];
         for (e, &[i, j]) in self.graph.edges.iter().enumerate() {
             let [a, b] = [i, j].map(|v| self.information[v as usize]);
@@ -83,7 +83,7 @@ impl Filter {
         told
     }
 
-    /// Right-hand sides with covariance `T`: a sign for each vertex and each edge.
+    /// Right-hand sides with covariance `T`: a random sign for each vertex and each edge.
     fn draws(&self, told: &[f64], stiff: f64) -> Vec<f64> {
         let size = self.live.len();
         let mut signs = Signs(0);
@@ -102,7 +102,7 @@ impl Filter {
     }
 }
 
-/// Signs without pattern, the same in every run (SplitMix64: Steele, Lea and Flood 2014).
+/// Pseudo-random signs, the same in every run (SplitMix64: Steele, Lea and Flood 2014).
 struct Signs(u64);
 
 impl Signs {

@@ -1,4 +1,4 @@
-//! The body filter against dense algebra: one step, covariances, the projection; and what it refuses.
+//! The body filter against dense algebra: one step, covariances, the projection; and rejected input.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 mod common;

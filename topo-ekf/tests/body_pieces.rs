@@ -1,4 +1,4 @@
-//! Pieces of material that share a cell: nodes part where the material does, and nowhere else.
+//! Pieces of material that share a cell: nodes are split where the material is separate, and nowhere else.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 #[path = "common/body.rs"]
@@ -124,7 +124,7 @@ fn fingers_part_after_the_palm_and_rejoin() {
     assert!(!lattice.is_parted([LONG, 0, 0]));
 }
 
-/// A parted node starts where the node is that it was parted from, in every pose.
+/// A split node starts at the position of the original node, in every pose.
 #[test]
 fn parting_does_not_move_a_bent_body() {
     let mut lattice = block([4, 1, 1], H);

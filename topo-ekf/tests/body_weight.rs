@@ -1,4 +1,4 @@
-//! Weight: who bears it, and whether a lifted body of known material gives its weight over stiffness back.
+//! Weight: its distribution, and the estimate of weight over stiffness for a lifted body of known material.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 mod common;

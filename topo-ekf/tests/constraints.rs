@@ -1,4 +1,4 @@
-//! Constraints: Simon's gain formula, what they say of hidden vertices, contradictions, boxes, hard presses, refusals.
+//! Constraints: Simon's gain formula, their effect on hidden vertices, contradictions, boxes, strong presses, rejected input.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 mod common;

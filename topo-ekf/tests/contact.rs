@@ -1,4 +1,4 @@
-//! Planted self-contacts: sheets folded onto themselves and pushed through.
+//! Known self-contacts: sheets folded onto themselves and pushed through.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -1,4 +1,4 @@
-//! Laws: symmetry, refusal without a trace, contradiction, what the graph may do between frames.
+//! Laws: symmetry, rejection without side effects, contradiction, permitted changes of the graph between frames.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

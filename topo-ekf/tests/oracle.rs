@@ -1,4 +1,4 @@
-//! Slow, dense answers to compare with: textbook least squares and dense inverses.
+//! Slow, dense reference solutions: textbook least squares and dense inverses.
 #![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
 
 mod common;

@@ -1,4 +1,4 @@
-//! The linear filter is the textbook's, and its covariances are honest on noise drawn from its own model.
+//! The linear filter equals the textbook Kalman filter, and its covariances are consistent with noise drawn from its own model.
 #![allow(
     missing_docs,
     clippy::unwrap_used,
@@ -338,7 +338,7 @@ fn a_turning_body_with_a_drawn_shape() {
     }
     let (innovation, error) = sums.unwrap();
     println!(
-        "turning: innovation {:.3}, error {:.3} (1 is honest)",
+        "turning: innovation {:.3}, error {:.3} (1 is consistent)",
         innovation.mean(),
         error.mean()
     );

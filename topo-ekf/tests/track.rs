@@ -250,7 +250,10 @@ fn mistakes_are_named_and_leave_no_table_behind() {
     let out = files.path("out.csv");
     for (arguments, message) in [
         (vec![&mesh[..], &words], "line 2"),
-        (vec![&mesh, &far], "frame 1: observation 0 names vertex 146"),
+        (
+            vec![&mesh, &far],
+            "frame 1: observation 0 refers to vertex 146",
+        ),
         (
             vec![&mesh, &nan],
             "line 2: column y: \"NaN\" is not a finite number",
@@ -260,7 +263,7 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         (vec![&cloud, &good], "no faces"),
         (
             vec![&cut, &good],
-            "cut.ply: byte 894: the file ends in vertex 28, the header promises 146",
+            "cut.ply: byte 894: the file ends in vertex 28, the header says 146",
         ),
         (vec![&good, &good], "good.csv: no faces"),
         (
@@ -269,7 +272,7 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         ),
         (
             vec![&large, &good],
-            "large.obj: 60 m across, outside 0.001 m to 10 m: are the coordinates in metres?",
+            "large.obj: 60 m across, outside 0.001 m to 10 m: if the coordinates are not in metres",
         ),
         (
             vec![&mesh, &half],
@@ -277,7 +280,7 @@ fn mistakes_are_named_and_leave_no_table_behind() {
         ),
         (vec![&mesh, "missing.csv"], "missing.csv"),
         (vec![&mesh, &good, "--plane", "0,0,1"], "4 finite numbers"),
-        (vec![&mesh, &good, "--plane", "0,0,0,1"], "must not vanish"),
+        (vec![&mesh, &good, "--plane", "0,0,0,1"], "must not be zero"),
         (vec![&mesh, &good, "--sigma", "0"], "sigma"),
         (vec![&mesh, &good, "--pane", "0,0,1,0"], "--pane"),
         (vec![&mesh], "<OBSERVATIONS>"),

@@ -1,4 +1,4 @@
-//! Planted answers: half-seen bodies that are turned over, rigidly and bending.
+//! Known results: half-seen bodies that are turned over, rigidly and bending.
 #![allow(
     missing_docs,
     clippy::unwrap_used,

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use mesh_io::program::{Failure, Loading, Output, positive};
 use std::path::PathBuf;
 
-/// A cylinder fits its sampling when its radius is this many spacings.
+/// Cylinder radius in spacings that suits an even sampling.
 const RADIUS_PER_SPACING: f64 = 1.25;
 
 /// Betti numbers of the surface that an oriented cloud was sampled from
@@ -34,13 +34,13 @@ pub struct Arguments {
     /// Scale up to which the complex is built [default: the largest of 1, --from and --to]
     #[arg(long, value_name = "S", value_parser = positive)]
     max_scale: Option<f64>,
-    /// Spacing of the points, m, to tell boundary and junctions by [default: R/1.25]
+    /// Spacing of the points, m, for the classification of vertices [default: R/1.25]
     #[arg(long, value_name = "D", value_parser = positive)]
     spacing: Option<f64>,
-    /// Most simplices before giving up
+    /// Largest number of simplices before giving up
     #[arg(long, value_name = "N", default_value_t = Options::default().max_simplices)]
     max_simplices: usize,
-    /// Whether the signs of normals mean something
+    /// Whether the signs of normals are meaningful
     #[arg(long, value_enum, default_value_t = Signs::Separate)]
     pub orientation: Signs,
     #[command(flatten)]
@@ -51,9 +51,9 @@ pub struct Arguments {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Signs {
-    /// Sheets that face away from each other are two
+    /// Sheets that face away from each other are separate surfaces
     Separate,
-    /// The signs are accidental
+    /// The signs are arbitrary
     Free,
 }
 
@@ -70,7 +70,7 @@ impl Arguments {
         Cylinder::new(self.radius, self.height)
     }
 
-    /// How the complex is built.
+    /// Options for building the complex.
     pub fn options(&self) -> Result<Options, Failure> {
         let (from, to) = (self.from, self.to());
         let most = self.max_scale.unwrap_or(from.max(to).max(1.0));

@@ -1,11 +1,11 @@
 //! Betti numbers of an oriented cloud in a file: `cargo run --release -p cech-complex --example betti -- --help`.
 //!
-//! Normals need not be of unit length; where there are none they come from the triangles, or from the neighbours of each point
-//! (`mesh_io::estimate_normals`). Normals whose signs mean nothing are told by opposing neighbours: then a line on the standard error advises
+//! Normals need not be of unit length; if there are none they are taken from the triangles, or from the neighbours of each point
+//! (`mesh_io::estimate_normals`). Arbitrary signs are recognised by the share of opposing neighbours: a line on the standard error then advises
 //! `--orientation free`.
 //!
 //! `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
-//! sampling of `--spacing`. Times are wall time of the complex and of its barcode.
+//! sampling of `--spacing`. Times are wall times of the complex and of its barcode.
 
 mod arguments;
 
@@ -23,10 +23,10 @@ fn main() -> ExitCode {
     program::run(betti)
 }
 
-/// Above this share of opposing neighbours the signs of normals are taken to be accidental: on a surface with true signs only creases oppose.
+/// Above this share of opposing neighbours the signs of normals are taken to be arbitrary: on a surface with true signs only creases oppose.
 const ACCIDENTAL: f64 = 0.2;
 
-/// Says so if the signs of the normals seem to mean nothing.
+/// Prints advice if the signs of the normals seem arbitrary.
 fn advise(arguments: &Arguments, points: &[Point3<f64>], normals: &[UnitVector3<f64>]) {
     if arguments.orientation == Signs::Free {
         return;
@@ -34,7 +34,7 @@ fn advise(arguments: &Arguments, points: &[Point3<f64>], normals: &[UnitVector3<
     let share = mesh_io::opposing_share(points, normals);
     if share > ACCIDENTAL {
         arguments.output.note(&format!(
-            "{}: {:.0} % of neighbouring normals oppose each other; if their signs mean nothing, add --orientation free",
+            "{}: {:.0} % of neighbouring normals oppose each other; if their signs are arbitrary, add --orientation free",
             arguments.cloud.display(),
             1e2 * share
         ));
@@ -44,7 +44,7 @@ fn advise(arguments: &Arguments, points: &[Point3<f64>], normals: &[UnitVector3<
 fn betti(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let path = &arguments.cloud;
     let (cylinder, options) = (arguments.cylinder()?, arguments.options()?);
-    // Every point counts, whether a face uses it or not.
+    // Every point is used, even if no face uses it.
     let load = Load::default().with_vertices(Vertices::AsInFile);
     let cloud = arguments.loading.of(load).read(path)?;
     let normals = cloud.unit_normals_or_estimated();

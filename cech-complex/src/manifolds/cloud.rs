@@ -51,12 +51,12 @@ impl Manifold {
         }
     }
 
-    /// The `ε` of a cloud: the largest distance (m) from a point of this surface to the nearest of `points`, not less than the truth and
-    /// above it by at most 2 % of the spacing; infinite without finite points.
+    /// The covering radius `ε` of a cloud: the largest distance (m) from a point of this surface to the nearest of `points`, overestimated
+    /// by at most 2 % of the spacing; infinite without finite points.
     ///
-    /// Branch and bound over cubes: [`distance`](Self::distance) says which of them the surface may meet, and a cube whose centre is at
-    /// `d` from the nearest sample holds nothing farther than `d` plus half its diagonal. The cube of the largest bound is cut in eight until
-    /// it is small, so only what lies around the largest gaps is looked at closely.
+    /// Branch and bound over cubes: [`distance`](Self::distance) tells which of them the surface may meet, and a cube whose centre is at
+    /// `d` from the nearest sample contains nothing farther than `d` plus half its diagonal. The cube with the largest bound is divided into eight until
+    /// it is small, so only the surroundings of the largest gaps are refined.
     pub fn covering_radius(&self, points: &[Point3<f64>]) -> f64 {
         let coordinates: Vec<[f64; 3]> = points.iter().map(|&p| p.into()).collect();
         let finite = coordinates.iter().flatten().all(|x| x.is_finite());
@@ -100,7 +100,7 @@ impl Manifold {
     }
 }
 
-/// Part of space that may hold a point of the surface, and how far such a point can be from its nearest sample.
+/// A cube that may contain a point of the surface, and an upper bound of its distance from the nearest sample.
 #[derive(PartialEq)]
 struct Cube {
     bound: f64,

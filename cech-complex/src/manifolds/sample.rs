@@ -147,7 +147,7 @@ fn on_pretzel(rng: &mut ChaCha8Rng, hole: f64, web: f64, tube: f64) -> Sample {
     (point + Vector3::x() * (right * half), normal)
 }
 
-/// Uniform in the strip of the pretzel: in its bounding rectangle, until neither outside nor in a hole.
+/// Uniform in the strip of the pretzel: drawn in its bounding rectangle until neither outside nor in a hole.
 fn in_strip(rng: &mut ChaCha8Rng, hole: f64, half: f64, end: f64) -> Point3<f64> {
     loop {
         let x = rng.random_range(-(half + end)..half + end);

@@ -1,13 +1,13 @@
-//! Areas, rims, junctions and distances of the surfaces.
+//! Areas, boundaries, junctions and distances of the surfaces.
 //!
-//! Round pieces go by Pappus: a half-circle of radius `t` has its centroid at `2t/π`, so turned around an axis at distance `R` from its
+//! Areas of revolution follow from Pappus's theorem: a half-circle of radius `t` has its centroid at `2t/π`, so turned around an axis at distance `R` from its
 //! diameter it sweeps `πt·2π(R ± 2t/π) = 2π²Rt ± 4πt²`, outward or inward.
 
 use super::Manifold;
 use nalgebra::{Point2, Point3, UnitVector3, Vector3};
 use std::f64::consts::{PI, SQRT_2, TAU};
 
-/// A circle in space, the rim of a surface.
+/// A circle in space, the boundary of a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Circle {
     /// Centre, m.
@@ -56,7 +56,7 @@ impl Manifold {
         }
     }
 
-    /// The rims, longest first.
+    /// The boundary circles, longest first.
     pub fn boundary_circles(&self) -> Vec<Circle> {
         let circle = |z: f64, axis: UnitVector3<f64>, radius: f64| Circle {
             centre: Point3::new(0.0, 0.0, z),
@@ -82,7 +82,7 @@ impl Manifold {
         }
     }
 
-    /// Distance (m) from a point to the nearest rim; infinite for a closed surface.
+    /// Distance (m) from a point to the boundary; infinite for a closed surface.
     pub fn boundary_distance(&self, y: &Point3<f64>) -> f64 {
         self.boundary_circles()
             .iter()
@@ -90,7 +90,7 @@ impl Manifold {
             .fold(f64::INFINITY, f64::min)
     }
 
-    /// Distance (m) from a point to where sheets meet; infinite for a manifold.
+    /// Distance (m) from a point to the junction of sheets; infinite for a manifold.
     pub fn junction_distance(&self, y: &Point3<f64>) -> f64 {
         match *self {
             Self::PinchedSphere { .. } => y.coords.norm(),
@@ -183,7 +183,7 @@ pub(super) fn turned_half_circle(major: f64, minor: f64) -> f64 {
     TAU * PI * major * minor + 4.0 * PI * minor * minor
 }
 
-/// Areas of the pretzel: both faces, straight edges, round ends, rims of both holes.
+/// Areas of the pretzel: both faces, straight edges, round ends, edges of both holes.
 pub(super) fn pretzel_parts(hole: f64, web: f64, tube: f64) -> [f64; 4] {
     let (end, half) = (hole + web, hole + 0.5 * web);
     let strip = PI * end * end + 4.0 * end * half - TAU * hole * hole;
@@ -208,7 +208,7 @@ fn pinched_profile(from_axis: f64, height: f64, radius: f64) -> f64 {
     let along = ((from_axis + height) / SQRT_2).clamp(0.0, radius);
     let to_cone = (from_axis - along / SQRT_2).hypot(height - along / SQRT_2);
     let (across, above) = (from_axis, height - SQRT_2 * radius);
-    // Below the cone over the arc the nearest point of the arc is its end, which the segment has too.
+    // Below the cone over the arc the nearest point of the arc is its end, which also belongs to the segment.
     if above < -across {
         return to_cone;
     }

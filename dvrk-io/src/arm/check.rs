@@ -1,11 +1,11 @@
-//! Whether the frames of an arm are what they are taken for.
+//! Checks the frames of an arm.
 //!
 //! ```text
 //! rcm_from_wrist(measured_js)  ≟  local/measured_cp             a dVRK:      the control point is on the wrist
 //! rcm_from_tip(measured_js)    ≟  local/measured_cp             a simulator: it is at the tips of the jaws, 10.2 mm further
 //! reference_from_rcm           =  measured_cp · (local/measured_cp)⁻¹
 //! ```
-//! An arm of another generation, with another instrument, or whose joints have another order, agrees with neither.
+//! An arm of another generation, with another instrument, or with another order of joints, agrees with neither.
 
 use super::frames::ReferenceFromRcm;
 use super::line::apart;
@@ -15,14 +15,14 @@ use crate::Error;
 use crate::kinematics::Kinematics;
 use nalgebra::Isometry3;
 
-/// The frames of an arm, as it was found.
+/// The frames of an arm, as determined by the check.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrameCheck {
     /// The point that the arm reports and follows.
     pub control_point: ControlPoint,
-    /// Where the remote centre is in the frame of `measured_cp`.
+    /// Pose of the remote centre in the frame of `measured_cp`.
     pub reference_from_rcm: ReferenceFromRcm,
-    /// What the robot calls that frame.
+    /// The name of that frame in the messages of the robot.
     pub reference: String,
     /// Distance between the reported pose and that of the joint values, metres.
     pub distance: f64,
@@ -30,11 +30,11 @@ pub struct FrameCheck {
     pub angle: f64,
 }
 
-/// What is compared.
+/// The poses to compare.
 pub(crate) struct Frames<'a> {
     pub(crate) measured: &'a Isometry3<f64>,
     pub(crate) reference: &'a str,
-    /// Nothing: the reference frame is taken to be the remote centre.
+    /// `None`: the reference frame is assumed to be that of the remote centre.
     pub(crate) local: Option<&'a Isometry3<f64>>,
     pub(crate) joints: &'a [f64; 6],
 }
@@ -70,12 +70,12 @@ pub(crate) fn check_frames(
 }
 
 impl FrameCheck {
-    /// Compares with what the reference frame should be, such as
-    /// [`Calibration::dvrk_camera_from_rcm`](crate::calibration::Calibration::dvrk_camera_from_rcm) where that was given to
-    /// the robot. Returns distance and angle.
+    /// Compares with the expected reference frame, such as
+    /// [`Calibration::dvrk_camera_from_rcm`](crate::calibration::Calibration::dvrk_camera_from_rcm) if the robot was configured with it. Returns
+    /// distance and angle.
     ///
     /// # Errors
-    /// [`Error::BaseFrame`]: it is somewhere else by more than `tolerance`.
+    /// [`Error::BaseFrame`]: the frames differ by more than `tolerance`.
     pub fn compare_base(
         &self,
         expected: &ReferenceFromRcm,

@@ -1,4 +1,4 @@
-//! The writing half of an arm: everything that moves it, and nothing else.
+//! The command topics of an arm: everything that moves it.
 
 use std::time::Duration;
 
@@ -68,7 +68,7 @@ impl Commands {
         self.hold.publish(&Empty)
     }
 
-    /// Command topics that nobody reads.
+    /// Command topics without a listener.
     pub(crate) fn missing(&self, transport: &dyn Transport) -> Vec<MissingStream> {
         fn of<M: Message>(writer: &Writer<M>, transport: &dyn Transport) -> Option<MissingStream> {
             let topic = writer.topic();
@@ -98,7 +98,7 @@ impl Commands {
 }
 
 pub(crate) fn header(now: Duration, frame: &str) -> Header {
-    // Nanoseconds of 64 bits last until the year 2554.
+    // 64-bit nanoseconds last until the year 2554.
     Header {
         stamp: Time::from_nanoseconds(u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)),
         frame_id: frame.to_owned(),

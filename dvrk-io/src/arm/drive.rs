@@ -1,4 +1,4 @@
-//! Motions: where to, and waiting until they end.
+//! Motions: starting them, and waiting for their end.
 
 use std::time::Duration;
 
@@ -12,22 +12,22 @@ use super::tick::JAW;
 use crate::Error;
 use crate::kinematics::{RcmFromTip, Unreachable};
 
-/// Way between two poses of a line that are looked at before it starts, metres.
+/// Spacing of the poses of a line that are checked before it starts, metres.
 const LOOK_AHEAD: f64 = 0.002;
-/// Speed is carried from one line to the next when that changes the velocity by no more than this share of what a tick allows.
+/// Speed is kept from one line to the next if that changes the velocity by at most this share of what a tick allows.
 const SAME_LINE: f64 = 1e-3;
 
 impl Arm {
     /// Starts a straight motion of the tips (translation and slerp together) with the speed of the fastest point of the jaws,
-    /// m/s, and returns; [`Arm::tick`] or [`Arm::wait`] drive it. A new goal replaces the one under way: without a stop if it
-    /// lies ahead on the same straight line, far enough to stop there, and is not to be reached more slowly; else the arm comes
-    /// to rest first.
+    /// m/s, and returns; [`Arm::tick`] or [`Arm::wait`] execute it. A new goal replaces the current one: without a stop if it
+    /// lies ahead on the same straight line, far enough to stop there, at a speed that is not lower; otherwise the arm stops
+    /// first.
     ///
-    /// The whole line is looked at before it starts: the goal with [margins](super::ArmOptions::margins), the way within joint
+    /// The whole line is checked before it starts: the goal with [margins](super::ArmOptions::margins), the path within joint
     /// limits.
     ///
     /// # Errors
-    /// [`Error::ArmStopped`] with the reason why the arm does not move: its state, a hand, another writer, teleoperation, a
+    /// [`Error::ArmStopped`] with the reason why the arm does not move: its state, guided by hand, another writer, teleoperation, a
     /// stale stream. [`Error::Unreachable`]; [`Error::OutOfRange`] for a speed that is not positive and finite;
     /// [`Error::FramesDisagree`].
     pub fn start_line(&mut self, goal: &RcmFromTip, speed: f64) -> Result<(), Error> {
@@ -68,8 +68,8 @@ impl Arm {
         Ok(())
     }
 
-    /// Starts to open or close the jaw to an angle, radians; a motion of the tips goes on, its set-points in the same ticks. A
-    /// new angle replaces the one under way; where the jaw has to turn round, or is too fast to stop there, it comes to rest
+    /// Starts to open or close the jaw to an angle, radians; a motion of the tips continues, with set-points in the same ticks. A
+    /// new angle replaces the current one; if the jaw has to reverse, or is too fast to stop there, it stops
     /// first.
     ///
     /// # Errors
@@ -110,8 +110,8 @@ impl Arm {
         Ok(())
     }
 
-    /// Sends the arm to a goal on a trajectory of its own (`move_cp`): straight in the joints, not in space, and as fast as the
-    /// robot likes. [`Arm::wait`] waits for its busy to rise and to fall, or for `goal_reached`.
+    /// Sends the arm to a goal on the robot's own trajectory (`move_cp`): straight in joint space, not in Cartesian space, and at the robot's
+    /// speed. [`Arm::wait`] waits until busy has risen and fallen, or for `goal_reached`.
     ///
     /// # Errors
     /// See [`Arm::start_line`].
@@ -137,17 +137,17 @@ impl Arm {
         Ok(())
     }
 
-    /// Stops what moves, and tells the arm to hold where it is.
+    /// Stops the motion, and tells the arm to hold its position.
     pub fn hold(&mut self) {
         if self.mode() == Mode::Enabled || self.motion.is_some() {
             self.finish(Stop::Held);
         }
     }
 
-    /// Ticks until the motion under way has ended.
+    /// Ticks until the current motion has ended.
     ///
     /// # Errors
-    /// [`Error::ArmStopped`] when it did not end where it should; [`Error::ArmTimeout`] when it goes on after `timeout`: it
+    /// [`Error::ArmStopped`] if it did not end at its goal; [`Error::ArmTimeout`] if it has not ended after `timeout`: it
     /// is not stopped then.
     pub fn wait(&mut self, timeout: Duration) -> Result<(), Error> {
         let end = self.transport.now() + timeout;
@@ -164,7 +164,7 @@ impl Arm {
         self.outcome()
     }
 
-    /// How the last motion ended.
+    /// The outcome of the last motion.
     pub(crate) fn outcome(&self) -> Result<(), Error> {
         match &self.last_stop {
             None | Some(Stop::Arrived) => Ok(()),
@@ -213,7 +213,7 @@ impl Arm {
             self.note(now, sent);
         }
         self.motion = None;
-        // An arm that is held stays where it was sent last: what it reports may lag behind that for some time.
+        // After a hold the arm stays at the last set-point; its reported pose may lag behind for some time.
         if !matches!(stop, Stop::Arrived | Stop::Held) {
             self.monitor.clear();
             self.sent = LastSent::default();
@@ -223,14 +223,14 @@ impl Arm {
     }
 
     /// # Errors
-    /// Why the arm does not take a motion now.
+    /// Why the arm cannot start a motion now.
     fn ready(&mut self) -> Result<(), Error> {
         self.look_for_rivals(self.transport.now());
         let reason = self.unready();
         reason.map_or(Ok(()), |reason| Err(self.stopped(reason)))
     }
 
-    /// The line under way, or a stay where the set-point is.
+    /// The current line, or a line of length zero at the set-point.
     fn current_line(&mut self) -> Result<(Box<LineMotion>, Option<JawMotion>), Error> {
         if let Some(Motion::Line { line, jaw, .. }) = &self.motion {
             return Ok((line.clone(), *jaw));
@@ -251,7 +251,7 @@ impl Arm {
             return Err(self.stopped(Stop::Blocked { distance, angle }));
         }
         let reported = frames.tip(&self.options.kinematics, &setpoint.value.pose);
-        // On the way that was sent, it will come to the end of it.
+        // While it follows the sent path, it will reach the end of it.
         let on_its_way = self
             .monitor
             .off(&setpoint.value.pose, self.options.divergence)
@@ -283,7 +283,7 @@ impl Arm {
     }
 
     /// # Errors
-    /// The goal lacks margins, or a pose on the way cannot be reached.
+    /// The goal violates the margins, or a pose of the path cannot be reached.
     fn check_line(&self, line: &Line, start: &[f64; 6]) -> Result<(), Error> {
         let kinematics = &self.options.kinematics;
         let steps = (line.length() / LOOK_AHEAD).ceil().clamp(1.0, 1000.0);
@@ -298,7 +298,7 @@ impl Arm {
     }
 }
 
-/// The reason in an error of the kinematics, where there is one.
+/// The reason in an error of the kinematics, if there is one.
 pub(crate) fn unreachable(error: Error) -> Stop {
     match error {
         Error::Unreachable(reason) => Stop::Unreachable(reason),

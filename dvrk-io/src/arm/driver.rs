@@ -1,4 +1,4 @@
-//! An arm: connecting to it, checking its frames, keeping its events, giving it back.
+//! An arm: connecting to it, checking its frames, storing its events, releasing it.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,13 +16,13 @@ use crate::Error;
 use crate::session::check_arm_name;
 use crate::transport::Transport;
 
-/// Events that are kept for [`Arm::take_events`]; older ones go first.
+/// Number of events stored for [`Arm::take_events`]; older ones are dropped first.
 const EVENTS: usize = 256;
 
-/// A patient-side manipulator on a ROS 2 network, as one client drives it.
+/// A patient-side manipulator on a ROS 2 network, as driven by one client.
 ///
-/// There is no hidden thread: messages are read, checked and answered in [`Arm::tick`], which the blocking calls call as long
-/// as they block. To have it done while something else is computed, give the arm to an
+/// There is no hidden thread: messages are read, checked and answered in [`Arm::tick`], which the blocking calls repeat while
+/// they block. To drive the arm while something else is computed, move it into an
 /// [`ArmThread`](super::ArmThread).
 pub struct Arm {
     pub(crate) name: String,
@@ -37,15 +37,15 @@ pub struct Arm {
     pub(crate) last_stop: Option<Stop>,
     pub(crate) last_error: String,
     pub(crate) last_warning: String,
-    /// While an arm is homed or powered it is busy without being guided by hand.
+    /// While an arm is being homed or powered, busy does not mean that it is guided by hand.
     pub(crate) expect_busy: bool,
     pub(crate) last_tick: Duration,
     /// When the last set-point was sent.
     pub(crate) last_sent: Duration,
-    /// The last set-points, unless the motion was stopped: what the arm reports lags behind them.
+    /// The last set-points, unless the motion was stopped: the reported pose lags behind them.
     pub(crate) sent: LastSent,
     pub(crate) writers_checked: Duration,
-    /// The topic on which somebody else can command the arm, when that was looked for last.
+    /// The topic on which another publisher can command the arm, as of the last check.
     pub(crate) rival: Option<String>,
     events: std::collections::VecDeque<Event>,
 }
@@ -60,19 +60,19 @@ impl std::fmt::Debug for Arm {
 }
 
 impl Arm {
-    /// Finds an arm, and returns when it can be read and commanded: every stream has brought a sample, every command has a
-    /// listener, and the state has come. While the arm is not powered it may mark its samples as not measured; once it is
+    /// Finds an arm, and returns when it can be read and commanded: every stream has delivered a sample, every command has a
+    /// listener, and the state is known. While the arm is not powered it may mark its samples as not measured; once it is
     /// enabled they must be valid.
     ///
     /// Streams: `operating_state`, `measured_cp`, `setpoint_cp`, `local/measured_cp` (unless
-    /// [`LocalPose::FromJoints`](super::LocalPose::FromJoints)), `measured_js`, `jaw/measured_js`, `jaw/setpoint_js`. Heard if they are there:
+    /// [`LocalPose::FromJoints`](super::LocalPose::FromJoints)), `measured_js`, `jaw/measured_js`, `jaw/setpoint_js`. Optional:
     /// `measured_cv`, `setpoint_js`, `tool_type`, `arm_clutch`, `goal_reached`, `error`, `warning`, `status`, `info` and
     /// the console's `teleop/enabled`.
     ///
-    /// Allow 6 s: DDS sends states that were published before only with its next heartbeat, up to 3 s later.
+    /// Allow 6 s: DDS delivers states that were published earlier only with its next heartbeat, up to 3 s later.
     ///
     /// # Errors
-    /// [`Error::StreamsMissing`] names each stream that is missing after `timeout`, and why; [`Error::BadArmName`];
+    /// [`Error::StreamsMissing`] lists each stream that is missing after `timeout`, and why; [`Error::BadArmName`];
     /// [`Error::OutOfRange`] for an option; [`Error::Network`]; [`Error::FramesDisagree`] for an arm that is enabled.
     pub fn connect(
         transport: Arc<dyn Transport>,
@@ -134,11 +134,11 @@ impl Arm {
         }
     }
 
-    /// What keeps the arm from being driven: streams without a fresh sample, commands without a listener. Empty if all is
-    /// well.
+    /// Why the arm cannot be driven: streams without a fresh sample, commands without a listener. Empty if it
+    /// can.
     pub fn missing(&self) -> Vec<MissingStream> {
         let transport = self.transport.as_ref();
-        // Before it is powered, a dVRK has no poses; before it has a tool, no valid ones.
+        // Without power a dVRK has no poses; without an instrument, no valid ones.
         let measured = self.mode() == Mode::Enabled;
         let mut missing = self.feedback.missing(transport, transport.now(), measured);
         missing.extend(self.commands.missing(transport));
@@ -150,12 +150,12 @@ impl Arm {
         &self.name
     }
 
-    /// How it is driven.
+    /// Its options.
     pub fn options(&self) -> &ArmOptions {
         &self.options
     }
 
-    /// Compares what the arm reports with its joint values, and finds its frames. Done by [`Arm::connect`] and
+    /// Compares the reported poses with the joint values, and determines the frames. Called by [`Arm::connect`] and
     /// [`Arm::enable`], and before each motion from rest.
     ///
     /// # Errors
@@ -199,7 +199,7 @@ impl Arm {
         }
     }
 
-    /// What took too long, with the last words of the arm.
+    /// The timeout error of an operation, with the last message of the arm.
     pub(crate) fn late(&self, what: &'static str, timeout: Duration) -> Error {
         let no_tool = (self.tool() == Some("")).then(|| "there is no instrument".to_owned());
         let words = [&self.last_error, &self.last_warning].map(Clone::clone);
@@ -236,15 +236,15 @@ impl Arm {
         self.events.push_back(Event { time, kind });
     }
 
-    /// Keeps trouble with sending as an event: the watch on the set-point tells whether it mattered.
+    /// Stores a failure to send as an event; the check of the set-point decides whether it matters.
     pub(crate) fn note(&mut self, now: Duration, sent: Result<(), Error>) {
         if let Err(error) = sent {
             self.event(now, EventKind::Trouble(error.to_string()));
         }
     }
 
-    /// Gives the arm back: what moves is stopped and held, then the command topics are closed, so that the next client finds
-    /// no other writer. The arm stays powered and enabled, the jaw stays as it is.
+    /// Releases the arm: a motion is stopped and held, then the command topics are closed, so that the next client finds
+    /// no other writer. The arm stays powered and enabled, the jaw is not moved.
     pub fn release(mut self) {
         self.hold();
     }

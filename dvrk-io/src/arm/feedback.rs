@@ -1,4 +1,4 @@
-//! Everything that an arm says, on every topic, in both dialects.
+//! The feedback topics of an arm, in both dialects.
 
 use std::time::Duration;
 
@@ -21,10 +21,10 @@ pub struct MissingStream {
     pub reason: Absence,
 }
 
-/// Topics of texts, and what a text on each of them is.
+/// Text topics, with the kind of event of each.
 type Texts<M> = Vec<(Reader<M>, fn(String) -> EventKind)>;
 
-/// The reading half of an arm.
+/// The feedback of an arm.
 pub(crate) struct Feedback {
     pub(crate) measured: Stream<PoseStamped>,
     pub(crate) setpoint: Stream<PoseStamped>,
@@ -45,11 +45,11 @@ pub(crate) struct Feedback {
     error_topic: String,
 }
 
-/// What was said on event topics, the last of each.
+/// The last message of each event topic.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Said {
     pub(crate) status: Option<ArmStatus>,
-    /// Number of state messages, to tell a new one from the last.
+    /// Number of state messages, to detect a new one.
     pub(crate) states: u64,
     pub(crate) goal: Option<bool>,
     pub(crate) clutch: bool,
@@ -65,7 +65,7 @@ impl Feedback {
     ) -> Result<Self, Error> {
         let pose = |topic| Stream::new(transport, names.of(topic), options.stale);
         let joints = |topic| Stream::new(transport, names.of(topic), options.stale);
-        // Messages from before we connected do not count: an old error must not stop a new motion.
+        // Messages from before the connection do not count: an old error must not stop a new motion.
         let from_now = Qos {
             latched: false,
             ..Qos::EVENT
@@ -108,7 +108,7 @@ impl Feedback {
         })
     }
 
-    /// Takes in what came; what happened is appended to `events`.
+    /// Reads new messages, and appends events to `events`.
     pub(crate) fn poll(&mut self, now: Duration, events: &mut Vec<EventKind>) {
         self.measured.poll(now);
         self.setpoint.poll(now);
@@ -120,7 +120,7 @@ impl Feedback {
         self.joint_setpoint.poll(now);
         self.jaw.poll(now);
         self.jaw_setpoint.poll(now);
-        // Texts before states: they say why a state came.
+        // Texts before states, because they explain a change of state.
         for (reader, kind) in &mut self.texts {
             drain(reader, events, |text, events| events.push(kind(text.data)));
         }
@@ -157,12 +157,12 @@ impl Feedback {
         &self.said
     }
 
-    /// Forgets an old answer, so that the next one is that to a command.
+    /// Forgets an old answer, so that the next one belongs to a new command.
     pub(crate) fn forget_goal(&mut self) {
         self.said.goal = None;
     }
 
-    /// Robot or simulator: simulators put stamps on their errors.
+    /// Whether it is a robot or a simulator: simulators put stamps on their errors.
     pub(crate) fn dialect(&self, transport: &dyn Transport) -> Dialect {
         let writers = transport.writers(&self.error_topic);
         if writers
@@ -175,8 +175,8 @@ impl Feedback {
         }
     }
 
-    /// The required streams of which nothing valid is there; `measured`: whether poses that are marked as not measured
-    /// will not do.
+    /// The required streams without a valid sample; if `measured`, samples that are marked as not measured do not
+    /// count.
     pub(crate) fn missing(
         &self,
         transport: &dyn Transport,
@@ -210,7 +210,7 @@ impl Feedback {
         streams.into_iter().flatten().collect()
     }
 
-    /// The required stream that has been silent for longer than it may, and for how long.
+    /// A required stream that has been silent for too long, and for how long.
     pub(crate) fn stale(&self, now: Duration, limit: Duration) -> Option<(String, f64)> {
         fn of<M: Measurement>(stream: &Stream<M>, now: Duration) -> (&str, Duration) {
             let age = stream
@@ -238,7 +238,7 @@ impl Feedback {
     }
 }
 
-/// Everything that came on one topic; what cannot be read is told of and passed over.
+/// All new messages of a topic; unreadable ones are reported and skipped.
 fn drain<M: Message>(
     reader: &mut Reader<M>,
     events: &mut Vec<EventKind>,

@@ -1,12 +1,12 @@
-//! Poses whose frames are in their types: what is multiplied fits, or it does not compile.
+//! Poses with their frames in the types: products with mismatched frames do not compile.
 //!
 //! ```text
 //! camera_from_rcm · rcm_from_tip         = camera_from_tip          (calibration)
 //! reference_from_rcm · rcm_from_wrist    = reference_from_wrist     measured_cp, setpoint_cp and servo_cp of a robot
 //! reference_from_rcm · rcm_from_tip      = reference_from_tip       those of a simulator
 //! ```
-//! The *reference* frame is what somebody gave the robot with `set_base_frame`: with an endoscope often the camera in the axes of
-//! the dVRK (x left, y up), without one the remote centre itself. It may move while the robot runs.
+//! The *reference* frame is set on the robot with `set_base_frame`: with an endoscope often the camera in the axes of
+//! the dVRK (x left, y up), otherwise the remote centre itself. It may move while the robot runs.
 
 use std::ops::Mul;
 
@@ -23,18 +23,18 @@ macro_rules! frames {
 }
 
 frames! {
-    /// Where the remote centre is in the camera frame: a calibration.
+    /// Pose of the remote centre in the camera frame: a calibration.
     CameraFromRcm;
-    /// Where the tips of the closed jaws are in the camera frame.
+    /// Pose of the tips of the closed jaws in the camera frame.
     CameraFromTip;
-    /// Where the control point is in the camera frame.
+    /// Pose of the control point in the camera frame.
     CameraFromWrist;
-    /// Where the remote centre is in the reference frame of the robot.
+    /// Pose of the remote centre in the reference frame of the robot.
     ReferenceFromRcm;
 }
 
 impl CameraFromRcm {
-    /// The pose in the frame of the remote centre for one in that of the camera.
+    /// The pose in the frame of the remote centre, from one in that of the camera.
     pub fn rcm_from_tip(&self, camera_from_tip: &CameraFromTip) -> RcmFromTip {
         RcmFromTip(self.0.inverse() * camera_from_tip.0)
     }

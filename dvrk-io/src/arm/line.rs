@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! d, θ        distance and angle between start and goal
-//! L           = max(d, 0.02 m · θ)         the way of the fastest point of the jaws, fingers taken to be 20 mm long
+//! L           = max(d, 0.02 m · θ)         path length of the fastest point of the jaws, for fingers of 20 mm
 //! pose(s)     = (p₀ + s/L · (p₁ − p₀),  slerp(R₀, R₁, s/L))           0 ≤ s ≤ L
 //! ```
 
@@ -10,7 +10,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Metres that a point of the jaws moves for a radian: fingers of 20 mm.
 pub(crate) const FINGER: f64 = 0.02;
-/// Lengths below this are none.
+/// Shorter lengths count as zero.
 const NOTHING: f64 = 1e-12;
 
 /// A segment between two poses.
@@ -50,7 +50,7 @@ impl Line {
         )
     }
 
-    /// Change of pose for a unit of way: metres, and radians times the length of a finger.
+    /// Change of pose for a unit of path length: metres, and radians times the length of a finger.
     pub(crate) fn direction(&self) -> [Vector3<f64>; 2] {
         if self.length > NOTHING {
             [self.shift / self.length, FINGER * self.turn / self.length]

@@ -7,23 +7,23 @@
 //!
 //!             enable              home                 start_line, start_jaw (servo_cp, jaw/servo_jp) · start_move (move_cp)
 //! DISABLED ─────────► ENABLED ─────────► homed ─────────────────────────────────────────────────────────► Arrived
-//!     ▲  disable         │ a fault         │    hand · silence · fault · divergence · another writer · … ──► Stop, hold
+//!     ▲  disable         │ a fault         │    guided by hand · silence · fault · divergence · another writer · … ──► Stop, hold
 //!     └───────────────── FAULT ── clear_fault
 //! ```
-//! A dVRK follows a `servo_cp` as it is: no interpolation, no check of speed or step, no timeout. It clips joint values at
-//! their limits, pushes goals away from the remote centre and drops what it cannot reach, and says little of it. What it does
-//! not do is done here:
+//! A dVRK executes a `servo_cp` as it is: no interpolation, no check of speed or step, no timeout. It clips joint values at
+//! their limits, pushes goals away from the remote centre and drops unreachable ones, mostly without a message. This module adds
+//! the missing checks:
 //!
-//! | what | where |
+//! | check | item |
 //! |---|---|
 //! | nothing is sent before every stream is there and every command has a listener | [`Arm::connect`] |
-//! | speed, acceleration and step of what is sent | [`Profile`], [`ArmOptions::motion`] |
-//! | goals within reach, with margins, and the way to them | [`Arm::start_line`] |
-//! | the set-point is where it was sent | [`Stop::Diverged`] |
+//! | speed, acceleration and step of set-points | [`Profile`], [`ArmOptions::motion`] |
+//! | goals within reach, with margins, and the path to them | [`Arm::start_line`] |
+//! | the set-point is the one sent | [`Stop::Diverged`] |
 //! | the arm follows its set-point | [`Stop::Blocked`] |
 //! | feedback is fresh | [`Stop::Stale`] |
-//! | nobody else commands: ROS, a hand at the clutch, the console | [`Stop::OtherWriter`], [`Stop::Clutched`], [`Stop::Teleoperation`] |
-//! | frames are what they are taken for, and stay | [`Arm::check`], [`Stop::BaseMoved`] |
+//! | no other commander: ROS, a hand at the clutch, the console | [`Stop::OtherWriter`], [`Stop::Clutched`], [`Stop::Teleoperation`] |
+//! | frames are the expected ones, and do not move | [`Arm::check`], [`Stop::BaseMoved`] |
 //! | tips and wrist are not confused | [`RcmFromTip`](crate::kinematics::RcmFromTip), [`ControlPoint`] |
 //!
 //! Goals are poses of the *tips* in the frame of the remote centre. From the camera: `camera_from_rcm.rcm_from_tip(&goal)`, with
@@ -62,8 +62,8 @@
 //! # }
 //! ```
 //!
-//! *Limits.* Commands and feedback travel over a network: what happens on the robot is known some milliseconds later. A client
-//! that is killed leaves the arm where its last set-point is, as a dVRK has no timeout. Forces are not controlled.
+//! *Limits.* Commands and feedback travel over a network: events on the robot are known some milliseconds later. If a client
+//! is killed, the arm stays at its last set-point, as a dVRK has no timeout. Forces are not controlled.
 
 mod check;
 mod commands;

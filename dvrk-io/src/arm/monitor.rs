@@ -1,11 +1,11 @@
-//! Whether the set-point of an arm is where it was sent.
+//! Checks whether the set-point of an arm is one that was sent.
 //!
 //! ```text
 //! off(t) = min over the goals sent in [t − window, t] of  apart(setpoint(t), goal)
 //! ```
 //! A set-point that lags by less than the window is on the path that was sent; one that was clipped, dropped, or set by
-//! somebody else is not. Goals older than the window are forgotten, except for the last one; those of a motion that was held, or has arrived, are
-//! not forgotten sooner: the set-point may still be on its way to them when the next motion starts.
+//! another client is not. Goals older than the window are forgotten, except for the last one; the goals of a motion that was held or has arrived are
+//! forgotten no earlier: the set-point may still be on its way to them when the next motion starts.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use nalgebra::Isometry3;
 use super::line::apart;
 use super::options::Tolerance;
 
-/// Longer than any delay between a command and the set-point that shows it.
+/// Longer than any delay between a command and the resulting set-point.
 pub(crate) const WINDOW: Duration = Duration::from_millis(500);
 
 /// The goals of the last half second.
@@ -27,7 +27,7 @@ pub(crate) struct Monitor {
 impl Monitor {
     pub(crate) fn sent(&mut self, now: Duration, goal: Isometry3<f64>) {
         self.sent.push_back((now, goal));
-        // The oldest goes when the next one is older than the window too.
+        // The oldest goal is dropped when the next one is older than the window too.
         while self
             .sent
             .get(1)
@@ -37,7 +37,7 @@ impl Monitor {
         }
     }
 
-    /// Distance and angle to the nearest goal sent, if both are beyond `tolerance` for every goal.
+    /// Distance and angle to the nearest goal sent, if every goal is beyond `tolerance`.
     pub(crate) fn off(
         &self,
         setpoint: &Isometry3<f64>,
@@ -51,7 +51,7 @@ impl Monitor {
         (!tolerance.holds(nearest)).then_some(nearest)
     }
 
-    /// The goal that was sent last, and when.
+    /// The last goal sent, and when.
     pub(crate) fn last(&self) -> Option<&(Duration, Isometry3<f64>)> {
         self.sent.back()
     }

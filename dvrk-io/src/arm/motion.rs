@@ -1,4 +1,4 @@
-//! What an arm is doing: a straight line with its jaw, or a trajectory of the robot's own.
+//! The current motion of an arm: a straight line with its jaw, or a trajectory of the robot's own.
 
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::Error;
 use crate::kinematics::{Kinematics, RcmFromTip, RcmFromWrist};
 
 /// The last set-points of tips and jaw, and when each was sent. A motion that starts before the arm reports them starts from
-/// them, as one from an older set-point would begin with a jump back.
+/// them; starting from an older reported set-point would be a jump back.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct LastSent {
     pub(crate) tip: Option<(Duration, RcmFromTip)>,
@@ -26,7 +26,7 @@ pub(crate) fn in_flight<T>(sent: Option<(Duration, T)>, now: Duration) -> Option
     (now <= time + WINDOW).then_some(value)
 }
 
-/// The next line, when the present one has come to rest.
+/// The next line, for when the present one has come to rest.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NextLine {
     pub(crate) line: Line,
@@ -39,12 +39,12 @@ pub(crate) struct LineMotion {
     pub(crate) line: Line,
     pub(crate) profile: Profile,
     pub(crate) next: Option<NextLine>,
-    /// Joint values of the last set-point: the next must be near.
+    /// Joint values of the last set-point: those of the next must be near.
     pub(crate) joints: [f64; 6],
 }
 
 impl LineMotion {
-    /// One tick on; the pose of the tips.
+    /// Advances one tick; returns the pose of the tips.
     pub(crate) fn advance(&mut self) -> RcmFromTip {
         if self.profile.is_at_rest()
             && let Some(next) = self.next.take()
@@ -85,7 +85,7 @@ impl Swing {
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct JawMotion {
     now: Swing,
-    /// The next motion, when the present one has come to rest.
+    /// The next motion, for when the present one has come to rest.
     next: Option<Swing>,
 }
 
@@ -106,7 +106,7 @@ impl JawMotion {
         self.now.angle(self.now.profile.travelled())
     }
 
-    /// One tick on; the angle of the jaw.
+    /// Advances one tick; returns the angle of the jaw.
     pub(crate) fn advance(&mut self) -> f64 {
         if self.now.profile.is_at_rest()
             && let Some(next) = self.next.take()
@@ -121,8 +121,8 @@ impl JawMotion {
         self.now.profile.is_at_rest() && self.next.is_none()
     }
 
-    /// Another goal from here on. The speed is kept where the goal lies ahead and it can still stop there; else the jaw comes
-    /// to rest first.
+    /// Changes the goal. The speed is kept if the goal lies ahead and the jaw can still stop there; otherwise the jaw stops
+    /// first.
     pub(crate) fn towards(
         &self,
         goal: f64,
@@ -181,7 +181,7 @@ pub(crate) enum Motion {
 }
 
 impl FrameCheck {
-    /// What to send for a pose of the tips.
+    /// The command for a pose of the tips.
     pub(crate) fn command(&self, kinematics: &Kinematics, tip: &RcmFromTip) -> Isometry3<f64> {
         let local = match self.control_point {
             ControlPoint::Wrist => kinematics.wrist_of(tip).0,
@@ -190,7 +190,7 @@ impl FrameCheck {
         self.reference_from_rcm.0 * local
     }
 
-    /// The pose of the tips for what was reported in the reference frame.
+    /// The pose of the tips, from the pose reported in the reference frame.
     pub(crate) fn tip(&self, kinematics: &Kinematics, reported: &Isometry3<f64>) -> RcmFromTip {
         self.tip_of_local(
             kinematics,
@@ -198,7 +198,7 @@ impl FrameCheck {
         )
     }
 
-    /// The pose of the tips for what was reported in the frame of the remote centre.
+    /// The pose of the tips, from the pose reported in the frame of the remote centre.
     pub(crate) fn tip_of_local(
         &self,
         kinematics: &Kinematics,

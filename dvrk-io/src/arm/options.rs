@@ -1,4 +1,4 @@
-//! How an arm is driven.
+//! Options of an arm.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use super::profile::ProfileLimits;
 use crate::kinematics::{Kinematics, SafetyMargins};
 use crate::{Error, Psm};
 
-/// How far apart two poses may be.
+/// Largest difference between two poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tolerance {
     /// Metres.
@@ -34,27 +34,27 @@ impl Tolerance {
     }
 }
 
-/// Where the pose in the frame of the remote centre comes from.
+/// The source of the pose in the frame of the remote centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum LocalPose {
-    /// `local/measured_cp`, as a dVRK publishes it: base frames are found and watched.
+    /// `local/measured_cp`, as published by a dVRK: base frames are determined and monitored.
     #[default]
     Published,
     /// The joint values: for arms without that topic. Their reference frame must be the remote centre.
     FromJoints,
 }
 
-/// What to do when somebody else can command the arm too.
+/// What to do when another client can command the arm too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum OtherWriters {
     /// Do not move.
     #[default]
     Refuse,
-    /// Move: for programs that open every topic and use none.
+    /// Move: for use with programs that open every topic without publishing.
     Allow,
 }
 
-/// How an arm is driven; see [`Arm::connect`](super::Arm::connect).
+/// Options of an arm; see [`Arm::connect`](super::Arm::connect).
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ArmOptions {
@@ -64,25 +64,25 @@ pub struct ArmOptions {
     pub motion: ProfileLimits,
     /// Limits of the jaw, radians. Default 1.5 rad/s, 10 rad/s², 0.05 rad a tick.
     pub jaw: ProfileLimits,
-    /// Angles that the jaw may be sent to. Default −0.349 to 1.396 rad: large needle driver of an Si.
+    /// Angles that the jaw may be commanded to. Default −0.349 to 1.396 rad: large needle driver of an Si.
     pub jaw_range: [f64; 2],
     /// Time between two set-points. Default 10 ms, the rate at which a dVRK publishes.
     pub period: Duration,
     /// Age at which a sample, or a stream, is stale. Default 0.2 s.
     pub stale: Duration,
-    /// How far the set-point may be from what was sent within the last half second. Default 1 mm, 0.02 rad.
+    /// Largest distance of the set-point from those sent within the last half second. Default 1 mm, 0.02 rad.
     pub divergence: Tolerance,
-    /// How far the arm may be from its set-point. Default 15 mm, 0.35 rad: a dVRK goes into FAULT at 50 mm, 0.5 rad.
+    /// Largest distance of the arm from its set-point. Default 15 mm, 0.35 rad: a dVRK goes into FAULT at 50 mm, 0.5 rad.
     pub tracking: Tolerance,
-    /// How well frames must agree, and how far the base frame may move during a motion. Default 2 mm, 0.035 rad.
+    /// Largest disagreement of frames, and largest motion of the base frame during a motion. Default 2 mm, 0.035 rad.
     pub frames: Tolerance,
-    /// How far goals must stay from joint limits. The default is that of [`SafetyMargins`].
+    /// Distances that goals keep from joint limits. The default is that of [`SafetyMargins`].
     pub margins: SafetyMargins,
-    /// Farthest that a joint may go in a tick: radians, metres for the insertion. Default 0.1.
+    /// Largest motion of a joint in a tick: radians, metres for the insertion. Default 0.1.
     pub joint_step: f64,
-    /// Where the pose in the frame of the remote centre comes from.
+    /// The source of the pose in the frame of the remote centre.
     pub local: LocalPose,
-    /// What to do when somebody else can command the arm.
+    /// What to do when another client can command the arm.
     pub other_writers: OtherWriters,
     /// Name of the console. Default `console`.
     pub console: String,
@@ -155,7 +155,7 @@ impl ArmOptions {
     }
 
     /// # Errors
-    /// [`Error::OutOfRange`]: a value that cannot be driven by.
+    /// [`Error::OutOfRange`]: an invalid value.
     pub(crate) fn check(&self) -> Result<(), Error> {
         self.motion.check()?;
         self.jaw.check()?;

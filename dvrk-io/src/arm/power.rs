@@ -5,8 +5,8 @@
 //! home           ENABLED  ⇒ busy ⇒ homed and not busy;   needs an instrument
 //! clear_fault    FAULT    ⇒ enable (robot) or clear_fault (simulator)
 //! ```
-//! A robot reads the last command only, and none that was sent before DDS has connected it with the sender: a command that shows
-//! no effect is sent again every second. A command that the state does not allow is answered with a warning.
+//! A robot reads only the last command, and none that was sent before DDS has connected it with the sender: a command without
+//! effect is sent again every second. A command that the state does not allow is answered with a warning.
 
 use std::time::Duration;
 
@@ -19,7 +19,7 @@ use crate::Error;
 const REPEAT: Duration = Duration::from_secs(1);
 
 impl Arm {
-    /// Powers the arm and waits until it is enabled, its poses are valid and its frames known. Does nothing to an arm that is.
+    /// Powers the arm and waits until it is enabled, its poses are valid and its frames known. Does nothing if it is enabled.
     ///
     /// # Errors
     /// [`Error::ArmStopped`] in a fault: see [`Arm::clear_fault`]. [`Error::CommandRefused`], [`Error::ArmTimeout`],
@@ -39,17 +39,17 @@ impl Arm {
         Ok(())
     }
 
-    /// Homes the arm and waits until it is. Does nothing to an arm that is.
+    /// Homes the arm and waits until it is homed. Does nothing if it is.
     ///
     /// # Errors
-    /// See [`Arm::enable`]; an arm without an instrument is busy or not homed until the time is over.
+    /// See [`Arm::enable`]; an arm without an instrument stays busy or not homed until the timeout.
     pub fn home(&mut self, timeout: Duration) -> Result<(), Error> {
         self.command("home", timeout, |status| {
             status.mode == Mode::Enabled && status.homed && !status.busy
         })
     }
 
-    /// Switches the power off and waits until it is.
+    /// Switches the power off and waits until it is off.
     ///
     /// # Errors
     /// [`Error::ArmTimeout`].
@@ -60,8 +60,8 @@ impl Arm {
         })
     }
 
-    /// Leaves a fault, and waits until the arm is enabled. Call it only after a person has found out why. Does nothing to an arm that is
-    /// in none.
+    /// Leaves a fault, and waits until the arm is enabled. Call it only after a person has found the cause. Does nothing to an arm without
+    /// a fault.
     ///
     /// # Errors
     /// See [`Arm::enable`].

@@ -1,16 +1,16 @@
-//! How far to go in each tick, so that speed, acceleration and step keep their limits and the end is met exactly.
+//! The distance to move in each tick, so that speed, acceleration and step keep their limits and the end is met exactly.
 //!
 //! ```text
-//! r          what is left,  v  the speed of the last tick,  h  the time of a tick,  a  the acceleration allowed
+//! r          remaining distance,  v  the speed of the last tick,  h  the time of a tick,  a  the acceleration allowed
 //! v_brake    the largest v' with  v'·h + v'²/(2a) ≤ r      v_brake = √(a²h² + 2·a·r) − a·h
 //! v'         = min(v + a·h, v_max, step/h, v_brake)
 //! r'         = r − v'·h
 //! ```
-//! Braking from v' in ticks covers less than v'²/(2a), so v' ≥ v − a·h can always be had: no limit is ever broken, and the
-//! end is never passed. v_brake approaches r = 0 only in the limit; the last tick takes what is left at once when its speed
+//! Braking from v' in ticks covers less than v'²/(2a), so v' ≥ v − a·h is always possible: no limit is ever exceeded, and the
+//! end is never passed. v_brake approaches r = 0 only in the limit; the last tick covers the rest at once when its speed
 //! r/h is within a·h of both v and 0.
 //!
-//! A tick counts as the same time whether it came late or not: a late tick makes the motion slower, never faster.
+//! A tick counts as the same time whether it comes late or not: a late tick makes the motion slower, never faster.
 
 use crate::Error;
 
@@ -21,7 +21,7 @@ pub struct ProfileLimits {
     pub speed: f64,
     /// Highest acceleration, units a second squared.
     pub acceleration: f64,
-    /// Farthest in one tick, units.
+    /// Largest distance in one tick, units.
     pub step: f64,
 }
 
@@ -86,7 +86,7 @@ impl Profile {
         })
     }
 
-    /// Starts with the speed of a motion that it continues. Speed from which it could not stop in time is left out.
+    /// Starts with the speed of a motion that it continues, limited to a speed from which it can stop in time.
     #[must_use]
     pub fn with_speed(self, speed: f64) -> Self {
         let most = self
@@ -102,7 +102,7 @@ impl Profile {
         }
     }
 
-    /// Starts with this speed, unless that would break a limit: it is too fast, or the end too near to stop there.
+    /// Starts with this speed, unless that would violate a limit: it is too fast, or the end is too near to stop there.
     pub(crate) fn continuing(self, speed: f64) -> Option<Self> {
         let profile = self.with_speed(speed);
         (profile.speed >= speed).then_some(profile)
@@ -113,12 +113,12 @@ impl Profile {
         self.speed
     }
 
-    /// How far it is from the start.
+    /// Distance from the start.
     pub fn travelled(&self) -> f64 {
         self.travelled
     }
 
-    /// The whole way.
+    /// The whole length.
     pub fn length(&self) -> f64 {
         self.length
     }
@@ -128,12 +128,12 @@ impl Profile {
         self.travelled >= self.length
     }
 
-    /// Whether the end is reached, and the last tick did not move: the last tick of a motion still has some speed.
+    /// Whether the end is reached and the last tick did not move: the last tick of a motion still has a speed.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.is_done() && self.speed == 0.0
     }
 
-    /// Gives up the rest, except for what it takes to stop.
+    /// Shortens the motion to the braking distance.
     pub fn brake(&mut self) {
         let way = self.speed * self.speed / (2.0 * self.limits.acceleration);
         self.length = self.length.min(self.travelled + way);
@@ -143,7 +143,7 @@ impl Profile {
         self.limits.speed.min(self.limits.step / self.tick)
     }
 
-    /// One tick on; returns how far it is from the start.
+    /// Advances one tick; returns the distance from the start.
     pub fn advance(&mut self) -> f64 {
         let (tick, gain) = (self.tick, self.limits.acceleration * self.tick);
         let left = self.length - self.travelled;
@@ -163,7 +163,7 @@ impl Profile {
             / ((gain * gain + 2.0 * self.limits.acceleration * left).sqrt() + gain);
         self.speed = highest.min(brake);
         let next = self.travelled + self.speed * tick;
-        // Where a step is too small to be seen in the sum, nothing but the end is left.
+        // If a step is too small to change the sum, the motion has reached its end.
         self.travelled = if next > self.travelled {
             next.min(self.length)
         } else {

@@ -1,4 +1,4 @@
-//! What an arm reports: its state, its joints and poses, its jaw.
+//! The feedback of an arm: its state, its joints and poses, its jaw.
 
 use std::time::Duration;
 
@@ -13,26 +13,26 @@ use super::stream::{JointValues, Sample, Velocity};
 use super::topics::MOVES_THE_ARM;
 use crate::kinematics::{RcmFromTip, RcmFromWrist};
 
-/// What an arm reports of its jaw.
+/// Feedback of the jaw.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JawState {
-    /// Angle between the fingers, radians; 0 is closed, less squeezes.
+    /// Angle between the fingers, radians; 0 is closed, negative squeezes.
     pub angle: f64,
-    /// Where it was sent.
+    /// The commanded angle.
     pub setpoint: f64,
-    /// N·m, where the robot says.
+    /// Torque, N·m, if the robot reports it.
     pub effort: Option<f64>,
 }
 
 impl JawState {
-    /// By how much it stays more open than it was sent to be: what is between the fingers keeps it so.
+    /// By how much it is more open than commanded, because of something between the fingers.
     pub fn gap(&self) -> f64 {
         self.angle - self.setpoint
     }
 }
 
 impl Arm {
-    /// Its state, as far as it is known.
+    /// Its state, as far as known.
     pub fn status(&self) -> ArmStatus {
         self.feedback.said().status.unwrap_or(ArmStatus {
             mode: Mode::Unknown,
@@ -50,26 +50,26 @@ impl Arm {
         self.feedback.dialect(self.transport.as_ref())
     }
 
-    /// The instrument that it reports, if it does; empty when there is none.
+    /// The instrument that it reports, if it does; empty without an instrument.
     pub fn tool(&self) -> Option<&str> {
         self.feedback.said().tool.as_deref()
     }
 
-    /// Whether somebody guides the arm by hand.
+    /// Whether it is guided by hand.
     pub fn is_clutched(&self) -> bool {
         let status = self.status();
         let busy = status.mode == Mode::Enabled && status.busy;
         let ours = self.expect_busy || matches!(self.motion, Some(Motion::Move(_)));
-        // Simulators have no hands at their arms, and their own ideas of busy.
+        // Simulated arms are not guided by hand, and use busy differently.
         self.feedback.said().clutch || (busy && !ours && self.dialect() == Dialect::Robot)
     }
 
-    /// Whether the console has teleoperation enabled: it commands arms without ROS then, and nobody arbitrates.
+    /// Whether teleoperation is enabled at the console: it then commands arms without ROS and without arbitration.
     pub fn is_teleoperated(&self) -> bool {
         self.feedback.said().teleop
     }
 
-    /// The topics on which somebody else can move this arm.
+    /// The topics on which another client can move this arm.
     pub fn other_writers(&self) -> Vec<String> {
         let topics = MOVES_THE_ARM.iter().map(|topic| self.names.of(topic));
         let others = |topic: &String| {
@@ -79,17 +79,17 @@ impl Arm {
         topics.filter(others).collect()
     }
 
-    /// Its six joint values, in the order of [`Joint::ALL`](crate::kinematics::Joint::ALL); nothing while they are stale.
+    /// Its six joint values, in the order of [`Joint::ALL`](crate::kinematics::Joint::ALL); `None` while they are stale.
     pub fn joints(&self) -> Option<Sample<[f64; 6]>> {
         six(self.feedback.joints.fresh(self.transport.now())?)
     }
 
-    /// The joint values that it is sent to, where it says.
+    /// The commanded joint values, if reported.
     pub fn joint_setpoint(&self) -> Option<Sample<[f64; 6]>> {
         six(self.feedback.joint_setpoint.fresh(self.transport.now())?)
     }
 
-    /// Where the tips are, as measured; nothing while the stream is stale or the frames are not known.
+    /// Measured pose of the tips; `None` while the stream is stale or the frames are unknown.
     pub fn rcm_from_tip(&self) -> Option<Sample<RcmFromTip>> {
         let (frames, kinematics) = (self.frames.as_ref()?, &self.options.kinematics);
         let now = self.transport.now();
@@ -104,7 +104,7 @@ impl Arm {
         })
     }
 
-    /// Where the control point of a dVRK is, as measured, whichever point the arm reports.
+    /// Measured pose of the control point of a dVRK, whichever point the arm reports.
     pub fn rcm_from_wrist(&self) -> Option<Sample<RcmFromWrist>> {
         let tip = self.rcm_from_tip()?;
         Some(Sample {
@@ -114,7 +114,7 @@ impl Arm {
         })
     }
 
-    /// Where the tips are sent.
+    /// Commanded pose of the tips.
     pub fn tip_setpoint(&self) -> Option<Sample<RcmFromTip>> {
         let frames = self.frames.as_ref()?;
         let sample = self.feedback.setpoint.fresh(self.transport.now())?;
@@ -125,7 +125,7 @@ impl Arm {
         })
     }
 
-    /// Velocity of the control point that the arm reports, axes of its reference frame, where it says.
+    /// Velocity of the control point that the arm reports, in the axes of its reference frame, if reported.
     pub fn velocity(&self) -> Option<Sample<Velocity>> {
         let sample = self.feedback.velocity.fresh(self.transport.now());
         sample.copied()
@@ -147,17 +147,17 @@ impl Arm {
         })
     }
 
-    /// The frames as they were found last.
+    /// The frames from the last check.
     pub fn frames(&self) -> Option<&FrameCheck> {
         self.frames.as_ref()
     }
 
-    /// Which point the arm reports, once it is known.
+    /// Which point the arm reports, once known.
     pub fn control_point(&self) -> Option<ControlPoint> {
         self.frames.as_ref().map(|frames| frames.control_point)
     }
 
-    /// Base frame by the newest samples, if they belong together.
+    /// Base frame from the newest samples, if they belong together.
     pub(crate) fn base_now(&self) -> Option<Isometry3<f64>> {
         const TOGETHER: Duration = Duration::from_millis(5);
         let local = self.feedback.local.as_ref()?.latest()?;

@@ -1,4 +1,4 @@
-//! What an arm says of itself.
+//! States and events of an arm.
 
 use std::fmt;
 use std::time::Duration;
@@ -15,9 +15,9 @@ pub enum Mode {
     Enabled,
     /// Powered, takes no commands.
     Paused,
-    /// The arm has stopped and switched its power off because of an error; a person has to find out why.
+    /// The arm has stopped and switched its power off because of an error; a person has to find the cause.
     Fault,
-    /// A state that the protocol does not have.
+    /// A state that the protocol does not define.
     Unknown,
 }
 
@@ -38,9 +38,9 @@ impl fmt::Display for Mode {
 pub struct ArmStatus {
     /// The state.
     pub mode: Mode,
-    /// Whether its joints know where they are and an instrument is engaged.
+    /// Whether its joint encoders are referenced and an instrument is engaged.
     pub homed: bool,
-    /// Whether it moves on its own. Enabled and busy without a command of ours: somebody guides it by hand.
+    /// Whether it moves on its own. Enabled and busy without a command of ours means guided by hand.
     pub busy: bool,
 }
 
@@ -68,7 +68,7 @@ impl fmt::Display for ArmStatus {
     }
 }
 
-/// Which of the two ways to talk an arm has.
+/// The protocol variant of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Dialect {
     /// A dVRK: `error`, `warning` and `status` are `std_msgs/String`; a fault is left with `enable`.
@@ -78,7 +78,7 @@ pub enum Dialect {
     Simulator,
 }
 
-/// Which point of the instrument an arm reports and follows.
+/// The point of the instrument whose pose an arm reports and follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ControlPoint {
     /// A point on the wrist yaw axis, as a dVRK does.
@@ -87,16 +87,16 @@ pub enum ControlPoint {
     Tip,
 }
 
-/// Something that happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Event {
     /// When, since the epoch.
     pub time: Duration,
-    /// What.
+    /// Its kind.
     pub kind: EventKind,
 }
 
-/// What can happen.
+/// The kinds of events.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum EventKind {
@@ -104,11 +104,11 @@ pub enum EventKind {
     Error(String),
     /// The arm warns; also of commands that it ignores.
     Warning(String),
-    /// The arm says how it is.
+    /// The arm reports information.
     Info(String),
     /// Its state changed.
     Status(ArmStatus),
-    /// Its instrument: its name, or nothing when there is none.
+    /// Its instrument changed: the new name, or empty without an instrument.
     Tool(String),
     /// A motion ended.
     Stopped(super::Stop),

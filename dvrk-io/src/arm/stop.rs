@@ -5,7 +5,7 @@ use std::fmt;
 use super::state::ArmStatus;
 use crate::kinematics::Unreachable;
 
-/// Why a motion ended: where it should, or why not.
+/// Why a motion ended: at its goal, or why not.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Stop {
@@ -20,42 +20,42 @@ pub enum Stop {
         /// The last error that it reported, if any.
         said: String,
     },
-    /// Somebody guides the arm by hand.
+    /// The arm is guided by hand.
     Clutched,
-    /// A stream stopped.
+    /// A stream has become silent.
     Stale {
         /// Its topic.
         topic: String,
         /// Seconds since its last sample.
         age: f64,
     },
-    /// The set-point of the arm is not where it was sent: the goal was clipped or dropped, or somebody else commands.
+    /// The set-point of the arm is not the one sent: the goal was clipped or dropped, or another client commands.
     Diverged {
         /// Metres between set-point and goal.
         distance: f64,
         /// Radians between them.
         angle: f64,
     },
-    /// The set-point of the jaw is not where it was sent.
+    /// The set-point of the jaw is not the one sent.
     JawDiverged {
         /// Radians between set-point and goal.
         angle: f64,
     },
-    /// The arm does not follow its set-point: something is in its way.
+    /// The arm does not follow its set-point: something obstructs it.
     Blocked {
         /// Metres between measured pose and set-point.
         distance: f64,
         /// Radians between them.
         angle: f64,
     },
-    /// The frame that poses are given in moved against the remote centre.
+    /// The reference frame moved relative to the remote centre.
     BaseMoved {
         /// Metres.
         distance: f64,
         /// Radians.
         angle: f64,
     },
-    /// Somebody else can command the arm.
+    /// Another client can command the arm.
     OtherWriter {
         /// The topic on which.
         topic: String,
@@ -64,9 +64,9 @@ pub enum Stop {
     Teleoperation,
     /// The arm reported an error.
     Said(String),
-    /// A trajectory was refused, or ended elsewhere.
+    /// A trajectory was rejected, or ended elsewhere.
     NotReached {
-        /// What the arm said, if anything.
+        /// The message of the arm, if any.
         said: String,
     },
     /// The next pose cannot be reached.
@@ -79,7 +79,7 @@ pub enum Stop {
 }
 
 impl Stop {
-    /// Whether the arm should be told to hold: not where somebody else controls it, nor where it is not enabled.
+    /// Whether the arm should be told to hold: not if another client controls it, nor if it is not enabled.
     pub(crate) fn holds(&self) -> bool {
         !matches!(
             self,
@@ -112,25 +112,25 @@ impl fmt::Display for Stop {
                 write!(f, "the arm is {status}")?;
                 said(f, text)
             }
-            Self::Clutched => f.write_str("somebody guides the arm by hand"),
+            Self::Clutched => f.write_str("the arm is guided by hand"),
             Self::Stale { topic, age } => write!(f, "{topic} has been silent for {age:.2} s"),
             Self::Diverged { distance, angle } => {
-                f.write_str("the set-point is not where it was sent, but off by ")?;
+                f.write_str("the set-point differs from the one sent by ")?;
                 apart(f, *distance, *angle)
             }
             Self::JawDiverged { angle } => write!(
                 f,
-                "the set-point of the jaw is off by {angle:.3} rad from where it was sent"
+                "the set-point of the jaw differs from the one sent by {angle:.3} rad"
             ),
             Self::Blocked { distance, angle } => {
-                f.write_str("the arm stays behind its set-point by ")?;
+                f.write_str("the arm lags behind its set-point by ")?;
                 apart(f, *distance, *angle)
             }
             Self::BaseMoved { distance, angle } => {
                 f.write_str("the base frame moved by ")?;
                 apart(f, *distance, *angle)
             }
-            Self::OtherWriter { topic } => write!(f, "somebody else publishes {topic}"),
+            Self::OtherWriter { topic } => write!(f, "another client publishes {topic}"),
             Self::Teleoperation => f.write_str("teleoperation is enabled at the console"),
             Self::Said(text) => write!(f, "the arm reported: {text}"),
             Self::NotReached { said: text } => {

@@ -1,11 +1,11 @@
-//! A topic that is sent all the time: its newest valid sample, and why there is none.
+//! A topic that is published continuously: its newest valid sample, or why there is none.
 //!
 //! ```text
-//! a sample counts  ⇔  stamp ≠ 0                                a dVRK marks so what it could not measure
-//!                  ∧  |now − stamp| ≤ stale                    neither a backlog nor a clock that is off
-//!                  ∧  stamp > that of the last one             a frozen sender repeats itself
+//! a sample counts  ⇔  stamp ≠ 0                                a dVRK marks unmeasured samples with 0
+//!                  ∧  |now − stamp| ≤ stale                    no backlog, and synchronised clocks
+//!                  ∧  stamp > that of the last one             a frozen publisher repeats itself
 //!                  ∧  all numbers are finite
-//! age = now − (time at which the newest one came)
+//! age = now − (arrival time of the newest one)
 //! ```
 
 use std::fmt;
@@ -21,33 +21,33 @@ use crate::transport::{Qos, Reader, Transport};
 /// A measurement and its times since the epoch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample<T> {
-    /// What was measured.
+    /// The measurement.
     pub value: T,
-    /// When, by the clock of the sender.
+    /// Time of the measurement, by the clock of the sender.
     pub stamp: Duration,
-    /// When it came, by ours.
+    /// Arrival time, by the local clock.
     pub arrived: Duration,
 }
 
-/// Why a topic does not say what it should.
+/// Why a topic delivers nothing usable.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub enum Absence {
-    /// Nobody writes the topic.
+    /// There is no publisher.
     NobodyPublishes,
-    /// Nobody reads the topic: a command would be lost.
+    /// There is no listener: a command would be lost.
     NobodyListens,
     /// The topic is there with another type.
     OtherType {
         /// That type.
         found: String,
     },
-    /// The topic is there, but a reader that needs more hears nothing of it.
+    /// The topic exists, but its quality of service does not match the reader's.
     OtherQuality {
         /// What it lacks.
         lacks: &'static str,
     },
-    /// There is a writer, and nothing came.
+    /// There is a publisher, but no sample arrived.
     Silent,
     /// Samples have the stamp 0: not measured.
     Invalid,
@@ -81,18 +81,18 @@ impl fmt::Display for Absence {
     }
 }
 
-/// A message with a stamp, and what it means.
+/// A message with a stamp, and its meaning.
 pub(crate) trait Measurement: Message {
     type Value: Clone;
 
     fn header(&self) -> &Header;
 
     /// # Errors
-    /// Numbers that are none.
+    /// Numbers that are not finite.
     fn value(&self) -> Result<Self::Value, Error>;
 }
 
-/// A pose and the frame it is in.
+/// A pose and its frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct FramedPose {
     pub(crate) frame: String,
@@ -114,7 +114,7 @@ impl Measurement for PoseStamped {
     }
 }
 
-/// Joint values of an arm, or its jaw: as many as were sent.
+/// Values of the joints or of the jaw, as many as were sent.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct JointValues {
     pub(crate) position: Vec<f64>,
@@ -130,7 +130,7 @@ impl Measurement for JointState {
     }
 
     fn value(&self) -> Result<JointValues, Error> {
-        // In the order of their names if these are ours, as ROS allows any.
+        // Sorted by name if the names are ours, as ROS allows any order.
         let place = |joint: Joint| self.name.iter().position(|name| name == joint.name());
         let order: Option<Vec<usize>> = Joint::ALL.into_iter().map(place).collect();
         let sorted = |values: &[f64]| -> Vec<f64> {
@@ -204,7 +204,7 @@ pub(crate) struct Stream<M: Measurement> {
     reader: Reader<M>,
     stale: Duration,
     latest: Option<Sample<M::Value>>,
-    /// What was wrong with the last message, if it was not taken.
+    /// Why the last message was rejected, if it was.
     trouble: Option<Absence>,
     heard: bool,
 }
@@ -228,7 +228,7 @@ impl<M: Measurement> Stream<M> {
         &self.reader.topic().name
     }
 
-    /// Takes in what came.
+    /// Reads new messages.
     pub(crate) fn poll(&mut self, now: Duration) {
         loop {
             match self.reader.take() {
@@ -243,7 +243,7 @@ impl<M: Measurement> Stream<M> {
         self.heard = true;
         let stamp = Duration::from_nanos(message.header().stamp.nanoseconds());
         let trouble = if stamp.is_zero() {
-            // What was measured before is not so any more.
+            // The previous measurement is no longer valid.
             self.latest = None;
             Some(Absence::Invalid)
         } else if stamp + self.stale < now {
@@ -270,7 +270,7 @@ impl<M: Measurement> Stream<M> {
         self.trouble = trouble;
     }
 
-    /// The newest sample that counts, however long ago.
+    /// The newest valid sample, however old.
     pub(crate) fn latest(&self) -> Option<&Sample<M::Value>> {
         self.latest.as_ref()
     }
@@ -281,7 +281,7 @@ impl<M: Measurement> Stream<M> {
         self.latest.as_ref().filter(fresh)
     }
 
-    /// Why there is no sample to go by; `measured`: whether samples marked as not measured will not do.
+    /// Why there is no usable sample; if `measured`, samples marked as not measured do not count.
     pub(crate) fn absence(
         &self,
         transport: &dyn Transport,
@@ -298,7 +298,7 @@ impl<M: Measurement> Stream<M> {
     }
 }
 
-/// Why nothing comes from a topic that is listened to.
+/// Why nothing arrives from a topic.
 pub(crate) fn unheard<M: Message>(transport: &dyn Transport, reader: &Reader<M>) -> Absence {
     let asked = reader.topic();
     let writers = transport.writers(&asked.name);

@@ -1,4 +1,4 @@
-//! An arm that is driven by a thread of its own while its owner computes.
+//! An arm driven by a thread of its own.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -9,10 +9,10 @@ use super::driver::Arm;
 use crate::Error;
 use crate::transport::Transport;
 
-/// An arm with a thread that ticks it once a period. Motions are started on the [locked](ArmThread::lock) arm; they, and the
-/// watch over them, go on while nobody holds the lock.
+/// An arm with a thread that ticks it once a period. Motions are started on the [locked](ArmThread::lock) arm; they are executed and
+/// monitored while the lock is free.
 ///
-/// When it is dropped, the arm is told to hold and the thread ends. Hold the lock shortly: what is not ticked is not watched.
+/// When it is dropped, the arm is told to hold and the thread ends. Hold the lock only briefly: without ticks there are no checks.
 pub struct ArmThread {
     arm: Arc<Mutex<Arm>>,
     transport: Arc<dyn Transport>,
@@ -30,21 +30,21 @@ impl std::fmt::Debug for ArmThread {
 }
 
 fn lock(arm: &Mutex<Arm>) -> MutexGuard<'_, Arm> {
-    // An arm is whole between any two of its calls; one that panicked half way is still to be held.
+    // An arm is consistent between any two of its calls; one whose call panicked must still be held.
     arm.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl ArmThread {
-    /// Starts to drive an arm that is connected.
+    /// Starts to drive a connected arm.
     ///
     /// # Errors
-    /// [`Error::Network`]: the system has no thread left.
+    /// [`Error::Network`]: the system cannot start a thread.
     pub fn spawn(arm: Arm) -> Result<Self, Error> {
         Self::spawn_watched(arm, |_| ())
     }
 
-    /// The same, with a look at the arm after each tick: for what must not wait until its owner has computed, such as to hold it when another
-    /// arm is in trouble ([`Arm::last_stop`], [`Arm::unready`]). The look must be short.
+    /// The same, with a callback after each tick, for reactions that must not wait for the owner, such as a hold when another
+    /// arm is in trouble ([`Arm::last_stop`], [`Arm::unready`]). The callback must be short.
     ///
     /// # Errors
     /// See [`ArmThread::spawn`].
@@ -89,7 +89,7 @@ impl ArmThread {
         lock(&self.arm)
     }
 
-    /// Waits until the motion under way has ended.
+    /// Waits until the current motion has ended.
     ///
     /// # Errors
     /// See [`Arm::wait`]; [`Error::Network`] when the thread has ended by a panic (of a transport): the arm is told to hold.
@@ -98,10 +98,10 @@ impl ArmThread {
         loop {
             {
                 let mut arm = self.lock();
-                // It panics with the arm in its hands: the lock is poisoned before the thread has ended.
+                // The panic poisons the lock before the thread has ended.
                 let ended = self.thread.as_ref().is_none_or(JoinHandle::is_finished);
                 if ended || self.arm.is_poisoned() {
-                    // Nothing is sent or watched any more.
+                    // Nothing is sent or checked any more.
                     arm.hold();
                     return Err(Error::Network {
                         what: "thread of the arm",
@@ -130,7 +130,7 @@ impl Drop for ArmThread {
         self.lock().hold();
         self.stop.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
-            // A thread that panicked has nothing more to say than that the arm is held.
+            // The panic of the thread has been handled by holding the arm.
             drop(thread.join());
         }
     }

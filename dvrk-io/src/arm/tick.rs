@@ -1,11 +1,11 @@
-//! One tick: take in what came, look whether all is well, send the next set-point.
+//! One tick: read messages, check the arm, send the next set-point.
 //!
 //! ```text
-//! state not ENABLED · hand · teleoperation · error said · silent stream · base moved · set-point elsewhere · blocked · other writer
+//! state not ENABLED · guided by hand · teleoperation · error reported · silent stream · base moved · set-point differs · blocked · other writer
 //!         any of these    ⇒  the motion ends, the arm is told to hold (see Stop)
 //! else    next pose of the line, next angle of the jaw, both sent now
 //! ```
-//! A tick that comes late sends one set-point, not those that were missed; one that comes early sends none. So set-points never
+//! A tick that comes late sends one set-point, not those that were missed; one that comes early sends none. Set-points therefore never
 //! follow each other faster than the limits assume.
 
 use std::time::Duration;
@@ -19,7 +19,7 @@ use super::options::OtherWriters;
 use super::state::{EventKind, Mode};
 use super::stop::Stop;
 
-/// Between two looks at who else writes: the list of all writers on the network is walked.
+/// Interval between two checks for other writers, which traverse the list of all writers on the network.
 const OTHER_WRITERS: Duration = Duration::from_millis(50);
 /// How long a robot may take to begin a trajectory.
 const BEGIN: Duration = Duration::from_secs(1);
@@ -27,7 +27,7 @@ const BEGIN: Duration = Duration::from_secs(1);
 pub(super) const JAW: f64 = 0.02;
 
 impl Arm {
-    /// Takes in what came, and drives the motion under way. Call it once a [period](super::ArmOptions::period), or let
+    /// Reads messages, and executes the current motion. Call it once a [period](super::ArmOptions::period), or let
     /// [`Arm::wait`] or an [`ArmThread`](super::ArmThread) do it.
     pub fn tick(&mut self) {
         let now = self.transport.now();
@@ -50,7 +50,7 @@ impl Arm {
         }
     }
 
-    /// The next set-points of tips and jaw; where both are at their ends, whether the arm is too.
+    /// The next set-points of tips and jaw; if both are at their ends, whether the arm is too.
     fn send_setpoints(
         &mut self,
         now: Duration,
@@ -78,7 +78,7 @@ impl Arm {
         self.arrived(now, since, jaw.as_ref().map(JawMotion::angle))
     }
 
-    /// Reads every topic; the last error that was said, if any.
+    /// Reads every topic; returns the last error that was reported, if any.
     fn take_in(&mut self, now: Duration) -> Option<String> {
         let mut events = Vec::new();
         self.feedback.poll(now, &mut events);
@@ -90,7 +90,7 @@ impl Arm {
                     error = Some(text.clone());
                 }
                 EventKind::Warning(text) => self.last_warning.clone_from(text),
-                // What was said in a fault that is over is not the reason for the next.
+                // A message from a fault that is over is not the reason for the next one.
                 EventKind::Status(status) if status.mode == Mode::Enabled => {
                     self.last_error.clear();
                 }
@@ -101,7 +101,7 @@ impl Arm {
         error
     }
 
-    /// Why the motion must not go on. Who takes the arm away says more than the errors that follow.
+    /// Why the motion must stop. A loss of control explains more than the errors that follow it.
     fn trouble(&self, now: Duration, motion: &Motion, error: Option<String>) -> Option<Stop> {
         let hand = match motion {
             Motion::Move(_) => self.feedback.said().clutch,
@@ -115,7 +115,7 @@ impl Arm {
             .or_else(|| self.elsewhere())
     }
 
-    /// Whether the state of the arm, a hand, or the console takes it away.
+    /// Whether the state of the arm, a hand, or the console has taken control of it.
     fn taken(&self, hand: bool) -> Option<Stop> {
         let status = self.status();
         if status.mode != Mode::Enabled || !status.homed {
@@ -128,7 +128,7 @@ impl Arm {
         }
     }
 
-    /// Whether what the arm does is not seen, or not for us to say.
+    /// Whether the arm cannot be observed, or is not ours to command.
     fn unwatched(&self, now: Duration) -> Option<Stop> {
         if let Some((topic, age)) = self.feedback.stale(now, self.options.stale) {
             return Some(Stop::Stale { topic, age });
@@ -137,15 +137,15 @@ impl Arm {
         Some(Stop::OtherWriter { topic })
     }
 
-    /// Why the arm would not take a motion, by what had come at the last tick: its state, a hand, teleoperation, a stale stream, somebody
-    /// else who can command it. An arm at rest is in no motion that such a reason could end: whoever leaves one at rest while others move asks
-    /// for it here.
+    /// Why the arm could not start a motion, as of the last tick: its state, guided by hand, teleoperation, a stale stream, another
+    /// client that can command it. An arm at rest has no motion that such a reason could end, so use this to monitor arms at rest
+    /// while others move.
     pub fn unready(&self) -> Option<Stop> {
         let taken = self.taken(self.is_clutched());
         taken.or_else(|| self.unwatched(self.transport.now()))
     }
 
-    /// Notes on which topic somebody else can command the arm, unless that is allowed.
+    /// Records the topic on which another client can command the arm, unless that is allowed.
     pub(crate) fn look_for_rivals(&mut self, now: Duration) {
         self.writers_checked = now;
         self.rival = match self.options.other_writers {
@@ -154,7 +154,7 @@ impl Arm {
         };
     }
 
-    /// Whether poses are where they should be.
+    /// Why poses are not the expected ones, if so.
     fn elsewhere(&self) -> Option<Stop> {
         let (frames, base) = (self.frames.as_ref()?, self.base_now());
         if let Some(base) = base {
@@ -201,7 +201,7 @@ impl Arm {
         None
     }
 
-    /// Whether the arm's set-points are at the end; an answer that does not come within the window is no.
+    /// Whether the arm's set-points are at the end; false if there is no answer within the window.
     fn arrived(&self, now: Duration, since: Duration, jaw: Option<f64>) -> Option<Stop> {
         let setpoint = &self.feedback.setpoint.latest()?.value.pose;
         let (_, goal) = self.monitor.last()?;
@@ -241,7 +241,7 @@ impl Arm {
         }
         if motion.busy_seen {
             let ended = !status.busy;
-            // The set-point may be a period behind the state.
+            // The set-point may lag a period behind the state.
             return match (ended, there) {
                 (false, _) => None,
                 (true, true) => Some(Stop::Arrived),
@@ -257,7 +257,7 @@ impl Arm {
         if motion.repeated {
             return Some(not_reached());
         }
-        // Lost on the way, or overwritten by a command right behind it: once more.
+        // Lost, or overwritten by a command right after it: sent again.
         let frame = self.frames.as_ref().map(|frames| frames.reference.clone());
         let sent = self
             .commands

@@ -38,10 +38,10 @@ pub(crate) const INFO: &str = "info";
 pub(crate) const GOAL_REACHED: &str = "goal_reached";
 pub(crate) const ARM_CLUTCH: &str = "arm_clutch";
 pub(crate) const TOOL_TYPE: &str = "tool_type";
-/// Below the name of the console.
+/// In the namespace of the console.
 pub(crate) const TELEOP_ENABLED: &str = "teleop/enabled";
 
-/// Whoever publishes one of these moves the arm.
+/// Topics whose publishers can move the arm.
 pub(crate) const MOVES_THE_ARM: [&str; 13] = [
     SERVO_CP,
     MOVE_CP,

@@ -1,11 +1,11 @@
-//! Whether a calibration still holds, from samples of today.
+//! Checks whether a calibration still holds, with new samples.
 //!
 //! ```text
 //! holds       at least 3/4 of the samples within the limit
 //! doubtful    at least 1/2
 //! broken      fewer
 //! ```
-//! Shares, not means: a single bad look at the tip must not stop the robot, and half of them must.
+//! Shares are used instead of means: a single bad measurement of the tip must not stop the robot, but half of them must.
 
 use nalgebra::{Isometry3, Vector3};
 
@@ -14,14 +14,14 @@ use super::poses::between;
 use super::{Calibration, Sighting, Touch, points, poses};
 use crate::Error;
 
-/// What counts as holding.
+/// Criteria for a calibration that holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CheckOptions {
-    /// Largest distance between expected and seen place, metres. Default 0.005: what a registration of a dVRK
-    /// to a camera is good for at its best.
+    /// Largest distance between expected and measured position, metres. Default 0.005: the best accuracy of a registration of a dVRK
+    /// to a camera.
     pub limit: f64,
-    /// Largest angle between expected and seen orientation of a marker, radians. Default 0.087 (5°).
+    /// Largest angle between expected and measured orientation of a marker, radians. Default 0.087 (5°).
     pub angle_limit: f64,
     /// Least number of samples for a verdict. Default 4.
     pub min_samples: usize,
@@ -83,28 +83,28 @@ impl CheckOptions {
     }
 }
 
-/// What became of a calibration.
+/// The result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// At least three quarters of the samples are within the limit.
     Holds,
     /// Between half and three quarters are.
     Doubtful,
-    /// Fewer than half are: camera or arm was moved, or the instrument is another one.
+    /// Fewer than half are: camera or arm was moved, or the instrument was changed.
     Broken,
 }
 
-/// How far samples are from what a calibration expects.
+/// Differences of samples from what a calibration expects.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Check {
     /// Whether it holds.
     pub verdict: Verdict,
-    /// The limits that the verdict is about.
+    /// The limits of the verdict.
     pub options: CheckOptions,
     /// How many samples are within them.
     pub within: usize,
-    /// Distance between the place seen and the place expected, for every sample in order, metres.
+    /// Distance between the measured and the expected position, for every sample in order, metres.
     pub distances: Vec<f64>,
     /// Angle of the same, radians; empty for touches.
     pub angles: Vec<f64>,
@@ -114,7 +114,7 @@ pub struct Check {
     pub rms: f64,
     /// Largest distance, metres.
     pub max: f64,
-    /// Mean shift from expected to seen, camera axes, metres: what all samples have in common.
+    /// Mean displacement from expected to measured, camera axes, metres: the part common to all samples.
     pub bias: Vector3<f64>,
 }
 
@@ -151,8 +151,8 @@ impl Check {
 }
 
 impl Calibration {
-    /// How far touched points are from where this calibration expects them. Needs no spread: four touches of
-    /// one landmark will do.
+    /// Compares touched points with this calibration. They need not be spread out: four touches of
+    /// one landmark suffice.
     ///
     /// # Errors
     /// Too few samples; a coordinate that is not finite; a limit that is not positive.
@@ -164,10 +164,10 @@ impl Calibration {
         Ok(Check::new(&shifts, Vec::new(), *options))
     }
 
-    /// How far poses of the marker are from where this calibration expects them.
+    /// Compares poses of the marker with this calibration.
     ///
     /// # Errors
-    /// [`Error::NoMarker`] if the calibration is from touches; too few samples; a pose that is none; a limit
+    /// [`Error::NoMarker`] if the calibration is from touches; too few samples; an invalid pose; a limit
     /// that is not positive.
     pub fn check_sightings(
         &self,

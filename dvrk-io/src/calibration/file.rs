@@ -1,4 +1,4 @@
-//! A calibration as a TOML file that says its frames and units.
+//! A calibration as a TOML file with explicit frames and units.
 //!
 //! ```toml
 //! format = "dvrk-io calibration"
@@ -24,8 +24,8 @@
 //! rms_angle = 0.0
 //! max_angle = 0.0
 //! ```
-//! A marker adds `[wrist_from_marker]`, of the same keys. A transform takes coordinates in `source` to
-//! coordinates in `target`. Numbers are written with all their digits and come back to the same bits.
+//! A marker adds `[wrist_from_marker]`, with the same keys. A transform maps coordinates in `source` to
+//! coordinates in `target`. Numbers are written with all digits and are read back to the same bits.
 
 use std::fs;
 use std::io::Write;
@@ -44,11 +44,11 @@ const FORMAT: &str = "dvrk-io calibration";
 const VERSION: i64 = 1;
 const WRIST: &str = "wrist";
 const MARKER: &str = "marker";
-/// Quaternions this near to a unit are taken as they are, so that bits come back; others, typed by hand, are
+/// Quaternions this close to norm 1 are used unchanged, so that bits are preserved; others, typed by hand, are
 /// normalised.
 const EXACT: f64 = 1e-14;
 
-/// What a calibration was made of.
+/// The kind of samples of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Method {
@@ -58,7 +58,7 @@ pub enum Method {
     Sightings,
 }
 
-/// Where an arm stands in front of a camera, and how well that was known when it was found.
+/// The pose of an arm relative to a camera, and its accuracy when it was determined.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Calibration {
@@ -68,23 +68,23 @@ pub struct Calibration {
     pub camera_frame: String,
     /// Name of the frame of the remote centre, such as `PSM1_base`.
     pub rcm_frame: String,
-    /// What it was made of.
+    /// The kind of samples.
     pub method: Method,
     /// Pose of the remote centre in the camera frame.
     pub camera_from_rcm: Isometry3<f64>,
     /// Pose of the marker in the wrist frame, if there was one.
     pub wrist_from_marker: Option<Isometry3<f64>>,
-    /// How many samples there were.
+    /// Number of samples.
     pub samples: usize,
-    /// Which of them did not agree with the others.
+    /// Indices of the outliers.
     pub outliers: Vec<usize>,
-    /// Root mean square of the distances of the others, metres.
+    /// Root mean square of the distances of the inliers, metres.
     pub rms: f64,
-    /// Largest distance of the others, metres.
+    /// Largest distance of the inliers, metres.
     pub max: f64,
-    /// Root mean square of their angles, radians; 0 for touches.
+    /// Root mean square of the angles of the inliers, radians; 0 for touches.
     pub rms_angle: f64,
-    /// Largest of their angles, radians; 0 for touches.
+    /// Largest angle of the inliers, radians; 0 for touches.
     pub max_angle: f64,
 }
 
@@ -113,8 +113,8 @@ impl Calibration {
         Ok(calibration)
     }
 
-    /// The transform in the camera convention of the dVRK (x left, y up, z away) rather than that of ROS and
-    /// this crate (x right, y down, z away): what its base frames are given in.
+    /// The transform in the camera convention of the dVRK (x left, y up, z away) instead of that of ROS and
+    /// this crate (x right, y down, z away), for use in its base frames.
     pub fn dvrk_camera_from_rcm(&self) -> Isometry3<f64> {
         let half_turn = UnitQuaternion::from_quaternion(Quaternion::new(0.0, 0.0, 0.0, 1.0));
         half_turn * self.camera_from_rcm
@@ -123,7 +123,7 @@ impl Calibration {
     /// The text of the file.
     ///
     /// # Errors
-    /// [`Error::BadCalibration`] with the key of what a file cannot hold: a name that is empty, a number that is
+    /// [`Error::BadCalibration`] with the key of an invalid value: a name that is empty, a number that is
     /// not finite.
     pub fn to_toml(&self) -> Result<String, Error> {
         let transform = |pose: &Isometry3<f64>, target: &str, source: &str| Transform {
@@ -159,7 +159,7 @@ impl Calibration {
             key: "calibration".to_owned(),
             reason: error.to_string(),
         })?;
-        // What cannot be read back is not written.
+        // A file that could not be read back is not written.
         Self::from_toml(text.as_bytes())?;
         Ok(text)
     }
@@ -193,7 +193,7 @@ impl Calibration {
         file.check(text)
     }
 
-    /// Writes the file, replacing what was there.
+    /// Writes the file, replacing an existing one.
     ///
     /// # Errors
     /// See [`Calibration::to_toml`]; [`Error::Io`].
@@ -204,7 +204,7 @@ impl Calibration {
             path: path.to_owned(),
             source,
         };
-        // Beside it first: a crash leaves the old file or the new one.
+        // Written to a temporary file first: after a crash there is the old file or the new one.
         let mut partial = path.as_os_str().to_owned();
         partial.push(".partial");
         let mut file = fs::File::create(&partial).map_err(io)?;
@@ -274,7 +274,7 @@ struct Table {
     max_angle: Spanned<f64>,
 }
 
-/// A value that has no place in a file yet.
+/// A value without a place in the file yet.
 trait Unplaced: Sized {
     fn into_unplaced(self) -> Spanned<Self> {
         Spanned::new(0..0, self)
@@ -362,7 +362,7 @@ impl Transform {
         let [x, y, z, w] = *self.quaternion_xyzw.get_ref();
         let quaternion = Quaternion::new(w, x, y, z);
         let translation = Translation3::from(Vector3::from(*self.translation.get_ref()));
-        // Typed by hand, with four digits or so.
+        // Typed by hand, with about four digits.
         if !(-1e-3..=1e-3).contains(&(quaternion.norm() - 1.0)) {
             let reason = "must be four numbers of norm 1, the scalar last";
             return Err(bad(text, Some(self.quaternion_xyzw.span()), reason));
@@ -381,7 +381,7 @@ impl Transform {
     }
 }
 
-/// What is wrong at `place` of `text`: its line, and the key or table that it is under.
+/// The error at `place` of `text`: with its line, and its key or table.
 fn bad(text: &str, place: Option<Range<usize>>, reason: &str) -> Error {
     let start = place.map_or(0, |place| place.start.min(text.len()));
     let before = newlines(&text.as_bytes()[..start]);

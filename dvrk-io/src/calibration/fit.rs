@@ -1,30 +1,30 @@
-//! What a fit is asked for and what it answers.
+//! Options and results of a fit.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Method;
 use crate::Error;
 
-/// What a fit demands of its samples.
+/// Requirements on the samples of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct FitOptions {
-    /// Least number of samples that must agree. Default 4; at least 3.
+    /// Least number of inliers. Default 4; at least 3.
     pub min_samples: usize,
-    /// Least spread of touched points (root mean square) along their best line and across it, metres. Default
-    /// 0.02: a patch of about 7 cm. At a distance D from their middle, n touches with noise σ place the arm to
+    /// Least spread of touched points (root mean square) along and across their best line, metres. Default
+    /// 0.02: a patch of about 7 cm. At a distance D from their centre, n touches with noise σ determine positions to
     /// about σ·D / (spread·√n).
     pub min_spread: f64,
-    /// Least turning of the wrist among sightings, about axes other than the one it turns most about (root
+    /// Least rotation of the wrist among sightings about axes other than the main one (root
     /// mean square), radians. Default 0.17 (10°).
     pub min_turning: f64,
     /// A sample is an outlier if its residual is this many times the median. Default 4: with normal noise one
     /// sample in a million.
     pub outlier_ratio: f64,
-    /// No residual below this makes an outlier, metres. Default 0.0001, what neither arm nor camera resolves.
+    /// Smaller residuals are never outliers, metres. Default 0.0001, below the resolution of arm and camera.
     pub outlier_floor: f64,
-    /// Length at which an angle of a sighting counts as a distance, metres. Default 0.05: a marker whose angle
-    /// is seen to 1° and whose place to 1 mm has both weighed alike.
+    /// Length by which an angle of a sighting is converted to a distance, metres. Default 0.05, which weighs a marker's orientation
+    /// known to 1° like a position known to 1 mm.
     pub lever: f64,
 }
 
@@ -90,7 +90,7 @@ impl FitOptions {
         Self { lever, ..self }
     }
 
-    /// Each number in the range in which the fit is what its name says.
+    /// Checks that each number is in the range in which the fit is defined.
     pub(super) fn check(&self, samples: usize) -> Result<(), Error> {
         let ranges = [
             ("least spread", self.min_spread, 1e-6, 1e3),
@@ -119,7 +119,7 @@ impl FitOptions {
     }
 }
 
-/// Fewer samples determine neither problem.
+/// Fewer samples do not determine either problem.
 pub(super) const MINIMAL: usize = 3;
 
 /// A rigid transform fitted to samples.
@@ -130,12 +130,12 @@ pub struct Fit {
     pub camera_from_rcm: Isometry3<f64>,
     /// Pose of the marker on the instrument, in the wrist frame: for sightings.
     pub wrist_from_marker: Option<Isometry3<f64>>,
-    /// What it leaves of the samples.
+    /// The residuals of the samples.
     pub residuals: Residuals,
 }
 
 impl Fit {
-    /// What the samples were.
+    /// The kind of samples.
     pub fn method(&self) -> Method {
         match self.wrist_from_marker {
             Some(_) => Method::Sightings,
@@ -144,17 +144,17 @@ impl Fit {
     }
 }
 
-/// How far samples are from a fit.
+/// Residuals of the samples.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct Residuals {
-    /// Distance between the place seen and the place expected, for every sample in order, metres.
+    /// Distance between the measured and the expected position, for every sample in order, metres.
     pub distances: Vec<f64>,
-    /// Angle between the orientation seen and the one expected, for every sighting, radians; empty for
+    /// Angle between the measured and the expected orientation, for every sighting, radians; empty for
     /// touches.
     pub angles: Vec<f64>,
-    /// Which samples do not agree with the others, in order. They have no part in the fit. Of up to four touches
-    /// or five sightings none is named: one too many can disagree, but not say with whom.
+    /// Indices of the outliers, in order. They are not used in the fit. With up to four touches
+    /// or five sightings none is reported: with one sample too many, a disagreement cannot be attributed.
     pub outliers: Vec<usize>,
     /// Root mean square of the distances without outliers, metres.
     pub rms: f64,
@@ -186,9 +186,9 @@ impl Residuals {
     }
 }
 
-/// Root mean square; 0 of nothing.
+/// Root mean square; 0 for no values.
 pub(super) fn rms(values: &[f64]) -> f64 {
-    // The sum of nothing is −0.
+    // An empty sum is −0.
     let sum = values
         .iter()
         .map(|value| value * value)
@@ -200,7 +200,7 @@ pub(super) fn max(values: &[f64]) -> f64 {
     values.iter().copied().fold(0.0, f64::max)
 }
 
-/// The middle value; 0 of nothing.
+/// The median; 0 for no values.
 pub(super) fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -208,7 +208,7 @@ pub(super) fn median(values: &[f64]) -> f64 {
 }
 
 /// Distances in the camera over distances at the arm, the median over pairs of samples: 1 if both are in
-/// metres. Pairs nearer than 5 mm say more of noise than of units. `None` without pairs.
+/// metres. Pairs closer than 5 mm are dominated by noise and ignored. `None` without pairs.
 pub(super) fn scale(camera: &[Point3<f64>], rcm: &[Point3<f64>]) -> Option<f64> {
     let count = camera.len();
     let ratios: Vec<f64> = [count / 2, count / 3]

@@ -1,19 +1,19 @@
-//! Where an arm stands in front of a camera, from what both have seen of the tip.
+//! The pose of an arm relative to a camera, from samples of the tip seen by both.
 //!
 //! ```text
 //! touches      p_camera = camera_from_rcm · p_rcm                          points that the tip touched
 //! sightings    camera_from_marker = camera_from_rcm · rcm_from_wrist · wrist_from_marker
 //!                      A          =        X        ·       B        ·         Y
 //! ```
-//! A camera that stands still and a marker fixed to the instrument, at an unknown place on it, make the second
-//! problem A = X·B·Y (*robot-world/hand-eye*), not A·X = X·B: both X and Y are found.
+//! A fixed camera and a marker fixed to the instrument, at an unknown pose on it, lead to the second
+//! problem A = X·B·Y (*robot-world/hand-eye*), not A·X = X·B: both X and Y are determined.
 //!
 //! | step | item |
 //! |---|---|
 //! | fit to touched points | [`fit_touches`] |
 //! | fit to poses of a marker | [`fit_sightings`] |
-//! | keep it | [`Calibration`], [`Calibration::save`], [`Calibration::load`] |
-//! | does it still hold? | [`Calibration::check_touches`], [`Calibration::check_sightings`] |
+//! | save it | [`Calibration`], [`Calibration::save`], [`Calibration::load`] |
+//! | check it later | [`Calibration::check_touches`], [`Calibration::check_sightings`] |
 //!
 //! ```
 //! use dvrk_io::calibration::{Calibration, CheckOptions, FitOptions, Touch, Verdict, fit_touches};
@@ -45,10 +45,10 @@
 //! # }
 //! ```
 //!
-//! *Limits.* A rigid transform cannot take up what cables and setup joints do while the arm moves: expect
+//! *Limits.* A rigid transform cannot model the effects of cables and setup joints while the arm moves: expect
 //! residuals of millimetres on a real PSM. A tip that is touched is [`RcmFromTip`](crate::kinematics::RcmFromTip);
-//! touching with the tip and giving the pose of the wrist puts a centimetre into the residuals. Samples that
-//! are far from a good fit are named, up to nearly half of them; they must not agree with each other.
+//! giving the pose of the wrist instead causes residuals of a centimetre. Up to nearly half of the samples may be
+//! outliers; they are reported, and must not agree with each other.
 
 mod check;
 mod file;

@@ -1,11 +1,11 @@
-//! The rigid transform between two sets of points that belong together.
+//! The rigid transform between two sets of corresponding points.
 //!
 //! ```text
 //! minimise Σ |c_i − (R·a_i + t)|²      c camera, a arm
 //! H = Σ (c_i − c̄)(a_i − ā)ᵀ = U·S·Vᵀ      R = U · diag(1, 1, det(U·Vᵀ)) · Vᵀ      t = c̄ − R·ā
 //! ```
 //! W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A32 (1976). It is
-//! the maximum likelihood estimate for noise that is alike in all directions.
+//! the maximum likelihood estimate for isotropic noise.
 
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -14,17 +14,17 @@ use super::robust::{Threshold, consensus};
 use crate::Error;
 use crate::kinematics::{RcmFromTip, check_pose};
 
-/// A point that the tip touched, as the camera saw it and as the arm says.
+/// A point that the tip touched, as measured by the camera and by the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Touch {
     /// In the camera frame, metres.
     pub camera: Point3<f64>,
-    /// In the frame of the remote centre, metres: the place of the tip, not of the wrist.
+    /// In the frame of the remote centre, metres: the position of the tip, not of the wrist.
     pub rcm: Point3<f64>,
 }
 
 impl Touch {
-    /// The point `camera` was touched with the tips of the closed jaws at `tip`.
+    /// A touch of the point `camera` with the tips of the closed jaws at `tip`.
     pub fn new(camera: Point3<f64>, tip: &RcmFromTip) -> Self {
         Self {
             camera,
@@ -33,20 +33,20 @@ impl Touch {
     }
 }
 
-/// Units are taken for different if distances differ by more than this factor: inches, the nearest to metres
-/// that anyone measures in, differ by 39, outliers by less.
+/// Factor between distances from which on the units count as different: inches, the plausible unit closest to metres,
+/// differ by 39, outliers by less.
 pub(super) const UNITS: f64 = 10.0;
-/// Points are mirror images if a reflection leaves this share of what the best rotation leaves.
+/// Points are mirrored if a reflection leaves less than this share of the residuals of the best rotation.
 const MIRRORED: f64 = 0.1;
 
 /// Fits `camera_from_rcm` to touched points.
 ///
-/// *Guarantees.* Without outliers the answer is the least squares one. The same samples give the same bits.
+/// *Guarantees.* Without outliers the result is the least squares fit. The same samples give the same bits.
 ///
 /// # Errors
 /// - [`Error::BadSample`]: a coordinate that is not finite.
 /// - [`Error::TooFewSamples`], [`Error::Degenerate`]: too few points, too near to each other, or on a line.
-/// - [`Error::ScaleMismatch`], [`Error::Mirrored`]: the two sides are in different units, or of different hand.
+/// - [`Error::ScaleMismatch`], [`Error::Mirrored`]: the two sides are in different units, or of different handedness.
 /// - [`Error::TooManyOutliers`]: fewer than half of the samples agree.
 /// - [`Error::OutOfRange`]: an option.
 ///
@@ -152,7 +152,7 @@ fn check_spread(points: &[Point3<f64>], options: &FitOptions) -> Result<(), Erro
     Ok(())
 }
 
-/// Middles of both sides and the sum H of the products of what is left.
+/// Centroids of both sides, and the sum H of products of the centred points.
 fn moments(touches: &[Touch]) -> (Vector3<f64>, Vector3<f64>, Matrix3<f64>) {
     let count = touches.len().max(1) as f64;
     let camera = touches
@@ -172,7 +172,7 @@ fn moments(touches: &[Touch]) -> (Vector3<f64>, Vector3<f64>, Matrix3<f64>) {
     (camera, rcm, products)
 }
 
-/// The best rigid transform. `None` if the decomposition fails, which finite points do not make it do.
+/// The best rigid transform. `None` if the decomposition fails, which does not happen for finite points.
 fn kabsch(touches: &[Touch]) -> Option<Isometry3<f64>> {
     let (camera, rcm, products) = moments(touches);
     let rotation = nearest_rotation(&products)?;
@@ -185,7 +185,7 @@ pub(super) fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<UnitQuaternion<f
     let svd = matrix.try_svd(true, true, f64::EPSILON, 1_000)?;
     let (u, v_t) = (svd.u?, svd.v_t?);
     let mut hand = Matrix3::identity();
-    // nalgebra sorts singular values, so the last direction is the one the points say least about.
+    // nalgebra sorts singular values, so the last direction is the least determined one.
     hand[(2, 2)] = (u * v_t).determinant().signum();
     let rotation = Rotation3::from_matrix_unchecked(u * hand * v_t);
     let rotation = UnitQuaternion::from_rotation_matrix(&rotation);
@@ -193,12 +193,12 @@ pub(super) fn nearest_rotation(matrix: &Matrix3<f64>) -> Option<UnitQuaternion<f
 }
 
 /// # Errors
-/// A reflection fits the points and no rotation does.
+/// A reflection fits the points, but no rotation does.
 fn check_hand(touches: &[Touch]) -> Result<(), Error> {
     let Some(best) = kabsch(touches) else {
         return Ok(());
     };
-    // In the frame of one side, the points of the other reflected in their own middle.
+    // In the frame of one side, the points of the other reflected in their own centroid.
     let (_, rcm, _) = moments(touches);
     let reflected: Vec<Touch> = touches
         .iter()
@@ -217,7 +217,7 @@ fn check_hand(touches: &[Touch]) -> Result<(), Error> {
         rms(&distances.collect::<Vec<f64>>())
     };
     let (turned, flipped) = (left(&best, touches), left(&mirrored, &reflected));
-    // A plane is its own mirror image: then both leave no more than noise.
+    // A planar set is its own mirror image: then both residuals are only noise.
     let plain = spreads(&touches.iter().map(|touch| touch.rcm).collect::<Vec<_>>())[0];
     if turned > 0.05 * plain && flipped < MIRRORED * turned {
         return Err(Error::Mirrored);

@@ -1,17 +1,17 @@
-//! Where the arm stands, and where the marker sits on the instrument, from poses of the marker.
+//! The poses of the arm and of the marker on the instrument, from poses of the marker.
 //!
 //! ```text
 //! A_i = X · B_i · Y        A camera_from_marker, B rcm_from_wrist;  X camera_from_rcm, Y wrist_from_marker
 //!
 //! rotations      R_A · Z · R_Bᵀ = R_X,  Z = R_Yᵀ      ⇒      Σ (R_B ⊗ R_A) · vec Z = n · vec R_X
-//!                vec R_X and vec Z are the first singular vectors of T = Σ R_B ⊗ R_A, made rotations
+//!                vec R_X and vec Z are the first singular vectors of T = Σ R_B ⊗ R_A, projected to rotations
 //! translations   t_X + R_X·R_B · t_Y = t_A − R_X · t_B      linear in t_X, t_Y
-//! refinement     minimise Σ |t_i|² + lever² · |φ_i|²       t_i, φ_i: shift and turn between X·B_i·Y and A_i
+//! refinement     minimise Σ |t_i|² + lever² · |φ_i|²       t_i, φ_i: translation and rotation between X·B_i·Y and A_i
 //! ```
 //! Closed form: M. Shah, "Solving the robot-world/hand-eye calibration problem using the Kronecker product",
-//! J. Mechanisms Robotics 5 (2013). If the wrist only turns about one axis, the second singular value equals
-//! the first. Turns that are small and of root mean square s_k about axis k leave
-//! 1 − σ₂/σ₁ = (s₂² + s₃²)/2, which is how turning is measured here.
+//! J. Mechanisms Robotics 5 (2013). If the wrist rotates only about one axis, the second singular value equals
+//! the first. Small rotations of root mean square s_k about axis k give
+//! 1 − σ₂/σ₁ = (s₂² + s₃²)/2, by which the rotation is measured here.
 
 use nalgebra::{
     Isometry3, Matrix3, Point3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3,
@@ -23,12 +23,12 @@ use super::robust::{Threshold, consensus};
 use crate::Error;
 use crate::kinematics::{RcmFromWrist, check_pose};
 
-/// One look at the marker: as the camera saw it, with the arm where it said it was.
+/// A sighting of the marker by the camera, with the pose of the arm at that moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sighting {
     /// Pose of the marker in the camera frame.
     pub camera_from_marker: Isometry3<f64>,
-    /// Pose of the wrist, as `local/measured_cp` has it.
+    /// Pose of the wrist, as in `local/measured_cp`.
     pub rcm_from_wrist: RcmFromWrist,
 }
 
@@ -39,11 +39,11 @@ struct Model {
     wrist_from_marker: Isometry3<f64>,
 }
 
-/// Least motion of the wrist (root mean square) by which units can be told, metres.
+/// Least motion of the wrist (root mean square) that determines the units, metres.
 const LEAST_MOTION: f64 = 0.005;
-/// Subsets of four for the search of outliers: three poses with noise often turn too little.
+/// Size of the subsets in the search for outliers: three poses with noise often rotate too little.
 const SUBSET: usize = 4;
-/// Quadratic convergence from the closed form takes five or so.
+/// Convergence is quadratic, and takes about five steps from the closed form.
 const STEPS: usize = 30;
 
 /// Fits `camera_from_rcm` and `wrist_from_marker` to sightings of a marker fixed to the instrument, beyond the
@@ -51,11 +51,11 @@ const STEPS: usize = 30;
 ///
 /// Closed form first, then least squares with angles weighted by [`FitOptions::lever`].
 ///
-/// *Guarantees.* Without noise the answer is the planted one. The same samples give the same bits.
+/// *Guarantees.* Without noise the result is exact. The same samples give the same bits.
 ///
 /// # Errors
 /// - [`Error::BadSample`]: a pose that is not finite or whose quaternion is not a unit.
-/// - [`Error::TooFewSamples`]; [`Error::Degenerate`]: the wrist turns too little, or about one axis only.
+/// - [`Error::TooFewSamples`]; [`Error::Degenerate`]: the wrist rotates too little, or about one axis only.
 /// - [`Error::ScaleMismatch`]: camera and arm are in different units.
 /// - [`Error::TooManyOutliers`]: fewer than half of the samples agree.
 /// - [`Error::OutOfRange`]: an option.
@@ -121,7 +121,7 @@ pub fn fit_sightings(sightings: &[Sighting], options: &FitOptions) -> Result<Fit
 type Pair = (Isometry3<f64>, Isometry3<f64>);
 
 /// # Errors
-/// The first pose that is none, with its sample.
+/// The first invalid pose, with its sample.
 pub(super) fn check_samples(sightings: &[Sighting]) -> Result<Vec<Pair>, Error> {
     let check = |(index, sighting): (usize, &Sighting)| {
         let pair = check_pose(&sighting.camera_from_marker)
@@ -134,8 +134,8 @@ pub(super) fn check_samples(sightings: &[Sighting]) -> Result<Vec<Pair>, Error> 
     sightings.iter().enumerate().map(check).collect()
 }
 
-/// The factor s of t_X + R_X·R_B·t_Y + s·R_X·t_B = t_A, least squares, if it says that camera and arm are in
-/// different units: far from 1, and samples fit far better with it than with 1.
+/// The factor s of t_X + R_X·R_B·t_Y + s·R_X·t_B = t_A, by least squares, if it shows that camera and arm are in
+/// different units: far from 1, and with a far better fit than 1.
 fn wrong_unit(samples: &[Pair]) -> Option<f64> {
     let rotation_x = closed_form(samples)?.camera_from_rcm.rotation;
     let mut normal = SMatrix::<f64, 6, 6>::zeros();
@@ -151,7 +151,7 @@ fn wrong_unit(samples: &[Pair]) -> Option<f64> {
         product += moved.dot(&place);
         seen += place.norm_squared();
     }
-    // What t_X and t_Y cannot take up of the motion of the wrist, of its product with the places, of the places.
+    // The parts not explained by t_X and t_Y: of the motion of the wrist, of its product with the positions, of the positions.
     let factor = normal.cholesky()?;
     let own = own - cross.dot(&factor.solve(&cross));
     let product = product - cross.dot(&factor.solve(&right));
@@ -174,7 +174,7 @@ fn shift_rows(rotation_x: &UnitQuaternion<f64>, b: &Isometry3<f64>) -> SMatrix<f
     rows
 }
 
-/// Shift and turn from where the marker is expected to where it is seen, camera axes.
+/// Translation and rotation from the expected to the measured pose of the marker, camera axes.
 pub(super) fn between(
     expected: &Isometry3<f64>,
     seen: &Isometry3<f64>,
@@ -225,7 +225,7 @@ fn closed_form(samples: &[Pair]) -> Option<Model> {
     let (u, v_t) = (svd.u?, svd.v_t?);
     let x = Matrix3::from_iterator(u.column(0).iter().copied());
     let z = Matrix3::from_iterator(v_t.row(0).iter().copied());
-    // Singular vectors come with a common sign; rotations do not.
+    // Singular vectors have an arbitrary common sign; rotations do not.
     let hand = x.determinant().signum();
     let rotation_x = nearest_rotation(&(x * hand))?;
     let rotation_y = nearest_rotation(&(z * hand))?.inverse();
@@ -252,8 +252,8 @@ fn closed_form(samples: &[Pair]) -> Option<Model> {
 
 /// Levenberg–Marquardt from `start`; never worse than it.
 ///
-/// With turns on the left, R ← exp(δ)·R, the turn from expected to seen changes by −J⁻¹(φ)·(δ_X + R_X·R_B·δ_Y),
-/// J the Jacobian of the exponential map. Taking J for the identity leaves the gradient exact, as J⁻ᵀ(φ)·φ = φ.
+/// With rotations applied on the left, R ← exp(δ)·R, the rotation from expected to measured changes by −J⁻¹(φ)·(δ_X + R_X·R_B·δ_Y),
+/// J the Jacobian of the exponential map. Using the identity for J leaves the gradient exact, as J⁻ᵀ(φ)·φ = φ.
 fn refine(samples: &[Pair], start: Model, lever: f64) -> Model {
     let cost = |model: &Model| -> f64 {
         let misfits = samples.iter().map(|sample| misfit(model, sample));
@@ -275,7 +275,7 @@ fn refine(samples: &[Pair], start: Model, lever: f64) -> Model {
         let step: SVector<f64, 12> = factor.solve(&right);
         let next = moved(&model, &step);
         let now = cost(&next);
-        // Written so that a cost that is not a number is no gain.
+        // Written so that a NaN cost is no improvement.
         if now < least {
             let gain = (least - now) / least;
             (model, least) = (next, now);
@@ -293,7 +293,7 @@ fn refine(samples: &[Pair], start: Model, lever: f64) -> Model {
     model
 }
 
-/// Columns: turn and shift of X, turn and shift of Y.
+/// Columns: rotation and translation of X, rotation and translation of Y.
 fn normal_equations(
     samples: &[Pair],
     model: &Model,

@@ -1,4 +1,4 @@
-//! A fit that most samples agree on: least median of squares, then least squares on those that agree.
+//! A robust fit: least median of squares, then least squares on the inliers.
 //!
 //! ```text
 //! start       model of a small subset with the least residual r₍ₕ₎ at rank h = ⌊(n + p + 1)/2⌋
@@ -11,20 +11,20 @@
 
 use super::fit::median;
 
-/// Enough that one subset is without outliers: with 40 % outliers a subset of four is clean with probability
+/// Enough for one subset without outliers: with 40 % outliers a subset of four is clean with probability
 /// 0.13, and none of 300 is with probability 10⁻¹⁸.
 const SUBSETS: usize = 300;
-/// The set of samples kept settles in two or three rounds; it may also swing between two sets.
+/// The set of inliers converges in two or three rounds, or alternates between two sets.
 const ROUNDS: usize = 10;
 
-/// How many times the median makes an outlier, and what is never one.
+/// The multiple of the median above which a sample is an outlier, and the floor below which it never is.
 pub(super) struct Threshold {
     pub(super) ratio: f64,
     pub(super) floor: f64,
 }
 
-/// The model and the samples that do not agree with it. `fit` gives a model of the samples named, `refine` the
-/// best one, `residual` how far a sample is. `None` where `refine` finds no model.
+/// The model and the outliers. `fit` computes a model from the given samples, `refine` the
+/// best one, `residual` the residual of a sample. `None` where `refine` finds no model.
 pub(super) fn consensus<M>(
     count: usize,
     subset: usize,
@@ -36,7 +36,7 @@ pub(super) fn consensus<M>(
     let everything: Vec<usize> = (0..count).collect();
     let residuals =
         |model: &M| -> Vec<f64> { (0..count).map(|index| residual(model, index)).collect() };
-    // One sample more than needed can disagree, but not say with whom.
+    // With one sample more than needed a disagreement cannot be attributed.
     if count <= subset + 1 {
         return refine(&everything).map(|model| (model, Vec::new()));
     }
@@ -88,7 +88,7 @@ fn subsets(count: usize, size: usize) -> Vec<Vec<usize>> {
         let mut list = Vec::new();
         loop {
             list.push(chosen.clone());
-            // The last position that can still move up; those after it follow.
+            // The last position that can still be increased; those after it follow.
             let Some(place) = (0..size).rev().find(|&k| chosen[k] < count - size + k) else {
                 return list;
             };
@@ -100,7 +100,7 @@ fn subsets(count: usize, size: usize) -> Vec<Vec<usize>> {
     }
     let mut state = 0_u64;
     let mut draw = |bound: usize| {
-        // SplitMix64 (Steele, Lea, Flood 2014): a fixed sequence without visible pattern.
+        // SplitMix64 (Steele, Lea, Flood 2014): a fixed pseudo-random sequence.
         state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = state;
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -70,7 +70,7 @@ impl<'a> Decoder<'a> {
         self.take(field, padding)?;
         let mut value = [0; N];
         value.copy_from_slice(self.take(field, N)?);
-        // From here on numbers are little endian, whatever was sent.
+        // From here on numbers are little-endian, whatever was sent.
         if self.endian == Endian::Big {
             value.reverse();
         }
@@ -174,7 +174,7 @@ impl<'a> Decoder<'a> {
         mut element: impl FnMut(&mut Self) -> Result<T, Error>,
     ) -> Result<Vec<T>, Error> {
         let count = self.u32(field)? as usize;
-        // A count is believed only when its elements could be there: no allocation on its word alone.
+        // The count is checked against the remaining bytes before anything is allocated.
         let needed = count.saturating_mul(least);
         if needed > self.remaining() {
             let (offset, available) = (self.position, self.remaining());

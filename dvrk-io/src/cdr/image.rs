@@ -1,4 +1,4 @@
-//! `sensor_msgs/Image` and `sensor_msgs/CameraInfo`: what a depth camera sends, and how it looks at the world.
+//! `sensor_msgs/Image` and `sensor_msgs/CameraInfo`: images of a depth camera, and its projection.
 //!
 //! ```text
 //! pixel (row, column) starts at   row · step + column · (bytes of a pixel), in the byte order of `is_bigendian`
@@ -38,7 +38,7 @@ impl Image {
             self.step as usize,
         );
         let row = width as u128 * N as u128;
-        // The last row need not be padded to `step`.
+        // The last row may lack the padding to `step`.
         let needed = u128::from(self.height.saturating_sub(1)) * u128::from(self.step) + row;
         let bad = |reason| Err(Error::BadImage { reason });
         if width == 0 || height == 0 {
@@ -111,13 +111,13 @@ pub struct CameraInfo {
     pub r: [f64; 9],
     /// Projection of the rectified image, row by row; zeros where there is none.
     pub p: [f64; 12],
-    /// Pixels that were joined to one, horizontally; 0 and 1 mean none.
+    /// Horizontal binning: pixels that were merged into one; 0 and 1 mean none.
     pub binning_x: u32,
-    /// Pixels that were joined to one, vertically.
+    /// Vertical binning.
     pub binning_y: u32,
-    /// Part of the sensor: column, row, rows, columns; zeros mean all of it.
+    /// Region of interest on the sensor: column, row, rows, columns; zeros mean all of it.
     pub roi: [u32; 4],
-    /// Whether the part was rectified on its own.
+    /// Whether the region was rectified on its own.
     pub roi_do_rectify: bool,
 }
 

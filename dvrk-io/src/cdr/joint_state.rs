@@ -1,4 +1,4 @@
-//! `sensor_msgs/JointState`: what an arm says of its joints, and of its jaw.
+//! `sensor_msgs/JointState`: values of the joints of an arm, and of its jaw.
 
 use super::{Decoder, Encoder, Header, Message};
 use crate::Error;
@@ -22,7 +22,7 @@ impl Message for JointState {
     const TYPE: &'static str = "sensor_msgs/msg/JointState";
 
     fn read(decoder: &mut Decoder<'_>) -> Result<Self, Error> {
-        // The shortest string is a length alone.
+        // The shortest string is only a length.
         const STRING: usize = 4;
         const DOUBLE: usize = 8;
         Ok(Self {

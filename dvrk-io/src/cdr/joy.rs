@@ -15,7 +15,7 @@ pub struct Joy {
 }
 
 impl Joy {
-    /// Whether its button is held down.
+    /// Whether its button is pressed and held.
     pub fn is_pressed(&self) -> bool {
         self.buttons.first() == Some(&1)
     }

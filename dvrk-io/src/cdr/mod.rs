@@ -9,9 +9,9 @@
 //! ```
 //!
 //! This is plain CDR, version 1 (the OMG's XCDR1 without mutable types), which every ROS 2 middleware
-//! speaks. Both byte orders are read and written. The decoder believes nothing: each length is compared
-//! with the bytes that are left before anything is allocated, so random bytes give an [`Error`] that
-//! names offset and field, never a panic and never more memory than the message itself takes.
+//! speaks. Both byte orders are read and written. The decoder does not trust the input: each length is compared
+//! with the remaining bytes before anything is allocated, so random bytes give an [`Error`] with
+//! offset and field, never a panic and never more memory than the message itself takes.
 
 mod decoder;
 mod encoder;
@@ -52,7 +52,7 @@ pub trait Message: Sized {
     /// Its ROS 2 type, `package/msg/Name`.
     const TYPE: &'static str;
 
-    /// Reads the message where the decoder stands.
+    /// Reads the message at the position of the decoder.
     ///
     /// # Errors
     /// The bytes end early, or a string is malformed.

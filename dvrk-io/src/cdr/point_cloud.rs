@@ -157,12 +157,12 @@ impl PointCloud2 {
     pub fn points(&self) -> Result<Vec<Point3<f64>>, Error> {
         let columns = [self.column("x")?, self.column("y")?, self.column("z")?];
         self.check_size()?;
-        // Of the size that it will have: 300,000 points that grow are copied twice over.
+        // Allocated at once: 300,000 points in a growing vector would be copied twice.
         let mut points = Vec::with_capacity(self.height as usize * self.width as usize);
         let (first, adjacent) = (columns[0].offset, columns.map(|column| column.offset));
         let adjacent = adjacent == [first, first + 4, first + 8];
         if adjacent && columns.iter().all(|column| !column.double) && !self.is_bigendian {
-            // What cameras send, without a choice to make at each number.
+            // The usual format, without a branch for each number.
             let single = |bytes: &[u8], at: usize| {
                 let mut value = [0; 4];
                 value.copy_from_slice(&bytes[at..at + 4]);
@@ -183,10 +183,10 @@ impl PointCloud2 {
         Ok(points)
     }
 
-    /// Red, green and blue of every point in the order of the table; nothing without a field `rgb` or `rgba`.
+    /// Red, green and blue of every point in the order of the table; `None` without a field `rgb` or `rgba`.
     ///
     /// Both are 32 bits, declared as a float or as an integer: blue, green, red, and alpha or nothing, from the
-    /// least significant byte on. Colours without three coordinates are colours all the same.
+    /// least significant byte on. Points with invalid coordinates have colours too.
     ///
     /// # Errors
     /// Another data type, a field outside the point, or fewer bytes than the sizes say.
@@ -210,7 +210,7 @@ impl PointCloud2 {
         Ok(Some(self.rows().flatten().map(colour).collect()))
     }
 
-    /// The bytes of each point, row by row; only behind [`Self::check_size`].
+    /// The bytes of each point, row by row; requires [`Self::check_size`].
     fn rows(&self) -> impl Iterator<Item = impl Iterator<Item = &[u8]>> {
         let (step, width) = (self.point_step as usize, self.width as usize);
         let stride = self.stride() as usize;
@@ -284,7 +284,7 @@ impl PointCloud2 {
             );
             return Err(Error::BadCloud { reason });
         }
-        // `height` rows of no points would be walked one by one: a lie of 2³² rows in an empty table.
+        // An empty table with 2³² rows would otherwise be traversed row by row.
         if self.width == 0 && self.height > 1 {
             return Err(Error::BadCloud {
                 reason: format!("{} rows of no points", self.height),

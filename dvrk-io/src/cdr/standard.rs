@@ -1,4 +1,4 @@
-//! `std_msgs`: a text, a number, a yes or no, and nothing at all.
+//! `std_msgs`: String, Bool, Float64 and Empty.
 
 use super::{Decoder, Encoder, Message};
 use crate::Error;

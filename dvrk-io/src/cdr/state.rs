@@ -6,13 +6,13 @@ use crate::Error;
 /// A `crtk_msgs/OperatingState`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct OperatingState {
-    /// When it became so.
+    /// Time of the last change.
     pub header: Header,
     /// `DISABLED`, `ENABLED`, `PAUSED` or `FAULT`.
     pub state: String,
-    /// Whether the joints know where they are, and the instrument is engaged.
+    /// Whether the joint encoders are referenced and an instrument is engaged.
     pub is_homed: bool,
-    /// Whether the arm moves on its own: powering, homing, a trajectory, a hand that guides it.
+    /// Whether the arm moves on its own: powering, homing, a trajectory, guided by hand.
     pub is_busy: bool,
 }
 
@@ -37,7 +37,7 @@ impl Message for OperatingState {
     }
 }
 
-/// A `crtk_msgs/StringStamped`: a `state_command`, or what a simulator has to say.
+/// A `crtk_msgs/StringStamped`: a `state_command`, or a message of a simulator.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct StringStamped {
     /// When.

@@ -1,8 +1,8 @@
-//! Where every point of a message went.
+//! Counts what became of every point of a message.
 
 use std::fmt;
 
-/// Where every point of the message went. The tests run in this order, and the first that fails counts.
+/// What became of every point of the message. The tests run in this order, and the first that fails counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Account {
     /// Points, or pixels, of the message.
@@ -15,17 +15,17 @@ pub struct Account {
     pub arm: usize,
     /// On the table, below it, or no higher above it than the clearance.
     pub table: usize,
-    /// Between a near and a far surface.
+    /// Flying: between a near and a far surface.
     pub flying: usize,
-    /// With too few others around.
+    /// With too few other points around.
     pub lone: usize,
     /// In parts that are not the object.
     pub other_parts: usize,
     /// In voxels whose neighbours span no plane.
     pub without_normal: usize,
-    /// Joined with others of the same voxel.
+    /// Merged with others of the same voxel.
     pub merged: usize,
-    /// Left: the points of the object.
+    /// Kept: the points of the object.
     pub kept: usize,
 }
 
@@ -40,7 +40,7 @@ impl fmt::Display for Account {
             (self.lone, "alone"),
             (self.other_parts, "in other parts"),
             (self.without_normal, "without a normal"),
-            (self.merged, "joined with others of their voxel"),
+            (self.merged, "merged with others of their voxel"),
         ];
         write!(formatter, "{} points, {} kept", self.total, self.kept)?;
         let removed = rows.iter().filter(|(count, _)| *count > 0);

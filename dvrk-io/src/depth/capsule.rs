@@ -24,7 +24,7 @@ impl Capsule {
     pub fn distance(&self, point: &Point3<f64>) -> f64 {
         let axis = self.end - self.start;
         let square = axis.norm_squared();
-        // A capsule whose ends coincide is a ball.
+        // A capsule with coinciding ends is a ball.
         let t = if square > 0.0 {
             ((point - self.start).dot(&axis) / square).clamp(0.0, 1.0)
         } else {

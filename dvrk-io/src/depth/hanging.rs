@@ -1,24 +1,24 @@
-//! Flying pixels up to two wide: depths that hang between a near and a far surface because the camera averaged the two.
+//! Flying pixels up to two wide: depths between a near and a far surface, because the camera averaged the two.
 //!
 //! ```text
 //! jump over k pixels    |r(q) − r(p)| > noise + tan θ · r(p) · spacing · k          r: distance to the camera
-//! p hangs  ⇔  in one of four directions a pixel within two steps on one side is nearer by a jump,
+//! p flies  ⇔  in one of four directions a pixel within two steps on one side is nearer by a jump,
 //!             and one within two steps on the other side is farther by a jump
 //! ```
-//! Two steps find both pixels of an edge that the camera blurred over two. A pixel on the rim of an object jumps on one
-//! side only and stays; so does a strip three pixels wide. θ is the steepest angle between normal and ray that is
-//! still trusted, `spacing` the angle between neighbouring rays, taken from the scan itself.
+//! Two steps find both pixels of an edge that the camera blurred over two. A pixel on the outline of an object jumps on only one
+//! side and is kept; so is a strip three pixels wide. θ is the steepest trusted angle between normal and ray, `spacing` the angle
+//! between neighbouring rays, taken from the scan itself.
 
 use nalgebra::Point3;
 
 use super::scan::{Scan, is_measured};
 
 const DIRECTIONS: [(isize, isize); 4] = [(1, 0), (0, 1), (1, 1), (1, -1)];
-/// How far the surfaces to both sides may be, pixels.
+/// Largest distance of the surfaces on both sides, pixels.
 const REACH: isize = 2;
 const SAMPLED_ROWS: usize = 64;
 
-/// The distances of a scan with a grid.
+/// The distances of a scan with rows.
 pub(super) struct Hanging {
     ranges: Vec<f64>,
     columns: usize,
@@ -27,7 +27,7 @@ pub(super) struct Hanging {
 }
 
 impl Hanging {
-    /// Nothing for a scan without a grid, or without neighbours that are both measured.
+    /// `None` for a scan without rows, or without measured neighbours.
     pub(super) fn of(
         scan: &Scan,
         viewpoint: &Point3<f64>,
@@ -51,7 +51,7 @@ impl Hanging {
         };
         let (column, row) = (pixel % self.columns, pixel / self.columns);
         let rows = self.ranges.len() / self.columns;
-        // Nearer, farther by a jump on this side?
+        // Whether a pixel on this side is nearer, or farther, by a jump.
         let side = |du: isize, dv: isize| {
             let mut seen = [false; 2];
             for step in 1..=REACH {
@@ -78,7 +78,7 @@ impl Hanging {
 
 /// Median angle between horizontal neighbours, radians.
 fn ray_spacing(points: &[Point3<f64>], columns: usize, viewpoint: &Point3<f64>) -> Option<f64> {
-    // A sample of the rows: the spacing hardly changes over the image.
+    // Uses a sample of the rows: the spacing hardly changes over the image.
     let every = (points.len() / columns).div_ceil(SAMPLED_ROWS).max(1);
     let rows = points.chunks_exact(columns).step_by(every);
     let pairs = rows

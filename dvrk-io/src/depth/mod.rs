@@ -1,19 +1,19 @@
-//! From a camera to the cloud of the object: what is left once everything known is taken away.
+//! From a camera to the cloud of the object, by removing everything else.
 //!
-//! [`Scan`] takes in what any depth camera sends, [`find_object`] finds the table if it is not known, and gives oriented
-//! points with an account of the rest:
+//! [`Scan`] reads the messages of any depth camera; [`find_object`] finds the table if it is not known, and returns oriented
+//! points with an account of the removed ones:
 //!
 //! ```text
 //! X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)                                       back-projection
 //! keep X  ⇔  X in the workspace                                                     crop
 //!          ∧ distance(X, axis of c) > radius of c + clearance  for all capsules c   not an arm
 //!          ∧ normal · X + offset > clearance                                        not the table
-//!          ∧ the pixel does not hang between two surfaces                           not flying
-//!          ∧ enough others are near, and a chain of near ones leads to the object   not a stray, no other part
+//!          ∧ the pixel is not between two surfaces                           not flying
+//!          ∧ enough others are near, and a chain of near ones leads to the object   no outlier, no other part
 //! ```
 //!
 //! Images are rectified (no lens distortion), row by row, depth along the optical axis. See
-//! [`find_object`] for what it guarantees, and [`Psm::capsules`](crate::Psm::capsules) for the
+//! [`find_object`] for its guarantees, and [`Psm::capsules`](crate::Psm::capsules) for the
 //! capsules of a dVRK arm.
 
 mod account;

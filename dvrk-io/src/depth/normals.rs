@@ -1,4 +1,4 @@
-//! Normals: the smallest principal axis of the points around a point, turned to the camera.
+//! Normals: the smallest principal axis of the points around a point, oriented to the camera.
 //!
 //! ```text
 //! C = Σ (x − mean)(x − mean)ᵀ over the points within `radius`;  n = eigenvector of the smallest eigenvalue,  n · (camera − x) ≥ 0
@@ -8,12 +8,12 @@ use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 use super::voxels::Neighbours;
 
-/// Points, itself included, that a plane wants.
+/// Fewest points, including itself, to which a plane is fitted.
 const LEAST: usize = 4;
-/// Points on a line have no normal: the middle eigenvalue is at least this share of the largest.
+/// Collinear points have no normal: the middle eigenvalue must be at least this share of the largest.
 const WIDE: f64 = 1e-3;
 
-/// The normal of each point, where there is one. `points` and `radius` are in one unit.
+/// The normal of each point, if it has one. `points` and `radius` have the same unit.
 pub(super) fn normals(
     points: &[Point3<f64>],
     radius: f64,
@@ -39,7 +39,7 @@ pub(super) fn normals(
         }
         let axis: Vector3<f64> = eigen.eigenvectors.column(smallest).into();
         let unit = UnitVector3::try_new(axis, 0.5)?;
-        // Turned as a unit vector: of one that is almost perpendicular, scaling may change the sign.
+        // Oriented after normalisation: scaling may change the sign of a vector that is almost perpendicular.
         Some(if unit.dot(&(viewpoint - point)) < 0.0 {
             -unit
         } else {

@@ -1,9 +1,9 @@
-//! From what a depth camera saw to the object: oriented points, and an account of everything else.
+//! From the scan of a depth camera to the object: oriented points, and an account of everything else.
 //!
 //! ```text
 //! missing → outside → arm → table → flying → voxel grid → lone → other parts → without a normal
 //! ```
-//! Every point of the message ends in exactly one of these, or in a point of the object ([`Account`]).
+//! Every point of the message ends in exactly one of these classes, or in a point of the object ([`Account`]).
 
 use nalgebra::{Point3, UnitVector3};
 
@@ -18,41 +18,41 @@ use super::table::Table;
 use super::voxels::{Voxel, voxels};
 use crate::Error;
 
-/// The object, and how it was told from the rest.
+/// The object, and how it was found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Object {
-    /// Mean point of each voxel, metres, in the order in which the message met them. Where the mean lies in an arm, as it can
-    /// between points on two sides of one, the first of the voxel stands for it.
+    /// Mean point of each voxel, metres, in the order of the message. If the mean lies in an arm, as may happen between points on two
+    /// sides of it, the first point of the voxel is used.
     pub points: Vec<Point3<f64>>,
-    /// Towards the camera, one a point.
+    /// Unit normals towards the camera, one for each point.
     pub normals: Vec<UnitVector3<f64>>,
-    /// Mean red, green and blue, one a point, if the message has colours.
+    /// Mean red, green and blue for each point, if the message has colours.
     pub colours: Option<Vec<[u8; 3]>>,
-    /// For each point of the scan, the entry of `points` that it is joined in; `None` if it was removed. Tells the pixels of
+    /// For each point of the scan, the index in `points` of its voxel; `None` if it was removed. Gives the pixels of
     /// the object in an aligned image.
     pub point_of: Vec<Option<usize>>,
     /// The table, given or found.
     pub table: Table,
-    /// The unit of the message, and what told it.
+    /// The unit of the message, and how it was determined.
     pub unit: (LengthUnit, UnitSource),
     /// What was removed, and why.
     pub account: Account,
 }
 
-/// Finds the object in what a depth camera saw: takes away arms, table, flying pixels and everything that is not
-/// connected, and gives one oriented point a voxel.
+/// Finds the object in the scan of a depth camera: removes arms, table, flying pixels and everything that is not
+/// connected, and returns one oriented point for each voxel.
 ///
-/// *Guarantees.* Points, and the points of the scan of which they are the means, lie inside the workspace, above the table
+/// *Guarantees.* The points, and the points of the scan that they average, lie inside the workspace, above the table
 /// by more than the clearance and outside of every capsule by more than the clearance; every point of the message is
 /// accounted for; the same input gives the same bits.
 ///
-/// *Limits.* The table that is found is the largest plane in view: a larger floor or wall must be cropped by the
-/// workspace. What touches the object is part of it. Flying pixels are found in scans with a grid; without one, only
-/// strays are. A step of depth that a surface of the steepest trusted angle could make is taken for a surface, and a
-/// stray within `gap` of the object for the object.
+/// *Limits.* The largest plane in view is taken as the table: a larger floor or wall must be cropped by the
+/// workspace. Bodies that touch the object are part of it. Flying pixels are found only in scans with rows; otherwise only
+/// isolated ones are removed. A step of depth as large as that of a surface at the steepest trusted angle counts as a surface, and
+/// an outlier within `gap` of the object as part of it.
 ///
 /// # Errors
-/// An option or capsule out of range; no table among the points; nothing left to be the object, or nothing within `gap`
+/// An option or capsule out of range; no table among the points; no points left for the object, or none within `gap`
 /// of the seed point.
 ///
 /// # Complexity
@@ -82,7 +82,7 @@ pub fn find_object(
     let left = above(&seen, scan, &table, hanging.as_ref(), options, &mut account);
     let (mut voxels, voxel_of) = voxels_of(scan, &left, options.voxel);
     for voxel in &mut voxels {
-        // A mean may lie where none of its points is allowed to.
+        // A mean may lie where none of its points may.
         if is_outside(&voxel.point, options)
             || is_arm(&voxel.point, arms, options)
             || is_table(&voxel.point, &table, options)
@@ -125,7 +125,7 @@ fn is_table(point: &Point3<f64>, table: &Table, options: &ObjectOptions) -> bool
     table.height(point) <= options.table_clearance
 }
 
-/// Indices of the points that are measured, inside the workspace and no arm.
+/// Indices of the points that are measured, inside the workspace and not on an arm.
 fn visible(
     scan: &Scan,
     arms: &[Capsule],
@@ -169,7 +169,7 @@ fn table(points: &[Point3<f64>], options: &ObjectOptions) -> Result<Table, Error
     }
 }
 
-/// Indices of the points above the table that do not hang.
+/// Indices of the points above the table that are not flying.
 fn above(
     seen: &[usize],
     scan: &Scan,
@@ -193,7 +193,7 @@ fn above(
         .collect()
 }
 
-/// Voxels of the points that are left, and the number of the voxel of each.
+/// Voxels of the remaining points, and the voxel index of each.
 fn voxels_of(scan: &Scan, left: &[usize], size: f64) -> (Vec<Voxel>, Vec<usize>) {
     let points: Vec<_> = left.iter().map(|&index| scan.points()[index]).collect();
     let colours = scan.colours().unwrap_or_default();
@@ -210,7 +210,7 @@ fn oriented(
     options: &ObjectOptions,
     account: &mut Account,
 ) -> Vec<(Voxel, UnitVector3<f64>)> {
-    // Two and a half cells: some twenty voxels of a surface.
+    // Two and a half cells contain about twenty voxels of a surface.
     let radius = 2.5 * options.voxel;
     let means: Vec<_> = part.iter().map(|voxel| voxel.point).collect();
     let mut oriented = Vec::with_capacity(part.len());

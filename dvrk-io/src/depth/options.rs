@@ -1,44 +1,44 @@
-//! What tells the object from everything else, as lengths and shares.
+//! Options that distinguish the object from everything else.
 
 use nalgebra::{Point3, UnitVector3};
 
 use super::Workspace;
 use crate::Error;
 
-/// Settings of [`find_object`](super::find_object). All lengths in metres.
+/// Options of [`find_object`](super::find_object). All lengths in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct ObjectOptions {
-    /// Everything outside goes. Default: no crop.
+    /// Points outside of it are removed. Default: no crop.
     pub workspace: Option<Workspace>,
     /// The table, `normal · x + offset ≥ 0` on its free side, where the camera is. Default: it is found.
-    /// For a scene without a table, a plane far behind everything.
+    /// For a scene without a table, give a plane far behind everything.
     pub table: Option<(UnitVector3<f64>, f64)>,
-    /// How far from its plane a point of the table may be. Default 4 mm: twice the depth noise of a close stereo camera.
+    /// Largest distance of a point of the table from its plane. Default 4 mm: twice the depth noise of a close stereo camera.
     pub table_tolerance: f64,
-    /// Share of the points that a plane needs to be the table. Default 0.3: the visible cap of a ball that is all there is
-    /// to see stays below it.
+    /// Least share of the points on the plane of the table. Default 0.3: the visible cap of a ball alone in view has
+    /// less.
     pub least_table_share: f64,
-    /// Everything up to this height above the table goes with it. Default 4 mm. The object loses a rim of this height
+    /// Points up to this height above the table are removed with it. Default 4 mm. The object loses a strip of this height
     /// where it meets the table.
     pub table_clearance: f64,
-    /// How far outside of its capsule a point may still belong to an arm. Default 5 mm: what a dVRK is off after a careful
+    /// Points up to this distance outside of a capsule are removed with the arm. Default 5 mm: the error of a dVRK after a careful
     /// registration of its base.
     pub arm_clearance: f64,
     /// Steepest trusted angle between normal and ray, radians. Default 80°: beyond it one pixel of error in the direction
     /// of a ray is six pixels of error in depth.
     pub max_incidence: f64,
-    /// Differences of distance that noise alone makes. Default 2 mm.
+    /// Differences of distance caused by noise alone. Default 2 mm.
     pub noise: f64,
-    /// Edge of the cells of which one point is kept each. Default 3 mm.
+    /// Edge of the voxels, each of which gives one point. Default 3 mm.
     pub voxel: f64,
-    /// Parts farther from each other than this are not one object; 2 to 50 voxels. Default 10 mm.
+    /// Largest gap within one object; 2 to 50 voxels. Default 10 mm.
     pub gap: f64,
-    /// Points within `gap` of a voxel, its own included, that make it trusted. Default 4: stray points are fewer.
+    /// Number of points within `gap` of a voxel, including its own, that make it trusted. Default 4: outliers have fewer.
     pub support: usize,
     /// The object is the part nearest to this point. Default: the part with most points.
     pub seed_point: Option<Point3<f64>>,
-    /// Where the camera is in the frame of the points. Default: the origin.
+    /// Position of the camera in the frame of the points. Default: the origin.
     pub viewpoint: Point3<f64>,
     /// Seed of the search for the table.
     pub seed: u64,
@@ -164,11 +164,11 @@ impl ObjectOptions {
                 return refuse(what, value, "must be finite and not negative");
             }
         }
-        // Below a micrometre there is nothing to see, and the cells of a large cloud could no longer be counted.
+        // Below a micrometre there is no detail, and the cells of a large cloud could no longer be counted.
         if !(1e-6..=1e3).contains(&self.voxel) {
             return refuse("voxel", self.voxel, "must be between 1 µm and 1 km");
         }
-        // The mean points of neighbouring cells are up to two cells apart; far beyond that every voxel is a neighbour.
+        // The mean points of neighbouring cells are up to two cells apart; with a far larger gap every voxel would be a neighbour.
         if !(2.0..=50.0).contains(&(self.gap / self.voxel)) {
             return refuse("gap", self.gap, "must be 2 to 50 voxels");
         }

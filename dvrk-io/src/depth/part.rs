@@ -1,8 +1,8 @@
-//! Which of the voxels are the object.
+//! Selects the voxels of the object.
 //!
 //! ```text
 //! lone          fewer than `support` points within `gap` of the voxel, its own included
-//! object        the part with the seed point next to it, or the one with most points
+//! object        the part nearest to the seed point, or the one with most points
 //! other parts   the rest
 //! ```
 
@@ -96,9 +96,9 @@ fn nearest(
     }
 }
 
-/// The error that says where everything went.
+/// The error with the account of all points.
 pub(super) fn nothing(account: &Account) -> Error {
     Error::NoObject {
-        reason: format!("nothing is left of {account}"),
+        reason: format!("no points are left: {account}"),
     }
 }

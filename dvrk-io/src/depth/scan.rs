@@ -1,13 +1,13 @@
-//! What a depth camera saw, whatever message it came in: points with an optional grid and optional colours.
+//! The scan of a depth camera, from any message: points with optional rows and optional colours.
 //!
 //! ```text
 //! PointCloud2                the points themselves; a cloud with rows is a grid
 //! Image + CameraInfo         X(u, v) = z · ((u − cx)/fx, (v − cy)/fy, 1)
 //! DepthImage + Intrinsics    the same, without a message
 //! ```
-//! A point of which nothing was measured is NaN, infinite, or zero: cameras differ. Lengths are metres by the
+//! A point that was not measured is NaN, infinite, or zero, depending on the camera. Lengths are metres by the
 //! conventions of ROS for `32FC1` images and clouds, millimetres for `16UC1`; cameras that send millimetres as
-//! floats exist, and are told by their range.
+//! floats exist, and are recognised by their range.
 
 use std::fmt;
 
@@ -43,15 +43,15 @@ impl LengthUnit {
     }
 }
 
-/// What told the unit of a scan.
+/// How the unit of a scan was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum UnitSource {
-    /// The caller.
+    /// By the caller.
     Given,
-    /// The encoding of the image: `16UC1` is in millimetres.
+    /// By the encoding of the image: `16UC1` is in millimetres.
     Encoding,
-    /// The median distance: of 20 and more it is millimetres. No camera sees nearer than 20 mm, and none that a cell has
-    /// farther than 20 m.
+    /// By the median distance: from 20 on it is in millimetres, since no camera measures nearer than 20 mm, or farther than 20 m
+    /// in a cell.
     Range,
 }
 
@@ -67,23 +67,23 @@ impl fmt::Display for LengthUnit {
 impl fmt::Display for UnitSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Given => "as was said",
+            Self::Given => "as given",
             Self::Encoding => "by the encoding",
             Self::Range => "by the range",
         })
     }
 }
 
-/// Median distances of at least this many units are millimetres.
+/// A median distance of at least this many units is in millimetres.
 const MILLIMETRES_FROM: f64 = 20.0;
 
-/// Median distances of a depth image, m: what lies outside has another unit than it was said to have. (Clouds may be in any frame.)
+/// Plausible median distances of a depth image, m: outside, the unit must be wrong. (Clouds may be in any frame.)
 const RANGES: std::ops::Range<f64> = 0.02..20.0;
 
-/// Points as a depth camera saw them, in metres.
+/// Points measured by a depth camera, in metres.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
-    /// In the order of the message; NaN where nothing was measured.
+    /// In the order of the message; NaN where not measured.
     points: Vec<Point3<f64>>,
     colours: Option<Vec<[u8; 3]>>,
     /// Columns; 0 for points without rows.
@@ -93,7 +93,7 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Takes in a cloud; `unit` is told by its range unless it is given.
+    /// Converts a cloud; `unit` is determined by its range unless it is given.
     ///
     /// # Errors
     /// See [`PointCloud2::points`] and [`PointCloud2::colours`].
@@ -106,11 +106,11 @@ impl Scan {
         ))
     }
 
-    /// Takes in a rectified depth image (`16UC1`, `mono16` or `32FC1`); `unit` is told by encoding and range unless
+    /// Converts a rectified depth image (`16UC1`, `mono16` or `32FC1`); `unit` is determined by encoding and range unless
     /// it is given.
     ///
     /// # Errors
-    /// Another encoding, an image that contradicts itself or has another size than the camera, a camera
+    /// Another encoding, an inconsistent image or one of another size than the camera, a camera
     /// without focal lengths, or [`Error::DepthUnit`].
     pub fn from_depth(
         image: &Image,
@@ -128,13 +128,13 @@ impl Scan {
                 given,
             ),
             other => {
-                let reason = format!("encoding `{other}` is no depth: 16UC1 and 32FC1 are");
+                let reason = format!("encoding `{other}` is not a depth: use 16UC1 or 32FC1");
                 return Err(Error::BadImage { reason });
             }
         };
         if (image.width, image.height) != (info.width, info.height) {
             let reason = format!(
-                "the image has {} × {} pixels, its camera {} × {}",
+                "the image has {} × {} pixels, but its camera {} × {}",
                 image.width, image.height, info.width, info.height
             );
             return Err(Error::BadImage { reason });
@@ -142,7 +142,7 @@ impl Scan {
         Self::of_depths(depths, &intrinsics(info)?, unit)
     }
 
-    /// Takes in a rectified depth image that did not come in a message. Point i is that of pixel row · width + column.
+    /// Converts a rectified depth image without a message. Point i belongs to pixel row · width + column.
     ///
     /// # Errors
     /// Image and camera of different size, or [`Error::DepthUnit`].
@@ -174,7 +174,7 @@ impl Scan {
         Self::of_depths(depths.map(Option::unwrap_or_default), camera, Some(metres))
     }
 
-    /// Depths row by row; zero and below where nothing was measured, as behind the camera there is nothing.
+    /// Depths row by row; zero and negative values are not measured, as nothing is visible behind the camera.
     fn of_depths(
         depths: impl IntoIterator<Item = f64>,
         camera: &Intrinsics,
@@ -236,20 +236,20 @@ impl Scan {
         (self.width > 1).then_some(self.width)
     }
 
-    /// The unit that the message had, and what told it.
+    /// The unit of the message, and how it was determined.
     pub fn unit(&self) -> (LengthUnit, UnitSource) {
         (self.unit, self.unit_source)
     }
 }
 
-/// Coordinates beyond this are no measurement, whatever the unit: sums and squares of those below stay exact enough.
+/// Larger coordinates are invalid, whatever the unit: sums and squares of smaller ones are accurate enough.
 const FARTHEST: f64 = 1e7;
 
 pub(super) fn is_measured(point: &Point3<f64>) -> bool {
     point.iter().all(|value| value.abs() < FARTHEST) && *point != Point3::origin()
 }
 
-/// The median distance of what was measured.
+/// The median distance of the measured points.
 fn median_range(points: &[Point3<f64>]) -> Option<f64> {
     let measured = points.iter().filter(|point| is_measured(point));
     let mut ranges: Vec<f64> = measured.map(|point| point.coords.norm()).collect();
@@ -267,7 +267,7 @@ fn unit_by_range(points: &[Point3<f64>]) -> LengthUnit {
     }
 }
 
-/// A rectified image is projected by `p`; a camera that has none does not distort and is projected by `k`.
+/// A rectified image is projected by `p`; a camera without it has no distortion and is projected by `k`.
 fn intrinsics(info: &CameraInfo) -> Result<Intrinsics, Error> {
     let (width, height) = (info.width as usize, info.height as usize);
     let [fx, skew, cx, _, _, fy, cy, ..] = info.p;

@@ -1,11 +1,11 @@
-//! The table: the plane that most of the points lie on.
+//! The table: the plane that contains most of the points.
 //!
 //! ```text
 //! RANSAC    plane through three points, drawn by a seeded generator; the one with most points within `tolerance`
 //! refine    least squares on the points within `tolerance`: normal = smallest principal axis of their covariance
 //! ```
 //!
-//! A plane is the table if enough points lie on it, no more lie beneath it, and those on it are not spread evenly over the
+//! A plane is accepted as the table if it contains enough points, no more lie below it, and its points are not spread evenly over the
 //! tolerance, as on a curved surface (their root mean square distance would then be tolerance/√3).
 //!
 //! M. A. Fischler, R. C. Bolles: Random sample consensus, Communications of the ACM 24(6), 1981,
@@ -15,12 +15,12 @@ use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
 use crate::Error;
 
-/// Planes that are tried. A table of 30 % of the points is missed by all with (1 − 0.3³)¹⁰⁰⁰ < 10⁻¹¹.
+/// Number of planes that are tried. A table of 30 % of the points is missed by all with (1 − 0.3³)¹⁰⁰⁰ < 10⁻¹¹.
 const TRIALS: usize = 1000;
-/// Points that vote on each: a share is known to 1.6 % (two standard deviations).
+/// Number of points tested with each: a share is accurate to 1.6 % (two standard deviations).
 const VOTERS: usize = 4096;
-/// Root mean square distance, in tolerances, from which points are spread evenly: between that of noise whose two standard
-/// deviations are the tolerance (0.44) and 1/√3.
+/// Root mean square distance, in tolerances, from which on points count as evenly spread: between that of noise with two standard
+/// deviations equal to the tolerance (0.44) and 1/√3.
 const EVEN: f64 = 0.5;
 /// Rounds of least squares; the inliers rarely change after the second.
 const REFINEMENTS: usize = 5;
@@ -32,7 +32,7 @@ pub struct Table {
     pub normal: UnitVector3<f64>,
     /// `normal · x + offset ≥ 0` on the free side, metres.
     pub offset: f64,
-    /// Share of the points (arms and surroundings left out) that lie on it within the tolerance.
+    /// Share of the points (without arms and surroundings) that lie on it within the tolerance.
     pub inlier_share: f64,
     /// Root mean square distance of those points, metres.
     pub residual: f64,
@@ -44,7 +44,7 @@ impl Table {
         self.normal.dot(&point.coords) + self.offset
     }
 
-    /// A plane that is known: how well it fits the points.
+    /// A given plane, with its fit to the points.
     pub(super) fn judged(
         normal: UnitVector3<f64>,
         offset: f64,
@@ -68,10 +68,10 @@ impl Table {
         table
     }
 
-    /// The plane that most of `points` lie on, seen from `viewpoint`.
+    /// The plane that contains most of `points`, seen from `viewpoint`.
     ///
     /// # Errors
-    /// No plane that a share of at least `least` of the points lies on, or only one that no table can be.
+    /// No plane that contains a share of at least `least` of the points, or only one that cannot be a table.
     pub(super) fn find(
         points: &[Point3<f64>],
         viewpoint: &Point3<f64>,
@@ -87,7 +87,7 @@ impl Table {
             })
         };
         let Some((normal, offset)) = consensus(points, tolerance, seed) else {
-            return none(0.0, "as no three of them span one".to_owned());
+            return none(0.0, "because no three of them span a plane".to_owned());
         };
         let mut table = Self::judged(normal, offset, points, tolerance);
         for _ in 0..REFINEMENTS {
@@ -112,10 +112,7 @@ impl Table {
             return none(share, format!("at least {:.0} % are needed", 100.0 * least));
         }
         if beneath > share {
-            return none(
-                share,
-                format!("and {:.0} % lie beneath it", 100.0 * beneath),
-            );
+            return none(share, format!("but {:.0} % lie below it", 100.0 * beneath));
         }
         if table.residual > EVEN * tolerance {
             let (residual, tolerance) = (1e3 * table.residual, 1e3 * tolerance);
@@ -140,7 +137,7 @@ fn consensus(points: &[Point3<f64>], tolerance: f64, seed: u64) -> Option<(UnitV
     for _ in 0..TRIALS {
         let [a, b, c] = [(); 3].map(|()| random.pick(points));
         let (a, b, c) = (a?, b?, c?);
-        // Points on one line, or one point drawn twice, span no plane.
+        // Collinear points, or one point drawn twice, span no plane.
         let cross = (b - a).cross(&(c - a));
         let length = (b - a).norm() * (c - a).norm();
         let Some(normal) = UnitVector3::try_new(cross, 1e-3 * length).filter(|_| length > 0.0)

@@ -1,11 +1,11 @@
-//! Points in cells: one mean point a cell, the parts that hang together, and the neighbours of a point.
+//! Points in cells: one mean point for each cell, connected parts, and the neighbours of a point.
 //!
 //! ```text
 //! cell of x       = ⌊x / size⌋ per coordinate
 //! voxel           = mean of the points in a cell, and of their colours
 //! part            = voxels that a chain of steps of at most `gap` connects
 //! ```
-//! Voxels stand in the order in which their first points came: nothing depends on the order of a hash table.
+//! Voxels are in the order of their first points: nothing depends on the order of a hash table.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -15,8 +15,8 @@ use nalgebra::{Point3, Vector3};
 type Key = [i64; 3];
 type Cells<T> = HashMap<Key, T, BuildHasherDefault<CellHasher>>;
 
-/// Multiplies and rotates. The hash of the standard library withstands keys that were chosen to collide and is slower
-/// for it; here such keys would cost time only.
+/// Multiplies and rotates. The hash of the standard library resists keys chosen to collide, and is slower
+/// therefore; here such keys would only cost time.
 #[derive(Default)]
 struct CellHasher(u64);
 
@@ -46,7 +46,7 @@ impl Hasher for CellHasher {
 }
 
 fn key(point: &Point3<f64>, size: f64) -> Key {
-    // Coordinates that are too large for it saturate: such points share a cell far away.
+    // Coordinates that are too large saturate: such points share a cell far away.
     (*point / size)
         .coords
         .map(|value| value.floor() as i64)
@@ -56,7 +56,7 @@ fn key(point: &Point3<f64>, size: f64) -> Key {
 /// One cell with its points.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Voxel {
-    /// In the order in which the first points came.
+    /// Its index, in the order of the first points.
     pub(super) number: usize,
     pub(super) first: Point3<f64>,
     pub(super) point: Point3<f64>,
@@ -64,8 +64,8 @@ pub(super) struct Voxel {
     pub(super) count: usize,
 }
 
-/// The mean of the points in each cell of edge `size`, and the number of the voxel of each point. `colours` has as many
-/// entries as `points`, or none.
+/// The mean of the points in each cell of edge `size`, and the voxel index of each point. `colours` has as many
+/// entries as `points`, or is `None`.
 pub(super) fn voxels(
     points: &[Point3<f64>],
     colours: &[[u8; 3]],
@@ -88,7 +88,7 @@ pub(super) fn voxels(
         voxel_of.push(at);
         let (first, sum) = &mut sums[at];
         sum.count += 1;
-        // From the first point of the cell on: exact for one point, and small numbers for many.
+        // Relative to the first point of the cell: exact for one point, and accurate for many.
         sum.offset += *point - *first;
         let colour = colours.get(index).copied().unwrap_or_default();
         for (sum, value) in sum.colour.iter_mut().zip(colour) {

@@ -1,8 +1,8 @@
-//! The part of space that is looked at.
+//! The part of space that is used.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-/// A box with its own orientation; what lies outside is of no interest.
+/// An oriented box; points outside of it are ignored.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Workspace {
     /// Pose of the centre of the box in the camera frame.

@@ -1,37 +1,37 @@
-//! The description of a corner (steered BRIEF): 256 bits, each of them whether the smoothed image is darker at one place than at another.
+//! The descriptor of a corner (steered BRIEF): 256 bits, each a comparison of the smoothed image at two points.
 //!
 //! ```text
 //! bit k  =  S(p + R a_k) < S(p + R b_k)        a_k, b_k drawn once, about normal with σ = 5 pixels, within 13
 //! ```
-//! R turns by the direction of the corner. Two descriptions are as far apart as they have different bits.
+//! R rotates by the direction of the corner. The distance of two descriptors is the number of different bits.
 
 use super::grey::Smoothed;
 use super::orientation::{TURNS, direction};
 
-/// Farthest place of a test from the corner along an axis before it is turned, and at all: a turned one stays within the patch.
+/// Largest offset of a test point from the corner along an axis before rotation, and of its length: rotated ones stay within the patch.
 const FARTHEST: i64 = 13;
-/// Bits of a description.
+/// Number of bits of a descriptor.
 pub(super) const BITS: u32 = 256;
 const TESTS: usize = BITS as usize;
 
-/// What the neighbourhood of a corner looks like.
+/// A descriptor of the neighbourhood of a corner.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize,
 )]
 pub struct Descriptor(pub [u32; 8]);
 
 impl Descriptor {
-    /// How many bits differ, 0 to 256.
+    /// Number of bits that differ, 0 to 256.
     pub fn distance(&self, other: &Self) -> u32 {
         let pairs = self.0.iter().zip(&other.0);
         pairs.map(|(a, b)| (a ^ b).count_ones()).sum()
     }
 }
 
-/// Places of a test, pixels from the corner.
+/// The two points of a test, pixels from the corner.
 type Test = [[i32; 2]; 2];
 
-/// The tests, turned by every step.
+/// The tests, rotated by every step.
 pub(super) struct Tests(Vec<[Test; TESTS]>);
 
 impl Default for Tests {
@@ -46,7 +46,7 @@ impl Default for Tests {
 }
 
 impl Tests {
-    /// Describes the neighbourhood of a pixel that is turned by so many steps.
+    /// Describes the neighbourhood of a pixel rotated by `turn` steps.
     pub fn describe(&self, image: &Smoothed, column: usize, row: usize, turn: usize) -> Descriptor {
         let value = |[x, y]: [i32; 2]| {
             image.at(
@@ -71,7 +71,7 @@ fn turned(test: Test, step: usize) -> Test {
     })
 }
 
-/// The tests of a corner that is not turned, the same for ever.
+/// The tests of an unrotated corner, fixed for all versions.
 fn upright() -> [Test; TESTS] {
     let mut state = 0x005e_ed0f_b71e_f000_u64;
     let mut place = || loop {
@@ -90,7 +90,7 @@ fn upright() -> [Test; TESTS] {
     })
 }
 
-/// A whole number about normally distributed with σ = 5: the sum of twelve uniform ones (SplitMix64), scaled.
+/// An integer approximately normally distributed with σ = 5: the scaled sum of twelve uniform ones (SplitMix64).
 fn about_normal(state: &mut u64) -> i64 {
     let mut sum = 0;
     for _ in 0..12 {
@@ -112,7 +112,7 @@ mod tests {
     #[test]
     fn tests_stay_within_the_patch_and_differ() {
         let tests = Tests::default();
-        // The smoothed image looks two pixels farther.
+        // The smoothing extends two pixels farther.
         let most = PATCH as u32 - 2;
         for [a, b] in tests.0.iter().flatten() {
             assert!(

@@ -1,9 +1,9 @@
-//! Corners (FAST-9): of the 16 pixels on a circle of radius 3, nine in a row are all brighter, or all darker, than the centre by a threshold.
+//! Corners (FAST-9): of the 16 pixels on a circle of radius 3, nine consecutive ones are all brighter, or all darker, than the centre by a threshold.
 //!
 //! ```text
 //! score = max over both signs of Σ (|I_k − I| − threshold)₊        over the pixels of that sign
 //! ```
-//! Only the strongest corner within a few pixels stays, and of each square of the image the strongest few, so that they spread over it.
+//! Only the strongest corner within a few pixels is kept, and in each square of the image the strongest few, so that corners are spread over it.
 
 use super::options::FeatureOptions;
 use super::{GreyImage, PATCH};
@@ -27,7 +27,7 @@ const CIRCLE: [(isize, isize); 16] = [
     (-2, -2),
     (-1, -3),
 ];
-/// Pixels in a row.
+/// Number of consecutive pixels.
 const ARC: u32 = 9;
 
 /// A corner.
@@ -57,7 +57,7 @@ fn scores(image: &GreyImage, threshold: i32) -> Vec<u32> {
             let at = row * width + column;
             let centre = i32::from(pixels[at]);
             let differs = |k: usize| i32::from(pixels[at.wrapping_add_signed(circle[k])]) - centre;
-            // Nine of sixteen in a row hold two of these four that are next to each other.
+            // Nine consecutive pixels of sixteen contain two adjacent ones of these four.
             let quarters = [0, 4, 8, 12].map(differs);
             let some = |sign: i32| {
                 (0..4).any(|k| {
@@ -72,7 +72,7 @@ fn scores(image: &GreyImage, threshold: i32) -> Vec<u32> {
     scores
 }
 
-/// The score of a centre from what the circle differs from it.
+/// The score of a centre from its differences to the circle.
 fn score(differences: [i32; 16], threshold: i32) -> u32 {
     let of_sign = |sign: i32| {
         let beyond = differences.map(|d| (sign * d - threshold).max(0));
@@ -86,13 +86,13 @@ fn score(differences: [i32; 16], threshold: i32) -> u32 {
     of_sign(1).max(of_sign(-1))
 }
 
-/// Whether nine bits in a row, around the end, are set.
+/// Whether nine consecutive bits, cyclically, are set.
 fn has_arc(mask: u32) -> bool {
     let twice = mask | mask << 16;
     (1..ARC).fold(twice, |run, k| run & twice >> k) != 0
 }
 
-/// The corners that no stronger one is near; of equals the first.
+/// The corners without a stronger one nearby; of equal ones the first.
 fn strongest_around(image: &GreyImage, scores: &[u32], apart: usize) -> Vec<Corner> {
     let (width, height) = (image.width(), image.height());
     let mut found = Vec::new();
@@ -118,7 +118,7 @@ fn strongest_around(image: &GreyImage, scores: &[u32], apart: usize) -> Vec<Corn
     found
 }
 
-/// Keeps the strongest of each square, in the order they are in.
+/// Keeps the strongest of each square, in the same order.
 fn spread(found: &mut Vec<Corner>, square: usize, most: usize) {
     let place = |c: &Corner| (c.row / square, c.column / square);
     let mut order: Vec<usize> = (0..found.len()).collect();

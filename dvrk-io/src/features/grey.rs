@@ -15,7 +15,7 @@ pub struct GreyImage {
 }
 
 impl GreyImage {
-    /// Of grey values.
+    /// An image from grey values.
     ///
     /// # Errors
     /// Another number of pixels than width × height.
@@ -35,7 +35,7 @@ impl GreyImage {
         })
     }
 
-    /// Of red, green and blue.
+    /// An image from red, green and blue.
     ///
     /// # Errors
     /// Another number of pixels than width × height.
@@ -65,7 +65,7 @@ impl GreyImage {
         i32::from(self.pixels[row * self.width + column])
     }
 
-    /// Sums over 5 × 5 pixels, 0 where these do not fit into the image: single pixels are too noisy to be compared.
+    /// Sums over 5 × 5 pixels, 0 where these are not inside the image: single pixels are too noisy to be compared.
     pub(super) fn smoothed(&self) -> Smoothed {
         let (width, height) = (self.width, self.height);
         let mut across = vec![0_u16; self.pixels.len()];

@@ -1,9 +1,9 @@
-//! From the image to the surface: where in space a corner is.
+//! From the image to the surface: the 3-D position of a corner.
 //!
 //! ```text
 //! x = Σ_k w_k X_k        bilinear over the four points of the scan around the pixel
 //! ```
-//! Only where the scan shows one surface there: all points around it measured, all of the object, none much deeper than another, no arm near.
+//! Only where the scan shows a single surface: all points around the pixel measured, all on the object, none much deeper than another, no arm nearby.
 
 use nalgebra::Point3;
 
@@ -13,19 +13,19 @@ use super::{GreyImage, Keypoint};
 use crate::Error;
 use crate::depth::{Capsule, Scan};
 
-/// A corner in space.
+/// A corner with its 3-D position.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Feature {
-    /// Where it is, camera frame, metres.
+    /// Its position, camera frame, metres.
     pub point: Point3<f64>,
-    /// What it looks like.
+    /// Its descriptor.
     pub descriptor: Descriptor,
 }
 
-/// What was measured where the colours were.
+/// The surface measured together with the colours.
 #[derive(Debug, Clone, Copy)]
 pub struct Surface<'a> {
-    /// Points of a depth camera that looks along the same rays as the colour camera, row by row; the colour image has one pixel a point, or
+    /// Points of a depth camera with the same rays as the colour camera, row by row; the colour image has one pixel for each point, or
     /// k × k.
     pub scan: &'a Scan,
     /// Which points of the scan are the object, if that is known.
@@ -34,11 +34,11 @@ pub struct Surface<'a> {
     pub arms: &'a [Capsule],
 }
 
-/// Carries corners to the surface; those that cannot be, or are not in the image, are left out.
+/// Lifts corners to the surface; those that cannot be lifted, or are outside of the image, are skipped.
 ///
 /// # Errors
-/// A scan without rows; an image that has not a whole number of pixels for each point of the scan, the same along rows and columns; another number
-/// of marks than of points; a capsule that is not finite.
+/// A scan without rows; an image whose size is not an integer multiple of that of the scan, the same along rows and columns; `object` with another
+/// length than the scan; a capsule that is not finite.
 pub fn lift(
     keypoints: &[Keypoint],
     image: &GreyImage,
@@ -68,7 +68,7 @@ struct Grid<'a> {
     object: Option<&'a [bool]>,
     columns: usize,
     rows: usize,
-    /// Pixels of the image for one of the scan.
+    /// Pixels of the image for each one of the scan, in each direction.
     scale: usize,
 }
 
@@ -77,13 +77,15 @@ impl<'a> Grid<'a> {
         let points = surface.scan.points();
         let bad = |reason: String| Error::BadImage { reason };
         let Some(columns) = surface.scan.columns() else {
-            return Err(bad("the scan has no rows: no pixel has a point".to_owned()));
+            return Err(bad(
+                "the scan has no rows, so pixels have no points".to_owned()
+            ));
         };
         let rows = points.len() / columns;
         let scale = image.width() / columns;
         if scale == 0 || [image.width(), image.height()] != [columns * scale, rows * scale] {
             return Err(bad(format!(
-                "the image has {} × {} pixels, the scan {columns} × {rows}",
+                "the image has {} × {} pixels, which does not fit the scan of {columns} × {rows}",
                 image.width(),
                 image.height()
             )));
@@ -106,9 +108,9 @@ impl<'a> Grid<'a> {
         })
     }
 
-    /// The point of the surface at a pixel of the image, if there is one surface around it.
+    /// The point of the surface at a pixel of the image, if there is a single surface around it.
     fn point(&self, pixel: [usize; 2], edge: f64) -> Option<Point3<f64>> {
-        // Centres of pixels are whole numbers in both images.
+        // Centres of pixels are integers in both images.
         let of_scan = |p: usize| (p as f64 + 0.5) / self.scale as f64 - 0.5;
         let [u, v] = pixel.map(of_scan);
         // One ring of points beyond the four that are interpolated.

@@ -1,9 +1,9 @@
-//! Which feature of one frame is which of another.
+//! Matches the features of two frames.
 //!
 //! ```text
-//! candidates   within the bound on the motion
-//! a ↔ b        each the other's best among them, few bits apart, and clearly fewer than the second best
-//! confidence   1 − d / d',     d bits apart, d' those of the second best, at most as many as may differ
+//! candidates   features within the bound on the motion
+//! a ↔ b        mutually best among them, with few different bits, and clearly fewer than the second best
+//! confidence   1 − d / d',     d different bits, d' those of the second best, limited to the largest number allowed
 //! ```
 
 use nalgebra::Point3;
@@ -12,29 +12,29 @@ use super::brief::BITS;
 use super::lift::Feature;
 use super::options::FeatureOptions;
 
-/// A feature of frame A and one of frame B that are the same.
+/// A match between a feature of frame A and one of frame B.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FeatureMatch {
     /// Index in frame A.
     pub a: usize,
     /// Index in frame B.
     pub b: usize,
-    /// How clearly they are each other's best, above 0, at most 1.
+    /// Confidence of the match, above 0, at most 1.
     pub confidence: f64,
 }
 
-/// The same places of a surface in two frames.
+/// Corresponding points of a surface in two frames.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct LandmarkPairs {
-    /// Where they are in frame A, camera frame, metres.
+    /// Positions in frame A, camera frame, metres.
     pub a: Vec<Point3<f64>>,
-    /// Where they are in frame B.
+    /// Positions in frame B.
     pub b: Vec<Point3<f64>>,
-    /// How clearly each pair was found, above 0, at most 1.
+    /// Confidence of each pair, above 0, at most 1.
     pub confidence: Vec<f64>,
 }
 
-/// Matches the features of two frames; the order of the features does not matter to what is matched.
+/// Matches the features of two frames; the result does not depend on the order of the features.
 ///
 /// # Complexity
 /// O(features of A · features of B).
@@ -62,15 +62,15 @@ pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) ->
     }
 }
 
-/// For each of `from` the best of `to`, where it is clear, and how clear it is.
+/// For each of `from` the best of `to`, if it is unambiguous, and its confidence.
 fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Option<(usize, f64)>> {
     let reach = options.motion * options.motion;
-    // More than all bits cannot differ, and the best is never farther than the second best.
+    // No more than all bits can differ, and the best is never farther than the second best.
     let (most, ratio) = (options.most_different.min(BITS), options.ratio.min(1.0));
     let one = |feature: &Feature| {
         let (mut first, mut second) = ((u32::MAX, 0), u32::MAX);
         for (j, other) in to.iter().enumerate() {
-            // What is not finite is never near.
+            // False for points that are not finite.
             let near = (other.point - feature.point).norm_squared() <= reach;
             if !near {
                 continue;
@@ -86,7 +86,7 @@ fn best(from: &[Feature], to: &[Feature], options: &FeatureOptions) -> Vec<Optio
         if distance > most {
             return None;
         }
-        // As far as something else would have to be to be refused anyway.
+        // At the distance at which another feature would be rejected anyway.
         let rival = f64::from(second.min(most + 1));
         let clear = f64::from(distance) < ratio * f64::from(second);
         clear.then(|| (j, 1.0 - f64::from(distance) / rival))

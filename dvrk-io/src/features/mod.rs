@@ -1,17 +1,17 @@
-//! Colour features as 3-D landmarks: corners of a colour image, described, carried to the surface seen, and met again in the next frame.
+//! Colour features as 3-D landmarks: corners of a colour image with descriptors, lifted to the surface, and matched with the next frame.
 //!
 //! ```text
 //! image ──► corners ──► descriptors ──► points on the surface ──┐
 //!           (FAST)      (steered BRIEF)  (depth, interpolated)   ├──► pairs x_A ↔ x_B with a confidence in (0, 1]
 //! image of the next frame ──► … ────────────────────────────────┘     (mutual best, ratio test, bound on the motion)
 //! ```
-//! Geometry does not see a surface slide along itself; its texture does. The pairs are what a registration takes as uncertain landmarks; it
-//! should still weigh them by how well they agree with the motion around them, as some are wrong.
+//! Geometry cannot detect that a surface slides along itself; texture can. The pairs are uncertain landmarks for a registration, which
+//! should also weight them by their agreement with the surrounding motion, as some are wrong.
 //!
-//! Everything but the lifting to 3-D is whole numbers, so that the same images give the same features to the bit on any machine.
+//! Everything but the lifting to 3-D is integer arithmetic, so that the same images give the same features to the bit on any machine.
 //!
-//! *Limits.* One scale: made for frames that follow each other, and a camera that keeps its distance. Of an image that is blurred over more
-//! than some five pixels, or whose grey values differ by less than [`FeatureOptions::threshold`], nothing is found.
+//! *Limits.* One scale: for consecutive frames of a camera at a nearly constant distance. In an image that is blurred over more
+//! than about five pixels, or whose grey values differ by less than [`FeatureOptions::threshold`], nothing is found.
 //!
 //! *Sources.* E. Rosten and T. Drummond (2006), FAST; M. Calonder et al. (2010), BRIEF; E. Rublee et al. (2011), ORB: orientation by the
 //! intensity centroid, steered tests; D. Lowe (2004), the ratio test.
@@ -30,20 +30,20 @@ pub use lift::{Feature, Surface, lift};
 pub use matching::{FeatureMatch, LandmarkPairs, landmark_pairs, match_features};
 pub use options::FeatureOptions;
 
-/// A corner of an image with the description of its neighbourhood.
+/// A corner of an image with its descriptor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Keypoint {
     /// Column of its pixel.
     pub column: usize,
     /// Row of its pixel.
     pub row: usize,
-    /// How strong the corner is, grey levels: how much brighter (or darker) the pixels of the circle around it are, beyond the threshold, summed.
+    /// Strength of the corner, grey levels: by how much the pixels of its circle are brighter (or darker) beyond the threshold, summed.
     pub score: u32,
-    /// What it looks like.
+    /// Its descriptor.
     pub descriptor: Descriptor,
 }
 
-/// Finds and describes the corners of an image, row by row; strongest of each neighbourhood only.
+/// Finds and describes the corners of an image, row by row; only the strongest of each neighbourhood.
 ///
 /// # Complexity
 /// O(pixels + corners · 10³).
@@ -76,5 +76,5 @@ pub fn detect(image: &GreyImage, options: &FeatureOptions) -> Vec<Keypoint> {
     found.into_iter().map(describe).collect()
 }
 
-/// Pixels around a corner that its description looks at; corners nearer to the border of the image than this are none.
+/// Radius of the patch of a descriptor, pixels; corners closer to the border of the image are skipped.
 const PATCH: usize = 16;

@@ -1,28 +1,28 @@
-//! Settings of features.
+//! Options of features.
 
-/// How features are found, carried to 3-D and matched. The defaults are for colour images of some 640 × 480 pixels of an object half a metre
-/// away, so about one pixel a millimetre.
+/// Options for finding, lifting and matching features. The defaults are for colour images of about 640 × 480 pixels of an object half a metre
+/// away, that is about one pixel for each millimetre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct FeatureOptions {
     /// How much brighter or darker the surroundings of a corner must be, grey levels. Default 8.
     pub threshold: u8,
-    /// Corners have no stronger one within so many pixels. Default 3.
+    /// Corners have no stronger one within this many pixels. Default 3.
     pub apart: usize,
     /// Edge of the squares over which corners are spread, pixels. Default 32.
     pub square: usize,
     /// Most corners in a square. Default 6.
     pub per_square: usize,
-    /// Largest difference in depth around a corner, metres: where it is more, the surface has an edge, and which side of it the corner
-    /// is on nobody knows. Default 8 mm.
+    /// Largest difference in depth around a corner, metres: with more, the surface has an edge, and it is unknown on which side the corner
+    /// is. Default 8 mm.
     pub edge: f64,
-    /// Corners whose point is within this distance of an arm are not the object's, metres. Default 6 mm.
+    /// Corners within this distance of an arm are rejected, metres. Default 6 mm.
     pub clearance: f64,
-    /// Farthest a feature may move between two frames, metres. Default 30 mm.
+    /// Largest motion of a feature between two frames, metres. Default 30 mm.
     pub motion: f64,
-    /// Most bits that may differ between two descriptions of one place, of 256. Default 60.
+    /// Most bits that may differ between two descriptors of the same point, of 256. Default 60.
     pub most_different: u32,
-    /// A match must have fewer different bits than this share, at most 1, of what the second best has. Default 0.8.
+    /// The number of different bits of a match must be below this share, at most 1, of that of the second best. Default 0.8.
     pub ratio: f64,
 }
 

@@ -3,7 +3,7 @@
 //! ```text
 //! (m_x, m_y) = Σ (x, y) I(x, y)   over a disc of 15 pixels        direction = (m_x, m_y) / |(m_x, m_y)|
 //! ```
-//! It turns with the image, so that a description taken along it does not. It is told in steps of 12°.
+//! It rotates with the image, so that a descriptor computed relative to it does not. It is quantised in steps of 12°.
 
 use super::GreyImage;
 
@@ -12,7 +12,7 @@ const RADIUS: isize = 15;
 /// Steps of a whole turn.
 pub(super) const TURNS: usize = 30;
 
-/// In how many steps of 12° the neighbourhood of a pixel is turned.
+/// The direction of the neighbourhood of a pixel, in steps of 12°.
 pub(super) fn turn(image: &GreyImage, column: usize, row: usize) -> usize {
     let (mut mx, mut my) = (0_i32, 0_i32);
     for y in -RADIUS..=RADIUS {
@@ -29,14 +29,14 @@ pub(super) fn turn(image: &GreyImage, column: usize, row: usize) -> usize {
         let [cos, sin] = direction(step);
         i64::from(mx) * cos + i64::from(my) * sin
     };
-    // Of equals the first: a neighbourhood without a direction is not turned.
+    // Of equal ones the first: a neighbourhood without a direction is not rotated.
     (0..TURNS)
         .rev()
         .max_by_key(|&step| along(step))
         .unwrap_or(0)
 }
 
-/// Cosine and sine of a step, in 1/16384, in whole numbers so that no library of functions has a say.
+/// Cosine and sine of a step, in 1/16384, as integers so that no math library affects the result.
 pub(super) fn direction(step: usize) -> [i64; 2] {
     /// Cosines of 0°, 12°, … 84°, and 96°, …, 180°.
     const COS: [i64; 16] = [

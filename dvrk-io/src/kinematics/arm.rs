@@ -25,7 +25,7 @@ use crate::{Error, Psm};
 pub enum Joint {
     /// About the y axis of the remote centre.
     Yaw,
-    /// About the axis that yaw carries.
+    /// About the axis moved by yaw.
     Pitch,
     /// Along the shaft; the one joint in metres.
     Insertion,
@@ -80,8 +80,8 @@ pub struct Instrument {
     pub shaft: f64,
     /// Wrist pitch axis to wrist yaw axis; positive.
     pub wrist: f64,
-    /// Wrist yaw axis to the tips of the closed jaws; the robot leaves it out of its poses. 0 plans for the
-    /// wrist itself.
+    /// Wrist yaw axis to the tips of the closed jaws; the robot does not include it in its poses. With 0, poses are those
+    /// of the wrist itself.
     pub jaw: f64,
 }
 
@@ -98,8 +98,8 @@ impl Instrument {
         wrist: 0.0091,
         jaw: 0.0102,
     };
-    /// Large needle driver of an S or Si. The 10.2 mm of its jaws are in the model files; the same is taken
-    /// for 400006, whose model does not say.
+    /// Large needle driver of an S or Si. The 10.2 mm of its jaws are in the model files, and are also assumed
+    /// for 400006, whose model lacks them.
     pub const LARGE_NEEDLE_DRIVER_420006: Self = Self {
         shaft: 0.4670,
         ..Self::LARGE_NEEDLE_DRIVER_400006
@@ -133,11 +133,11 @@ pub struct Kinematics {
     pub(super) min_wrist_distance: f64,
 }
 
-/// The robot pushes the end of the shaft out to this distance from the remote centre, without a word. Metres.
+/// The robot silently pushes the end of the shaft out to this distance from the remote centre. Metres.
 const MIN_WRIST_DISTANCE: f64 = 0.045;
-/// Goals nearer to the remote centre than this are refused by the robot. Metres.
+/// The robot rejects goals nearer to the remote centre than this. Metres.
 const REFUSED_DISTANCE: f64 = 0.001;
-/// Pitch beyond this has no yaw worth the name: cos(1.55) = 0.02.
+/// Beyond this pitch yaw is ill-defined: cos(1.55) = 0.02.
 const STEEPEST_PITCH: f64 = 1.55;
 
 impl Kinematics {
@@ -165,7 +165,7 @@ impl Kinematics {
         }
     }
 
-    /// With another instrument.
+    /// The same with another instrument.
     ///
     /// # Errors
     /// A length that is not in [0, 1] m, or a wrist of less than 0.1 mm.
@@ -192,12 +192,12 @@ impl Kinematics {
         Ok(Self { instrument, ..self })
     }
 
-    /// With other joint limits, `[lower, upper]` for each of [`Joint::ALL`]. The maintainers' simulators are
-    /// tighter than the robot; so is a cell with something in the way.
+    /// The same with other joint limits, `[lower, upper]` for each of [`Joint::ALL`]. The maintainers' simulators have
+    /// tighter limits than the robot; so has a cell with obstacles.
     ///
     /// # Errors
-    /// A limit that is not finite or beyond ±100, an empty range, a pitch beyond ±1.55 rad (where yaw loses
-    /// its meaning) or a wrist pitch beyond ±π/2 (where the wrist is singular).
+    /// A limit that is not finite or beyond ±100, an empty range, a pitch beyond ±1.55 rad (where yaw is
+    /// ill-defined) or a wrist pitch beyond ±π/2 (where the wrist is singular).
     pub fn with_limits(self, limits: [[f64; 2]; 6]) -> Result<Self, Error> {
         for (joint, [lower, upper]) in Joint::ALL.into_iter().zip(limits) {
             let (bound, expected) = match joint {
@@ -217,11 +217,11 @@ impl Kinematics {
         Ok(Self { limits, ..self })
     }
 
-    /// With another least distance between remote centre and wrist pitch axis, metres. The default, 45 mm, is
-    /// where the robot itself stops and moves the goal silently.
+    /// The same with another least distance between remote centre and wrist pitch axis, metres. At the default, 45 mm,
+    /// the robot itself silently moves the goal.
     ///
     /// # Errors
-    /// Less than 1 mm, where the robot refuses a goal, or more than 1 m.
+    /// Less than 1 mm, where the robot rejects goals, or more than 1 m.
     pub fn with_min_wrist_distance(self, distance: f64) -> Result<Self, Error> {
         if !(REFUSED_DISTANCE..=1.0).contains(&distance) {
             return Err(Error::OutOfRange {
@@ -251,7 +251,7 @@ impl Kinematics {
         self.min_wrist_distance
     }
 
-    /// Distance of the wrist pitch axis from the remote centre is the insertion less this, metres: 15.6 mm for
+    /// Insertion minus the distance of the wrist pitch axis from the remote centre, metres: 15.6 mm for
     /// both generations with their own instruments.
     pub(crate) fn wrist_before_insertion(&self) -> f64 {
         self.carriage - self.instrument.shaft

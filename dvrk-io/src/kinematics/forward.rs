@@ -28,7 +28,7 @@ use crate::Error;
 
 impl Kinematics {
     /// Pose of the control point for joint values in the order of [`Joint::ALL`], radians (insertion in metres).
-    /// Joint limits are not asked: see [`Kinematics::margins`].
+    /// Joint limits are not checked: see [`Kinematics::margins`].
     ///
     /// # Errors
     /// A joint value that is not finite.
@@ -46,12 +46,12 @@ impl Kinematics {
         Ok(self.tip_of(&self.rcm_from_wrist(joints)?))
     }
 
-    /// The tips of the closed jaws when the control point is at `wrist`.
+    /// The pose of the tips of the closed jaws for a pose of the control point.
     pub fn tip_of(&self, wrist: &RcmFromWrist) -> RcmFromTip {
         RcmFromTip(wrist.0 * Translation3::new(0.0, 0.0, self.instrument.jaw))
     }
 
-    /// The control point when the tips of the closed jaws are at `tip`: what to send to the robot.
+    /// The pose of the control point for a pose of the tips of the closed jaws: the pose to command.
     pub fn wrist_of(&self, tip: &RcmFromTip) -> RcmFromWrist {
         RcmFromWrist(tip.0 * Translation3::new(0.0, 0.0, -self.instrument.jaw))
     }

@@ -11,10 +11,10 @@
 //! q2 = atan2(−u_y, √(u_x² + u_z²))     q5 = atan2((z5 × u) · x5, u · x5)
 //! q3 = r + carriage − shaft            q6 = atan2(−y · x5, −y · z5)
 //! ```
-//! The other sign of z5 folds the wrist back by more than 90°, which no instrument does. d is the distance of
-//! the wrist yaw axis from the remote centre, d = r · cos q5 + wrist; at d = 0 the roll is free, and the arm
-//! singular. Whole turns are added so that an angle is nearest to a wanted value within its limits; with the
-//! limits of the robot only the roll, ±260°, has the choice.
+//! The other sign of z5 bends the wrist back by more than 90°, which no instrument can. d is the distance of
+//! the wrist yaw axis from the remote centre, d = r · cos q5 + wrist; at d = 0 the roll is undetermined, and the arm
+//! is singular. Whole turns are added so that an angle is nearest to a reference value within its limits; with the
+//! limits of the robot this affects only the roll, ±260°.
 
 use std::f64::consts::TAU;
 
@@ -23,18 +23,18 @@ use nalgebra::Vector3;
 use super::{Joint, Kinematics, RcmFromTip, RcmFromWrist, check_joints, check_pose};
 use crate::Error;
 
-/// How far a joint value may come out beyond its limit and count as at the limit. Rounding in the formulas
-/// above moves an angle by 10⁻¹⁴ at worst (d > 16 mm within the limits of the robot); one that is beyond by
-/// this much is a tenth of a nanometre away at the tip.
+/// Largest excess over a joint limit that counts as rounding. The formulas above change an angle by at most
+/// 10⁻¹⁴ (d > 16 mm within the limits of the robot); an excess of
+/// this value is a tenth of a nanometre at the tip.
 const ROUNDING: f64 = 1e-10;
-/// Nearer than this to the singular pose, angles come out with less than ten digits. Metres.
+/// Closer to the singular pose, angles have fewer than ten accurate digits. Metres.
 const SINGULAR: f64 = 1e-5;
 
-/// Why the arm cannot have its control point in a pose.
+/// Why the control point cannot reach a pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Unreachable {
-    /// A joint would have to leave its range. If several would, the one that leaves by the largest share of its
+    /// A joint would exceed its range; of several joints, the one that exceeds it by the largest share of its
     /// range.
     #[error("{joint} would be {value:.3} {}, its range is {:.3} to {:.3}", joint.unit(), range[0], range[1])]
     JointLimit {
@@ -45,7 +45,7 @@ pub enum Unreachable {
         /// Its range.
         range: [f64; 2],
     },
-    /// The wrist would come too near the remote centre, where the robot silently moves the goal.
+    /// The wrist would be too near the remote centre, where the robot silently moves the goal.
     #[error(
         "the wrist would be {:.1} mm from the remote centre, at least {:.1} mm are needed",
         distance * 1e3,
@@ -57,7 +57,7 @@ pub enum Unreachable {
         /// What it must be at least, metres.
         limit: f64,
     },
-    /// The wrist yaw axis would pass through the remote centre, where the roll has no value.
+    /// The wrist yaw axis would pass through the remote centre, where the roll is undetermined.
     #[error(
         "the wrist is bent so far that its yaw axis passes {:.3} mm from the remote centre: singular",
         distance * 1e3
@@ -66,21 +66,21 @@ pub enum Unreachable {
         /// Distance of the wrist yaw axis from the remote centre, metres.
         distance: f64,
     },
-    /// The pose is within limits, but by less than a wanted safety margin.
-    #[error("{what} has a margin of {margin:.4} {unit}, {wanted:.4} {unit} are wanted")]
+    /// The pose is within limits, but by less than the required margin.
+    #[error("{what} has a margin of {margin:.4} {unit}, but {wanted:.4} {unit} are required")]
     LittleMargin {
-        /// What is nearest to its limit.
+        /// The quantity that is nearest to its limit.
         what: &'static str,
         /// Its margin, in `unit`.
         margin: f64,
-        /// The margin wanted.
+        /// The required margin.
         wanted: f64,
         /// `m` or `rad`.
         unit: &'static str,
     },
 }
 
-/// Distances of a joint configuration from what the arm cannot do. Negative beyond a limit.
+/// Distances of a joint configuration from limits and singularities. Negative beyond a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Margins {
@@ -93,30 +93,30 @@ pub struct Margins {
 }
 
 impl Margins {
-    /// Whether no limit is passed.
+    /// Whether no limit is exceeded.
     pub fn are_kept(&self) -> bool {
         let joints = self.joints.iter().all(|&margin| margin >= 0.0);
         joints && self.remote_centre >= 0.0 && self.wrist > 0.0
     }
 }
 
-/// Joint values that bring the control point to a pose.
+/// Joint values for a pose of the control point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Reach {
     /// Joint values in the order of [`Joint::ALL`], within limits: radians, metres for the insertion.
     pub joints: [f64; 6],
-    /// How far they are from limits and singularities.
+    /// Their distances from limits and singularities.
     pub margins: Margins,
 }
 
 impl Kinematics {
-    /// The joint values for a pose of the control point, roll nearest to the middle of its range.
+    /// The joint values for a pose of the control point, with the roll nearest to the centre of its range.
     ///
-    /// Use [`Kinematics::wrist_of`] to come from the tips of the jaws.
+    /// For a pose of the tips of the jaws, use [`Kinematics::wrist_of`] first.
     ///
-    /// *Guarantees.* For joint values within limits, `inverse(rcm_from_wrist(q))` is q to 10⁻¹⁰, less a whole
-    /// turn of the roll; for a pose that is reached, `rcm_from_wrist` of the answer is the pose to 10⁻⁹.
+    /// *Guarantees.* For joint values within limits, `inverse(rcm_from_wrist(q))` is q to 10⁻¹⁰, up to whole
+    /// turns of the roll; for a reachable pose, `rcm_from_wrist` of the result is the pose to 10⁻⁹.
     ///
     /// # Errors
     /// [`Error::Unreachable`] with the reason; [`Error::OutOfRange`] for a pose that is not finite or whose
@@ -131,8 +131,8 @@ impl Kinematics {
         self.solve(pose, &middle)
     }
 
-    /// As [`Kinematics::inverse`], with whole turns so that each angle is nearest to that in `reference`: the
-    /// joint values that the arm has now.
+    /// As [`Kinematics::inverse`], with whole turns chosen so that each angle is nearest to that in `reference`, the
+    /// present joint values of the arm.
     ///
     /// # Errors
     /// See [`Kinematics::inverse`]; also a reference that is not finite.
@@ -149,7 +149,7 @@ impl Kinematics {
         self.inverse(&self.wrist_of(pose))
     }
 
-    /// How far joint values are from limits and singularities.
+    /// Distances of joint values from limits and singularities.
     ///
     /// # Errors
     /// A joint value that is not finite.
@@ -160,7 +160,7 @@ impl Kinematics {
 
     fn margins_at(&self, joints: &[f64; 6]) -> Margins {
         let distance = joints[2] - self.wrist_before_insertion();
-        // cos q5 = −wrist/r is singular: a little beyond a right angle.
+        // cos q5 = −wrist/r is singular: slightly beyond a right angle.
         let singular = (-self.instrument.wrist / distance.max(self.instrument.wrist)).acos();
         let to_limit = |index: usize| {
             let [lower, upper] = self.limits[index];
@@ -185,7 +185,7 @@ impl Kinematics {
             };
             joints[index] = value.clamp(range[0], range[1]);
             let excess = (value - joints[index]).abs();
-            // Ranges of nothing are allowed: a joint may be locked.
+            // Empty ranges are allowed: a joint may be locked.
             let share = excess / (range[1] - range[0]).max(ROUNDING);
             if excess > ROUNDING && worst.is_none_or(|(most, _)| share > most) {
                 worst = Some((
@@ -198,7 +198,7 @@ impl Kinematics {
                 ));
             }
         }
-        // Nearness to the remote centre before limits: the joints to there mean little.
+        // The remote centre is checked before limits: near it, joint values are meaningless.
         let distance = principal[2] - self.wrist_before_insertion();
         if distance < self.min_wrist_distance - ROUNDING {
             let limit = self.min_wrist_distance;
@@ -213,7 +213,7 @@ impl Kinematics {
         }
     }
 
-    /// The formulas at the head of this file: each angle between −π and π, no limit asked.
+    /// The formulas at the head of this file: each angle between −π and π, without limits.
     fn principal(&self, pose: &RcmFromWrist) -> Result<[f64; 6], Error> {
         let pose = check_pose(&pose.0)?;
         let p = pose.translation.vector;
@@ -244,7 +244,7 @@ impl Kinematics {
         let yaw = u.x.atan2(-u.z);
         let level = u.x.hypot(u.z);
         let pitch = (-u.y).atan2(level);
-        // Frame 3 of the forward kinematics: z3 = u, y3 where less yaw goes, x3 where more pitch goes.
+        // Frame 3 of the forward kinematics: z3 = u, y3 in the direction of −yaw, x3 in that of +pitch.
         let (sin, cos) = yaw.sin_cos();
         let y3 = Vector3::new(-cos, 0.0, -sin);
         let x3 = y3.cross(&u);
@@ -261,7 +261,7 @@ fn nearest_turn(angle: f64, [lower, upper]: [f64; 2], wanted: f64) -> f64 {
     let wanted = wanted.clamp(lower, upper);
     let turns = ((wanted - angle) / TAU).round();
     let outside = |value: f64| (lower - value).max(value - upper).max(0.0);
-    // The nearest of all; if it lies outside, one of its neighbours may lie inside.
+    // The nearest one; if it is outside, one of its neighbours may be inside.
     [turns, turns - 1.0, turns + 1.0]
         .map(|turns| angle + turns * TAU)
         .into_iter()

@@ -1,5 +1,5 @@
-//! Kinematics of a patient-side manipulator (PSM): where the tip is, which joints bring it somewhere, and how
-//! far it is from what it cannot do.
+//! Kinematics of a patient-side manipulator (PSM): the pose of the tip, joint values for a pose, and distances
+//! from limits and singularities.
 //!
 //! ```text
 //! forward    q ↦ rcm_from_wrist ↦ rcm_from_tip = rcm_from_wrist · TransZ(jaw)
@@ -11,7 +11,7 @@
 //! | `wrist` | the control point, on the wrist yaw axis: what the robot calls `local/measured_cp` | +z along the approach (closed jaws), jaws turn about x |
 //! | `tip` | tips of the closed jaws, 10.2 mm further along +z | those of `wrist` |
 //!
-//! The robot does not know the `tip`. A grip planned for the tips and sent as it is goes 10 mm too deep,
+//! The robot does not know the `tip`. A grip planned for the tips but sent as a wrist pose goes 10 mm too deep,
 //! so the two poses are different types here: [`RcmFromWrist`] and [`RcmFromTip`].
 //!
 //! ```
@@ -41,8 +41,8 @@
 //! ```
 //!
 //! *Limits.* Lengths and joint limits are those of the robot's configuration files, not of a measured
-//! instrument: cables stretch, and a real tip is millimetres from where its joints say. Nothing is known
-//! here of collisions between arms.
+//! instrument: cables stretch, and a real tip is millimetres away from its computed position. Collisions between arms are
+//! not considered.
 
 mod arm;
 mod forward;

@@ -1,4 +1,4 @@
-//! Two poses of an instrument that must not be taken for each other.
+//! Two poses of an instrument that must not be confused.
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
@@ -12,16 +12,16 @@ use crate::Error;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RcmFromWrist(pub Isometry3<f64>);
 
-/// Pose of the tips of the closed jaws in the frame of the remote centre: what a grip is planned for.
+/// Pose of the tips of the closed jaws in the frame of the remote centre, for which grips are planned.
 ///
 /// Same axes as [`RcmFromWrist`], origin one jaw length further along +z.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RcmFromTip(pub Isometry3<f64>);
 
-/// Farther than any robot: beyond this, squares of coordinates are not worth computing. Metres.
+/// Larger than any robot: squares of larger coordinates are not computed. Metres.
 const FARTHEST: f64 = 1e6;
-/// How far from 1 the norm of a quaternion may be: a message with 7 digits passes, a forgotten
-/// normalisation does not.
+/// Largest deviation of the norm of a quaternion from 1: accepts a message with 7 digits, rejects a forgotten
+/// normalisation.
 const QUATERNION_NORM: f64 = 1e-6;
 
 /// `pose` with its quaternion normalised to the last bit.

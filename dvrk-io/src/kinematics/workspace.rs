@@ -9,18 +9,18 @@ use nalgebra::Isometry3;
 use super::{Joint, Kinematics, RcmFromTip, Reach, Unreachable, check_pose};
 use crate::Error;
 
-/// How far a planned pose must stay from what the arm cannot do. The robot clips joint values at their limits
-/// without saying so, hence defaults above the error of a calibration.
+/// Distances that planned poses keep from limits and singularities. The robot silently clips joint values at their
+/// limits, so the defaults are larger than the error of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct SafetyMargins {
-    /// To the limits of the turning joints, radians. Default 0.035 (2°): 7 mm at the far end of the arm, the
-    /// "5–10 mm" of a camera registration.
+    /// To the limits of the rotational joints, radians. Default 0.035 (2°): 7 mm at the far end of the arm, the
+    /// 5–10 mm error of a camera registration.
     pub angle: f64,
     /// To the limits of the insertion and to the least distance from the remote centre, metres. Default 0.005.
     pub length: f64,
-    /// To the singularity of the wrist, radians. Default 0.17 (10°): what the joint limits of an 8 mm
-    /// instrument leave anyway.
+    /// To the singularity of the wrist, radians. Default 0.17 (10°), which the joint limits of an 8 mm
+    /// instrument guarantee anyway.
     pub wrist: f64,
 }
 
@@ -35,7 +35,7 @@ impl Default for SafetyMargins {
 }
 
 impl SafetyMargins {
-    /// No margins: all that the joint limits allow.
+    /// No margins: only the joint limits.
     pub const NONE: Self = Self {
         angle: 0.0,
         length: 0.0,
@@ -103,7 +103,7 @@ impl SafetyMargins {
         joints
             .chain(others)
             .find_map(|(what, margin, wanted, unit)| {
-                // A margin that rounds to a hair below nothing is nothing.
+                // A margin that rounding makes slightly negative counts as zero.
                 let short = margin < wanted && !(wanted == 0.0 && margin > -1e-9);
                 short.then_some(Unreachable::LittleMargin {
                     what,
@@ -115,7 +115,7 @@ impl SafetyMargins {
     }
 }
 
-/// Where the tips of an arm's closed jaws can be, in the camera frame: poses with +z along the approach and the
+/// Reachable poses of the tips of an arm's closed jaws, in the camera frame: with +z along the approach and the
 /// jaws opening along y.
 ///
 /// A planner that takes a test on poses gets `move |pose| workspace.contains(pose)`.
@@ -148,7 +148,7 @@ pub struct PsmWorkspace {
 }
 
 impl PsmWorkspace {
-    /// Of `arm`, whose remote centre is at `camera_from_rcm`, with the default [`SafetyMargins`].
+    /// The workspace of `arm`, whose remote centre is at `camera_from_rcm`, with the default [`SafetyMargins`].
     ///
     /// # Errors
     /// A pose that is not finite or whose quaternion is not a unit.
@@ -160,7 +160,7 @@ impl PsmWorkspace {
         })
     }
 
-    /// With other margins.
+    /// The same with other margins.
     ///
     /// # Errors
     /// A margin that is negative or not finite.
@@ -169,8 +169,8 @@ impl PsmWorkspace {
         Ok(Self { margins, ..self })
     }
 
-    /// Whether the tips can be at `camera_from_tip` with all margins kept. A pose that is not finite is
-    /// nowhere.
+    /// Whether the tips can be at `camera_from_tip` with all margins kept; false for a pose that is not
+    /// finite.
     pub fn contains(&self, camera_from_tip: &Isometry3<f64>) -> bool {
         self.reach(camera_from_tip).is_ok()
     }
@@ -179,7 +179,7 @@ impl PsmWorkspace {
     ///
     /// # Errors
     /// [`Error::Unreachable`] with the reason, [`Unreachable::LittleMargin`] among them; [`Error::OutOfRange`]
-    /// for a pose that is not one.
+    /// for an invalid pose.
     pub fn reach(&self, camera_from_tip: &Isometry3<f64>) -> Result<Reach, Error> {
         let rcm_from_tip = RcmFromTip(self.rcm_from_camera * check_pose(camera_from_tip)?);
         let reach = self.arm.inverse_of_tip(&rcm_from_tip)?;

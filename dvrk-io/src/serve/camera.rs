@@ -1,14 +1,14 @@
-//! A depth camera, served: clouds, or depth images with their camera.
+//! Serves a depth camera: clouds, or depth images with their camera.
 //!
-//! A message goes out in one burst of packets. Readers with the receive buffers that Linux gives by default (0.2 MB) lose most
-//! of one that is larger, and are sent it again, 0.6 MB a second at best; a newer one in the midst of it costs them more than
-//! it brings. So what is seen while a reader still fetches the last message is not published:
+//! A message is sent in one burst of packets. Readers with the default receive buffers of Linux (0.2 MB) lose most of a larger
+//! message, and receive it again, at 0.6 MB a second at best; a newer message sent meanwhile delays them further. Therefore
+//! frames are not published while a reader is still receiving the last message:
 //!
 //! ```text
 //! publish  ⇔  every reliable reader has the last message,  or it was sent 1 s + bytes/(0.3 MB/s) ago
 //! ```
-//! A reader that is gone without a goodbye thus holds up the others no longer than that, message for message, until the network
-//! gives it up.
+//! A reader that has disappeared without notice thus delays the others by at most that time for each message, until the network
+//! drops it.
 //!
 //! *Limits.* A reader of Fast DDS with default buffers gets a cloud of 300,000 points (3.6 MB) every few seconds, and a depth image
 //! of as many pixels (0.6 MB) about every second. They come at the rate of the camera when its buffers take a whole message:
@@ -29,14 +29,14 @@ use crate::transport::{Qos, Transport, Writer};
 /// Millimetres in a metre.
 const MILLI: f64 = 1e3;
 
-/// How long a message waits for readers that fetch the one before: as long as it takes to send that one again, and half as long
-/// once more.
+/// How long a message waits for readers of the previous one: one and a half times the time that it takes to send that one
+/// again.
 fn patience(bytes: usize) -> Duration {
     const REPAIR_BYTES_PER_SECOND: f64 = 0.3e6;
     Duration::from_secs(1) + Duration::from_secs_f64(bytes as f64 / REPAIR_BYTES_PER_SECOND)
 }
 
-/// When the last message was sent, and until when the next one waits for its readers.
+/// When the last message was sent, and how long the next one waits for its readers.
 #[derive(Debug, Default)]
 struct Pace {
     next: Duration,
@@ -76,8 +76,8 @@ impl std::fmt::Debug for CloudServer {
 }
 
 impl CloudServer {
-    /// Offers clouds in a frame, on a topic such as `/camera/depth/color/points`. A `reliable` camera, as those of RealSense
-    /// are, is heard by every reader.
+    /// Publishes clouds in a frame, on a topic such as `/camera/depth/color/points`. A `reliable` camera, such as those of RealSense,
+    /// is received by every reader.
     ///
     /// # Errors
     /// [`Error::Network`].
@@ -94,11 +94,11 @@ impl CloudServer {
         })
     }
 
-    /// Publishes the points that were seen at a time, metres. Whether they were sent: not while a reader still fetches the
-    /// last ones.
+    /// Publishes the points measured at a time, metres. Returns whether they were sent: they are not while a reader is still receiving
+    /// the last ones.
     ///
     /// # Errors
-    /// [`Error::NonFinitePoint`]; [`Error::OnTopic`] when the network does not take it.
+    /// [`Error::NonFinitePoint`]; [`Error::OnTopic`] when the network rejects it.
     pub fn publish(&mut self, stamp: Duration, points: &[Point3<f64>]) -> Result<bool, Error> {
         if !self.pace.allows(stamp, &self.clouds) {
             return Ok(false);
@@ -127,7 +127,7 @@ impl std::fmt::Debug for DepthServer {
 }
 
 impl DepthServer {
-    /// Offers the images of a camera in a frame, on topics such as `/camera/depth/image_rect_raw` and
+    /// Publishes the images of a camera in a frame, on topics such as `/camera/depth/image_rect_raw` and
     /// `/camera/depth/camera_info`.
     ///
     /// # Errors
@@ -161,11 +161,11 @@ impl DepthServer {
         })
     }
 
-    /// Publishes the depths that were seen at a time. Where nothing was measured, or more than 65.5 m, the pixel is 0.
-    /// Whether they were sent: not while a reader still fetches the last image.
+    /// Publishes the depths measured at a time. Pixels without a measurement, or beyond 65.5 m, are 0.
+    /// Returns whether they were sent: they are not while a reader is still receiving the last image.
     ///
     /// # Errors
-    /// [`Error::ImageSize`] for an image of another size than the camera; [`Error::OnTopic`] when the network does not take it.
+    /// [`Error::ImageSize`] for an image of another size than the camera; [`Error::OnTopic`] when the network rejects it.
     pub fn publish(&mut self, stamp: Duration, depths: &DepthImage) -> Result<bool, Error> {
         let (width, height) = (self.info.width as usize, self.info.height as usize);
         if (depths.width(), depths.height()) != (width, height) {

@@ -1,4 +1,4 @@
-//! The states of an arm.
+//! The state machine of an arm.
 //!
 //! ```text
 //! state       commands it takes
@@ -7,21 +7,21 @@
 //! PAUSED              disable  unhome        pause  resume
 //! FAULT       enable  disable  unhome                          simulators: clear_fault instead of enable; fault anywhere
 //! ```
-//! Anything else is answered with a warning and ignored. While it powers up an arm says that it is DISABLED and busy, while it
-//! homes that it is ENABLED and busy.
+//! Other commands are answered with a warning and ignored. While it powers up, an arm reports DISABLED and busy; while it
+//! homes, ENABLED and busy.
 
 use std::time::Duration;
 
 use crate::arm::{ArmStatus, Dialect, Mode};
 
-/// What takes its time.
+/// Operations that take time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
     Powering,
     Homing,
 }
 
-/// State of an arm, and what it is busy with.
+/// State of an arm, and its current operation.
 #[derive(Debug, Clone)]
 pub(super) struct Machine {
     dialect: Dialect,
@@ -45,7 +45,7 @@ impl Machine {
         self.mode
     }
 
-    /// Whether joint values mean something.
+    /// Whether joint values are valid.
     pub(super) fn is_powered(&self) -> bool {
         self.mode != Mode::Disabled
     }
@@ -79,7 +79,7 @@ impl Machine {
     }
 
     /// # Errors
-    /// What to warn of: a command that the state does not take.
+    /// The warning about a command that the state does not allow.
     pub(super) fn command(
         &mut self,
         command: &str,

@@ -1,4 +1,4 @@
-//! The robot's side: a simulated arm and a simulated camera as those of a dVRK, for any CRTK client.
+//! The robot's side: serves a simulated arm and a simulated camera like those of a dVRK, for any CRTK client.
 //!
 //! ```text
 //!            commands                                                         100 Hz                    latched
@@ -6,20 +6,20 @@
 //!      │                                                                          ▲
 //!      └─► ArmServer: states, inverse kinematics, limits, trajectories ──► set-point ──► ServedArm ──► where it is
 //! ```
-//! What simulates the arm implements [`ServedArm`]: three functions. States, inverse kinematics, what is clipped and what is
-//! refused are those of a dVRK 2.4 ([`Dialect::Robot`](crate::arm::Dialect::Robot)), or of the simulators of its
+//! The simulation of the arm implements [`ServedArm`]: three functions. States, inverse kinematics, clipping and refusals
+//! are those of a dVRK 2.4 ([`Dialect::Robot`](crate::arm::Dialect::Robot)), or of the simulators of its
 //! maintainers, which differ:
 //!
 //! | | robot | simulator |
 //! |---|---|---|
 //! | at start | DISABLED | ENABLED and homed |
 //! | reports and follows | the wrist | the tips of the jaws |
-//! | joint limits | clips without a word | refuses with an error |
+//! | joint limits | clips silently | refuses with an error |
 //! | texts | `std_msgs/String` | `crtk_msgs/StringStamped` |
 //! | a fault is left with | `enable` | `clear_fault` |
 //!
-//! *Limits.* No joint commands (`servo_jp`, `move_jp`), no services, no forces: what a client of poses needs. Powering and homing
-//! take the time that they are given, and nothing can go wrong in them but a missing instrument.
+//! *Limits.* No joint commands (`servo_jp`, `move_jp`), no services, no forces: only pose commands. Powering and homing
+//! take the configured time, and fail only without an instrument.
 
 mod camera;
 mod machine;

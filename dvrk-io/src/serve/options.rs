@@ -1,4 +1,4 @@
-//! How an arm is served.
+//! Options of a served arm.
 
 use std::time::Duration;
 
@@ -8,7 +8,7 @@ use crate::Psm;
 use crate::arm::{Dialect, ReferenceFromRcm};
 use crate::kinematics::Kinematics;
 
-/// How an arm is served.
+/// Options of a served arm.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ServeOptions {
@@ -16,15 +16,15 @@ pub struct ServeOptions {
     pub kinematics: Kinematics,
     /// Robot or simulator. Default robot.
     pub dialect: Dialect,
-    /// Where the remote centre is in the frame in which poses are given. Default: they are one.
+    /// Pose of the remote centre in the reference frame. Default: the frames coincide.
     pub reference_from_rcm: ReferenceFromRcm,
-    /// The name of that frame; nothing means that of the arm's base.
+    /// The name of that frame; by default that of the arm's base.
     pub reference: Option<String>,
-    /// Joint values at the start. Default 12 cm inserted, all else 0.
+    /// Initial joint values. Default: inserted by 12 cm, all others 0.
     pub joints: [f64; 6],
-    /// Angle of the jaw at the start, radians. Default 0.
+    /// Initial angle of the jaw, radians. Default 0.
     pub jaw: f64,
-    /// Angles that the jaw may have. Default −0.349 to 1.396 rad.
+    /// Range of the jaw. Default −0.349 to 1.396 rad.
     pub jaw_range: [f64; 2],
     /// Time to power up. Default 0.5 s; a real one takes up to 3 s.
     pub powering: Duration,

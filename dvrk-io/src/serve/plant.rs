@@ -1,4 +1,4 @@
-//! What is simulated: an arm that follows set-points.
+//! The simulated part: an arm that follows set-points.
 
 use std::time::Duration;
 
@@ -6,12 +6,12 @@ use nalgebra::Isometry3;
 
 use crate::kinematics::RcmFromWrist;
 
-/// An arm that is simulated, as a server sees it.
+/// A simulated arm, as the server sees it.
 pub trait ServedArm: Send {
     /// Follows the set-points for `time`: the control point on the wrist, and the angle of the jaw in radians.
     fn follow(&mut self, wrist: &RcmFromWrist, jaw: f64, time: Duration);
 
-    /// Where the control point on the wrist is.
+    /// Pose of the control point on the wrist.
     fn rcm_from_wrist(&self) -> RcmFromWrist;
 
     /// Angle of the jaw, radians.
@@ -22,18 +22,18 @@ pub trait ServedArm: Send {
         0.0
     }
 
-    /// The instrument, as a dVRK names it; nothing when there is none.
+    /// The instrument, by its dVRK name; `None` when there is none.
     fn tool(&self) -> Option<String> {
         Some("LARGE_NEEDLE_DRIVER:400006".to_owned())
     }
 
-    /// Why the arm cannot go on, once.
+    /// A fault that stops the arm, reported once.
     fn fault(&mut self) -> Option<String> {
         None
     }
 }
 
-/// An arm that is where it is sent, at once.
+/// An arm that reaches its set-point at once.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KinematicArm {
     wrist: RcmFromWrist,

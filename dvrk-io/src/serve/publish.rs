@@ -1,4 +1,4 @@
-//! Everything that a served arm publishes.
+//! The publications of a served arm.
 
 use std::time::Duration;
 
@@ -46,7 +46,7 @@ pub(super) struct Publications {
     last: Option<(Duration, Isometry3<f64>)>,
 }
 
-/// What is published 100 times a second.
+/// The data published 100 times a second.
 pub(super) struct Periodic<'a> {
     /// 0 when nothing is measured.
     pub(super) stamp: Duration,
@@ -145,7 +145,7 @@ impl Publications {
         self.jaw_setpoint.publish(&jaw(setpoint, &[]))
     }
 
-    /// By the difference to the last pose.
+    /// From the difference to the last pose.
     fn velocity_at(
         &mut self,
         stamp: Duration,

@@ -1,4 +1,4 @@
-//! One arm, served.
+//! Serves one arm.
 
 use std::time::Duration;
 
@@ -17,11 +17,11 @@ use crate::kinematics::{Joint, Kinematics, RcmFromTip, RcmFromWrist};
 use crate::session::check_arm_name;
 use crate::transport::{Qos, Reader, Transport};
 
-/// A PID of a dVRK gives up when a joint is farther than this from its set-point: rad, m.
+/// A dVRK goes into FAULT when a joint is farther than this from its set-point: rad, m.
 const TRACKING: [f64; 6] = [0.5, 0.5, 0.05, 0.6, 0.6, 0.6];
-/// A warning about commands that come too early is not repeated within this.
+/// A warning about a command that comes too early is not repeated within this time.
 const NOT_READY: Duration = Duration::from_secs(2);
-/// A gap in the ticks counts as this at most.
+/// Longest time step; longer gaps between ticks count as this.
 const LONGEST_STEP: Duration = Duration::from_millis(50);
 /// Distance of the wrist from the remote centre below which a dVRK moves the goal, metres.
 const PUSHED_OUT: f64 = 0.045;
@@ -35,11 +35,11 @@ struct Commands {
     hold: Reader<Empty>,
 }
 
-/// Serves one arm: takes commands, lets the simulated arm follow, publishes. See [`serve`](super).
+/// Serves one arm: receives commands, moves the simulated arm, publishes. See [`serve`](super).
 pub struct ArmServer<A> {
     arm: A,
     options: ServeOptions,
-    /// The same arm without limits, to see what would have to be clipped.
+    /// The same arm without limits, to find what must be clipped.
     free: Kinematics,
     base: String,
     commands: Commands,
@@ -51,7 +51,7 @@ pub struct ArmServer<A> {
     jaw_trajectory: Option<Trajectory<1>>,
     clutched: bool,
     published: Option<ArmStatus>,
-    /// As it was published last, empty for none.
+    /// As published last; empty for none.
     tool: Option<String>,
     last: Option<Duration>,
     due: Duration,
@@ -69,7 +69,7 @@ impl<A> std::fmt::Debug for ArmServer<A> {
 }
 
 impl<A: ServedArm> ArmServer<A> {
-    /// Offers the topics of an arm. From then on [`ArmServer::tick`] serves it.
+    /// Creates the topics of an arm, which [`ArmServer::tick`] then serves.
     ///
     /// # Errors
     /// [`Error::BadArmName`], [`Error::Network`], [`Error::OutOfRange`] for joint values that are not finite.
@@ -134,24 +134,24 @@ impl<A: ServedArm> ArmServer<A> {
         self.machine.status(self.arm.tool().is_some(), moving)
     }
 
-    /// Goes into FAULT with an error, as when a PID gives up.
+    /// Puts the arm into FAULT with an error, as after a tracking error.
     pub fn fail(&mut self, now: Duration, reason: &str) {
         self.abort();
         self.machine.fail();
         self.say(now, Level::Error, reason);
     }
 
-    /// Presses or releases the button with which somebody guides the arm by hand.
+    /// Presses or releases the button for guiding the arm by hand.
     pub fn clutch(&mut self, now: Duration, pressed: bool) {
         if self.clutched != pressed {
             self.clutched = pressed;
             self.abort();
-            // What cannot be published has nobody who would hear of it.
+            // A failure to publish only affects listeners.
             let _ = self.publications.clutch(now, pressed);
         }
     }
 
-    /// Serves until `stop` says so, on the clock of a transport.
+    /// Serves until `stop` returns true, on the clock of a transport.
     pub fn run(&mut self, transport: &dyn Transport, mut stop: impl FnMut() -> bool) {
         const STEP: Duration = Duration::from_millis(2);
         while !stop() {
@@ -161,7 +161,7 @@ impl<A: ServedArm> ArmServer<A> {
         }
     }
 
-    /// Takes commands, lets the arm follow its set-point, publishes when it is time. To be called every millisecond or two.
+    /// Receives commands, moves the arm toward its set-point, publishes when due. To be called every millisecond or two.
     pub fn tick(&mut self, now: Duration) {
         let last = self.last.replace(now).unwrap_or(now);
         let time = now.saturating_sub(last).min(LONGEST_STEP);
@@ -171,7 +171,7 @@ impl<A: ServedArm> ArmServer<A> {
         self.watch(now);
         self.publish_events(now);
         if now >= self.due {
-            // After a gap, from now on; else in the rhythm.
+            // After a gap the schedule restarts now; otherwise it is kept.
             let next = self.due + self.options.period;
             self.due = if next > now {
                 next
@@ -222,7 +222,7 @@ impl<A: ServedArm> ArmServer<A> {
         }
     }
 
-    /// Gives up trajectories.
+    /// Aborts trajectories.
     fn abort(&mut self) {
         if self.trajectory.take().is_some() {
             let _ = self.publications.goal(false);
@@ -240,7 +240,7 @@ impl<A: ServedArm> ArmServer<A> {
         ready
     }
 
-    /// Joint values for a goal that is taken.
+    /// Joint values for an accepted goal.
     fn goal(&mut self, now: Duration, goal: &PoseStamped, command: &str) -> Option<[f64; 6]> {
         if !self.is_ready(now, command) {
             return None;
@@ -267,7 +267,7 @@ impl<A: ServedArm> ArmServer<A> {
             return Ok(kinematics.inverse_near(&wrist, &self.joints)?.joints);
         }
         let reach = self.free.inverse_near(&RcmFromWrist(local), &self.joints)?;
-        // A robot clips, and says nothing.
+        // A robot clips silently.
         let mut joints = reach.joints;
         for (value, [lower, upper]) in joints.iter_mut().zip(*kinematics.limits()) {
             *value = value.clamp(lower, upper);
@@ -311,7 +311,7 @@ impl<A: ServedArm> ArmServer<A> {
         }
     }
 
-    /// Joint values of where the arm is; those of the set-point where it is out of its own reach.
+    /// Joint values of the arm's pose; those of the set-point where the pose is unreachable.
     fn measured(&self) -> [f64; 6] {
         let reach = self
             .free
@@ -382,7 +382,7 @@ impl<A: ServedArm> ArmServer<A> {
             joint_setpoint: setpoint,
             jaw: [self.arm.jaw(), self.jaw, self.arm.jaw_effort()],
         };
-        // A message that the network does not take is one that a client misses.
+        // A message that the network rejects is missed by the client.
         let _ = self.publications.periodic(&periodic);
     }
 
@@ -391,7 +391,7 @@ impl<A: ServedArm> ArmServer<A> {
     }
 }
 
-/// The last message that came; a robot keeps no more. What cannot be read is passed over.
+/// The last message; a robot keeps no more. Unreadable ones are skipped.
 fn newest<M: Message>(reader: &mut Reader<M>) -> Option<M> {
     reader.newest().ok().flatten()
 }

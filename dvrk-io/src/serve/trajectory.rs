@@ -1,4 +1,4 @@
-//! A trajectory in the joints, as `move_cp` of a dVRK takes: all joints start and stop together.
+//! A trajectory in joint space, like `move_cp` of a dVRK: all joints start and stop together.
 //!
 //! ```text
 //! q(t) = q₀ + s(t)/S · (q₁ − q₀)         S = max |Δq| / v_max      v_max = 90°/s, 0.2 m/s;  a_max the same per second
@@ -52,7 +52,7 @@ impl<const N: usize> Trajectory<N> {
         })
     }
 
-    /// Some time on; the values then.
+    /// Advances the time; returns the values then.
     pub(super) fn advance(&mut self, time: Duration) -> [f64; N] {
         self.left_over += time;
         while self.left_over >= STEP && !self.profile.is_done() {

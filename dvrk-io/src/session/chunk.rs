@@ -1,7 +1,7 @@
-//! The content of one chunk: left in the file where it is not compressed, in memory where it is.
+//! The content of one chunk: left in the file if it is not compressed, in memory if it is.
 //!
-//! The checksum is compared before anything in the chunk is believed. A chunk that is not compressed is read for that
-//! once and a second time record by record; the second time it comes out of the cache of the operating system.
+//! The checksum is compared before anything in the chunk is used. An uncompressed chunk is read for that,
+//! and a second time record by record, then from the cache of the operating system.
 
 use super::compression::{self, Compression};
 use super::fields::Fields;
@@ -12,14 +12,14 @@ use crate::Error;
 /// Times, sizes, checksum and the name of the compression are within this many bytes.
 const LARGEST_HEADER: u64 = 256;
 
-/// A chunk that is walked through.
+/// A chunk being read.
 #[derive(Debug)]
 pub(super) struct Chunk {
     content: Content,
-    /// Next record: byte of the file or of the decompressed content.
+    /// Next record: byte offset in the file or in the decompressed content.
     at: u64,
     end: u64,
-    /// Whether the file holds all of the chunk.
+    /// Whether the file contains the whole chunk.
     pub(super) whole: bool,
 }
 
@@ -29,11 +29,11 @@ enum Content {
     Decompressed { chunk_at: u64, bytes: Vec<u8> },
 }
 
-/// Why a chunk is passed over.
+/// Why a chunk is skipped.
 #[derive(Debug)]
 pub(super) struct Damage {
     pub(super) reason: String,
-    /// How many messages seem to be in it.
+    /// Estimated number of messages in it.
     pub(super) messages: usize,
 }
 
@@ -46,12 +46,12 @@ impl From<String> for Damage {
     }
 }
 
-/// What is written before the content.
+/// The part before the content.
 struct Header {
     size: u64,
     checksum: u32,
     compression: String,
-    /// Where the content starts in the file, and how much of it there is.
+    /// Offset and length of the content in the file.
     at: u64,
     length: u64,
 }
@@ -59,7 +59,7 @@ struct Header {
 /// Opens the chunk whose record header was read; `buffer` is scratch.
 ///
 /// # Errors
-/// Outer: the file cannot be read. Inner: the chunk cannot be used.
+/// Outer: the file cannot be read. Inner: the chunk is invalid.
 pub(super) fn open(
     input: &mut Input<'_>,
     record: Record,
@@ -68,13 +68,13 @@ pub(super) fn open(
     input.read(record.at, record.length.min(LARGEST_HEADER), buffer)?;
     let header = match header(buffer, record, record.end(input.length())) {
         Ok(header) => header,
-        // A chunk of which not even the header is there is the end of a cut file.
+        // A chunk without even a complete header is the end of a truncated file.
         Err(_) if !record.whole => return Ok(Ok(Chunk::empty())),
         Err(reason) => return Ok(Err(Damage::from(reason))),
     };
     let Some(compression) = Compression::of_name(&header.compression) else {
         let reason = format!(
-            "chunk is compressed with `{}`: none, lz4 and zstd are read",
+            "chunk is compressed with `{}`, but only none, lz4 and zstd are supported",
             header.compression
         );
         return Ok(Err(Damage::from(reason)));
@@ -99,11 +99,12 @@ pub(super) fn open(
         end,
         whole: record.whole,
     };
-    // A checksum of 0 means that the writer made none.
+    // A checksum of 0 means that the writer computed none.
     if record.whole && header.checksum != 0 {
         let (stored, computed) = (header.checksum, chunk.checksum(input, buffer)?);
         if stored != computed {
-            let reason = format!("chunk has the checksum {computed:08x}, {stored:08x} is stored");
+            let reason =
+                format!("chunk has the checksum {computed:08x}, but {stored:08x} is stored");
             let messages = chunk.count_messages(input, buffer)?;
             return Ok(Err(Damage { reason, messages }));
         }
@@ -137,7 +138,7 @@ fn header(bytes: &[u8], record: Record, end: u64) -> Result<Header, String> {
     })
 }
 
-/// Outer error: the file cannot be read. Inner: the content cannot be used.
+/// Outer error: the file cannot be read. Inner: the content is invalid.
 fn decompressed(
     input: &mut Input<'_>,
     header: &Header,
@@ -160,7 +161,7 @@ fn decompressed(
         if compression == Compression::Zstd && !compression::close_zstd_frame(buffer) {
             buffer.clear();
         }
-        // As far as its blocks go.
+        // Up to its last complete block.
         let length = buffer.len() as u64;
         let _cut = compression.decompress(&mut buffer.as_slice(), length, size, &mut content);
         return Ok(Ok(content));
@@ -196,7 +197,7 @@ impl Chunk {
         }
     }
 
-    /// Where the chunk starts in the file, if it is compressed.
+    /// Offset of the chunk in the file, if it is compressed.
     pub(super) fn compressed_at(&self) -> Option<u64> {
         match self.content {
             Content::InFile => None,
@@ -204,7 +205,7 @@ impl Chunk {
         }
     }
 
-    /// The header of the next record; nothing once fewer bytes than a header are left.
+    /// The header of the next record; `None` when fewer bytes than a header are left.
     pub(super) fn record(
         &mut self,
         input: &mut Input<'_>,
@@ -269,7 +270,7 @@ impl Chunk {
     }
 }
 
-/// Decompressed chunks are reopened when their messages are read again; the last one is kept.
+/// Decompressed chunks are decompressed again when their messages are read again; the last one is kept.
 #[derive(Default)]
 pub(super) struct Cache {
     last: Option<(u64, Chunk)>,
@@ -291,7 +292,7 @@ impl Cache {
             self.last = None;
             input.read(chunk_at, HEADER, buffer)?;
             let record = Record::parse(buffer, chunk_at, input.length());
-            // It was opened before: only a file that changed meanwhile fails here, and then gives no bytes.
+            // It was opened before: this fails only if the file has changed meanwhile, and then gives no bytes.
             if let Some(record) = record
                 && let Ok(chunk) = open(input, record, buffer)?
             {

@@ -5,9 +5,9 @@
 //! block      = header(3 bytes: last(1 bit) · kind(2) · size(21)) · bytes
 //! ```
 //!
-//! A chunk that a killed recorder left half written is decoded as far as its blocks are whole. An LZ4 decoder gives
-//! them out one by one. A zstd decoder holds back what later blocks may refer to until it has met the last one, so
-//! that the last whole block is marked as the last one first.
+//! A chunk that a killed recorder left incomplete is decoded up to its last complete block. An LZ4 decoder returns
+//! blocks one by one. A zstd decoder withholds data that later blocks may refer to until it has read the last block, so
+//! the last complete block is marked as the last one first.
 
 use std::io::{self, Read, Write};
 
@@ -15,14 +15,14 @@ use lz4_flex::frame::{BlockMode, BlockSize, FrameDecoder, FrameEncoder, FrameInf
 use ruzstd::decoding::StreamingDecoder;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
 
-/// Largest compressed chunk that is decoded, in bytes of its content: it is held in memory as a whole.
+/// Largest compressed chunk that is decoded, in bytes of its content, which is held in memory.
 pub(super) const LARGEST: u64 = 128 << 20;
 
-/// How chunks are compressed.
+/// Compression of chunks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
 #[non_exhaustive]
 pub enum Compression {
-    /// Not at all.
+    /// None.
     #[default]
     None,
     /// LZ4 frames: fastest to read.
@@ -32,7 +32,7 @@ pub enum Compression {
 }
 
 impl Compression {
-    /// Every way there is.
+    /// All variants.
     pub const ALL: [Self; 3] = [Self::None, Self::Lz4, Self::Zstd];
 
     /// Its name in an MCAP file.
@@ -53,7 +53,7 @@ impl Compression {
         match self {
             Self::None => Ok(content),
             Self::Lz4 => {
-                // Small blocks, so that a cut chunk is lost from the cut on, not as a whole.
+                // Small blocks, so that a truncated chunk is lost only from the cut on.
                 let info = FrameInfo::new()
                     .block_size(BlockSize::Max64KB)
                     .block_mode(BlockMode::Linked);
@@ -68,8 +68,8 @@ impl Compression {
         }
     }
 
-    /// Reads from `source` until `size` bytes are decoded; one byte more betrays a wrong size. What was decoded
-    /// before an error stays in `content`. Memory grows with what is decoded, not with what `size` promises.
+    /// Reads from `source` until `size` bytes are decoded, or one byte more to detect a wrong size. Bytes decoded
+    /// before an error stay in `content`. Memory grows with the decoded bytes, not with the stated `size`.
     pub(super) fn decompress(
         self,
         source: &mut dyn Read,
@@ -78,7 +78,7 @@ impl Compression {
         content: &mut Vec<u8>,
     ) -> io::Result<()> {
         let mut source = source.take(length);
-        // Several frames one after the other are one stream.
+        // Several consecutive frames are one stream.
         while source.limit() > 0 && content.len() as u64 <= size {
             let left = size + 1 - content.len() as u64;
             let before = source.limit();
@@ -106,7 +106,7 @@ impl Compression {
 const BLOCK_HEADER: usize = 3;
 const BLOCK_KIND_RLE: u32 = 1;
 
-/// Makes the last whole block of a cut zstd frame its last one, and drops what is behind it; false when there
+/// Marks the last complete block of a truncated zstd frame as its last one, and drops the rest; false when there
 /// is none.
 pub(super) fn close_zstd_frame(frame: &mut Vec<u8>) -> bool {
     let Some(mut at) = zstd_header_length(frame) else {
@@ -135,7 +135,7 @@ pub(super) fn close_zstd_frame(frame: &mut Vec<u8>) -> bool {
     };
     frame.truncate(end);
     frame[start] |= 1;
-    // There is no checksum any more.
+    // Without a checksum.
     frame[4] &= !0b100;
     true
 }

@@ -1,11 +1,11 @@
-//! Writing MCAP: chunks as they come, and at the end an index of them.
+//! Writing MCAP: chunks as they fill up, and an index of them at the end.
 //!
 //! ```text
 //! file    = magic · header · (chunk · message index*)* · data end · summary · footer · magic
 //! summary = schema* · channel* · statistics · chunk index* · summary offset*
 //! ```
-//!
-//! The `mcap` crate writes only through Zstandard's and LZ4's C libraries when it compresses; this one compresses without.
+//! The `mcap` crate compresses only with the C libraries of Zstandard and LZ4; this module does without them.
+//! Schemas and channels are in the chunk of their first message and again in the summary. All checksums are written.
 //! Schemas and channels stand in the chunk of their first message and once more in the summary. All checksums are written.
 
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ const STATISTICS: u8 = 0x0B;
 const SUMMARY_OFFSET: u8 = 0x0E;
 const DATA_END: u8 = 0x0F;
 
-/// A file as it grows.
+/// A file being written.
 pub(super) struct Container {
     file: File,
     position: u64,
@@ -36,7 +36,7 @@ pub(super) struct Container {
 #[derive(Default)]
 struct OpenChunk {
     content: Vec<u8>,
-    /// Per channel, time and byte of each message.
+    /// For each channel, time and byte offset of each message.
     index: BTreeMap<u16, Vec<(u64, u64)>>,
     span: Span,
 }
@@ -53,7 +53,7 @@ struct Summary {
     span: Span,
 }
 
-/// First and last time of some messages.
+/// First and last time of messages.
 #[derive(Clone, Copy, Default)]
 struct Span(Option<[u64; 2]>);
 
@@ -154,7 +154,7 @@ impl Container {
         content.extend(data);
     }
 
-    /// Writes the open chunk in one piece; one without messages waits for some.
+    /// Writes the open chunk in one piece, unless it has no messages.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         if self.chunk.index.is_empty() {
             return Ok(());
@@ -211,7 +211,7 @@ impl Container {
         self.put(&bytes)
     }
 
-    /// Writes the index, and waits until the disk has it all.
+    /// Writes the index, and waits until everything is on disk.
     pub(super) fn finish(&mut self) -> io::Result<()> {
         self.flush()?;
         let mut end = Vec::new();
@@ -310,7 +310,7 @@ impl Body {
         self
     }
 
-    /// With its length in 32 bits before it.
+    /// Preceded by its length in 32 bits.
     fn bytes(self, bytes: &[u8]) -> io::Result<Self> {
         let length = u32::try_from(bytes.len()).map_err(io::Error::other)?;
         let mut body = self.u32(length);

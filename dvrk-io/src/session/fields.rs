@@ -1,4 +1,4 @@
-//! The fields of one record; `None` once they do not fit.
+//! The fields of one record; `None` if they are too long.
 
 pub(super) struct Fields<'a> {
     pub(super) rest: &'a [u8],

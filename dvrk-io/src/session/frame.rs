@@ -1,4 +1,4 @@
-//! What a session is once it is read: plain data.
+//! The content of a session as plain data.
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
@@ -9,26 +9,26 @@ use crate::features::Feature;
 /// One arm in one frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ArmSample {
-    /// Name of the arm: the name space of its topics, `PSM1`.
+    /// Name of the arm, the namespace of its topics: `PSM1`.
     pub name: String,
     /// Pose of its tip in the camera frame, if it was measured around the time of the frame.
     pub pose: Option<Isometry3<f64>>,
     /// Opening of its jaw in radians (0 = closed), if it was measured around the time of the frame.
     pub jaw: Option<f64>,
-    /// Where its jaw was sent, radians; of [scans](super::SessionReader::scans) only.
+    /// Commanded jaw angle, radians; only in [scans](super::SessionReader::scans).
     pub jaw_setpoint: Option<f64>,
-    /// Its joint values, in the order of [`Joint::ALL`](crate::kinematics::Joint::ALL); of [scans](super::SessionReader::scans) only.
+    /// Its joint values, in the order of [`Joint::ALL`](crate::kinematics::Joint::ALL); only in [scans](super::SessionReader::scans).
     pub joints: Option<[f64; 6]>,
 }
 
-/// What camera and arms said at one time.
+/// The data of camera and arms at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// Time of the cloud in seconds.
     pub stamp: f64,
-    /// Pose of the camera in the frame of arms and table, if the camera moves: points and features are in the frame that the camera had now.
+    /// Pose of the camera in the frame of arms and table, if the camera moves; points and features are in the camera frame at this time.
     pub camera: Option<Isometry3<f64>>,
-    /// Valid points of the object, camera frame: no NaN, and none of the zeros that depth cameras send for
+    /// Valid points of the object, camera frame: without NaN, and without the zeros that depth cameras send for
     /// pixels without depth.
     pub points: Vec<Point3<f64>>,
     /// Red, green and blue of each point, if the cloud has them.
@@ -39,19 +39,19 @@ pub struct Frame {
     pub arms: Vec<ArmSample>,
 }
 
-/// What the camera saw at one time, nothing taken away.
+/// A scan of everything in view at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedScan {
     /// Time of the cloud or image in seconds.
     pub stamp: f64,
-    /// Everything that was seen, camera frame.
+    /// The scan, camera frame.
     pub scan: Scan,
-    /// Every arm of the recording, in the order of [`Scans::arm_names`](super::Scans::arm_names). Poses are left out: a robot gives them in a
-    /// frame of its own, joint values tell the same.
+    /// Every arm of the recording, in the order of [`Scans::arm_names`](super::Scans::arm_names), without poses: a robot gives these in a
+    /// frame of its own, and joint values contain the same information.
     pub arms: Vec<ArmSample>,
 }
 
-/// How many messages a topic has.
+/// Number of messages of a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TopicCount {
     /// The topic.
@@ -62,7 +62,7 @@ pub struct TopicCount {
     pub count: usize,
 }
 
-/// A recorded session without its truth.
+/// A recorded session without its ground truth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Session {
     /// The frames in the order of time.
@@ -71,11 +71,11 @@ pub struct Session {
     pub table: Option<(UnitVector3<f64>, f64)>,
     /// Names of the arms, sorted.
     pub arm_names: Vec<String>,
-    /// Name of the frame the clouds are in.
+    /// Name of the frame of the clouds.
     pub camera_frame: String,
     /// Every topic of the file, sorted, whether this crate knows it or not.
     pub topics: Vec<TopicCount>,
-    /// Whether the recorder closed the file. If not, the session goes as far as the file does.
+    /// Whether the recorder closed the file. If not, the session ends where the file does.
     pub complete: bool,
     /// What could not be read, and where.
     pub skipped: Skipped,
@@ -90,7 +90,7 @@ pub struct Truth {
     pub skipped: Skipped,
 }
 
-/// Where the material points truly were at one time.
+/// The true positions of the material points at one time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TruthFrame {
     /// Time in seconds.

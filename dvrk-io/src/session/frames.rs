@@ -1,4 +1,4 @@
-//! The second walk through a session: cloud by cloud in the order of time, each with the arm samples next to it.
+//! The second pass through a session: cloud by cloud in the order of time, each with the nearest arm samples.
 
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
@@ -13,12 +13,12 @@ use crate::Error;
 use crate::cdr::{self, PointCloud2, Time};
 use crate::features::Feature;
 
-/// The frames of a session, one by one in the order of time: each is read from the file when it is asked for.
+/// The frames of a session, in the order of time; each is read from the file on demand.
 ///
-/// A cloud that cannot be decoded is passed over and reported in [`Frames::skipped`]. An error ends the frames; only a
-/// file that can no longer be read gives one.
+/// A cloud that cannot be decoded is skipped and reported in [`Frames::skipped`]. An error ends the frames; it occurs only
+/// if the file can no longer be read.
 ///
-/// *Memory.* One cloud, one chunk if it is compressed, every arm sample (about 80 bytes each), and 48 bytes a frame.
+/// *Memory.* One cloud, one chunk if it is compressed, every arm sample (about 80 bytes each), and 48 bytes for each frame.
 pub struct Frames<'a> {
     source: Source<'a>,
     tolerance: f64,
@@ -57,12 +57,12 @@ impl<'a> Frames<'a> {
         self.index.table
     }
 
-    /// Whether any arm has a pose in the recording: arms may be named by topics that nothing was sent on.
+    /// Whether any arm has a pose in the recording: arms may have topics without messages.
     pub fn has_poses(&self) -> bool {
         self.index.arms.values().any(|arm| !arm.poses.is_empty())
     }
 
-    /// Whether poses of the camera were recorded: it moves. A cloud without one around its time is then passed over.
+    /// Whether poses of the camera were recorded, so that it moves. A cloud without a pose around its time is then skipped.
     pub fn camera_moves(&self) -> bool {
         !self.index.cameras.is_empty()
     }
@@ -72,7 +72,7 @@ impl<'a> Frames<'a> {
         &self.names
     }
 
-    /// Name of the frame the clouds are in.
+    /// Name of the frame of the clouds.
     pub fn camera_frame(&self) -> &str {
         &self.index.camera_frame
     }
@@ -82,18 +82,18 @@ impl<'a> Frames<'a> {
         &self.index.topics
     }
 
-    /// Whether the recorder closed every file. If not, the session goes as far as the files do.
+    /// Whether the recorder closed every file. If not, the session ends where the files do.
     pub fn complete(&self) -> bool {
         self.index.complete
     }
 
-    /// What was passed over until now.
+    /// What was skipped so far.
     pub fn skipped(&self) -> &Skipped {
         &self.index.skipped
     }
 
-    /// Stamps of the clouds that are still to come, seconds, in their order. A cloud among them that turns out to be
-    /// damaged makes no frame.
+    /// Stamps of the remaining clouds, seconds, in order. A cloud that turns out to be damaged
+    /// gives no frame.
     pub fn stamps(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         let left = &self.index.clouds[self.next.min(self.index.clouds.len())..];
         left.iter().map(|(stamp, _)| seconds(*stamp))
@@ -103,7 +103,7 @@ impl<'a> Frames<'a> {
         self.index
     }
 
-    /// Brings the bytes of a message into the buffer.
+    /// Reads the bytes of a message into the buffer.
     fn read(&mut self, place: Place) -> Result<(), Error> {
         let same = self.open.take().filter(|(part, ..)| *part == place.part);
         let open = match same {
@@ -117,7 +117,7 @@ impl<'a> Frames<'a> {
         }
     }
 
-    /// The features that belong to a cloud; those that cannot be decoded are passed over.
+    /// The features that belong to a cloud; those that cannot be decoded are skipped.
     fn features(&mut self, stamp: u64) -> Result<Option<Vec<Feature>>, Error> {
         let Some(place) = self.closest(&self.index.features, stamp).copied() else {
             return Ok(None);
@@ -133,7 +133,7 @@ impl<'a> Frames<'a> {
         })
     }
 
-    /// Where the camera was at a time, if it moves.
+    /// The pose of the camera at a time, if it moves.
     fn camera(&self, stamp: u64) -> Result<Option<Isometry3<f64>>, Error> {
         if self.index.cameras.is_empty() {
             return Ok(None);
@@ -185,7 +185,7 @@ impl<'a> Frames<'a> {
         &mut self.index
     }
 
-    /// What the next cloud or image that can be decoded gives; those that cannot be are passed over and reported.
+    /// The result of the next cloud or image that can be decoded; others are skipped and reported.
     pub(super) fn next_with<T>(
         &mut self,
         decode: impl Fn(&mut Self, u64, &[u8]) -> Result<Result<T, Error>, Error>,
@@ -213,7 +213,7 @@ impl<'a> Frames<'a> {
         }
     }
 
-    /// The value closest to `stamp` (the earlier of two as close), if it lies within the tolerance.
+    /// The value closest in time to `stamp` (the earlier of two equally close), if it lies within the tolerance.
     fn closest<'t, T>(&self, track: &'t Track<T>, stamp: u64) -> Option<&'t T> {
         let after = track.partition_point(|(time, _)| *time < stamp);
         let candidates = &track[after.saturating_sub(1)..track.len().min(after + 1)];
@@ -256,7 +256,7 @@ struct Coloured {
     colours: Option<Vec<[u8; 3]>>,
 }
 
-/// The valid points of a cloud message. Colours that cannot be read are none: the points are what a frame is for.
+/// The valid points of a cloud message. Unreadable colours are ignored, because a frame needs only points.
 fn object_points(data: &[u8]) -> Result<Coloured, Error> {
     let cloud = cdr::decode::<PointCloud2>(data)?;
     let mut points = cloud.points()?;

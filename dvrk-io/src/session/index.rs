@@ -1,7 +1,7 @@
-//! What the first walk through a session keeps: everything but the points of its clouds, and where those are.
+//! The result of the first pass through a session: everything but the points of its clouds, and the positions of these in the file.
 //!
-//! Poses, jaw angles and the table are small and kept. Of a cloud only its stamp is, and the place of its bytes, so
-//! that the clouds can be read again in the order of time, one by one.
+//! Poses, jaw angles and the table are small and kept. Of a cloud only its stamp and its position in the file are kept, so
+//! that clouds can be read again in the order of time, one by one.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,7 +20,7 @@ use crate::cdr::{self, CameraInfo, Decoder, Header, JointState, Plane, PoseStamp
 /// Values of one topic, ordered by stamp (nanoseconds).
 pub(super) type Track<T> = Vec<(u64, T)>;
 
-/// What is known of an arm.
+/// The data of an arm.
 #[derive(Debug, Default)]
 pub(super) struct Arm {
     pub(super) poses: Track<Isometry3<f64>>,
@@ -29,12 +29,12 @@ pub(super) struct Arm {
     pub(super) joints: Track<[f64; 6]>,
 }
 
-/// What is wanted of a recording.
+/// The requested content of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Content {
-    /// The object, found already.
+    /// Clouds of the object.
     Objects,
-    /// What the camera sent.
+    /// Scans of everything in view.
     Scans,
 }
 
@@ -51,23 +51,23 @@ impl Content {
     }
 }
 
-/// A session but for its points.
+/// A session without its points.
 #[derive(Debug, Default)]
 pub(super) struct Index {
     /// In the order of time.
     pub(super) clouds: Track<Place>,
-    /// The same of the features.
+    /// The features, likewise.
     pub(super) features: Track<Place>,
-    /// Where the camera was, if it moves.
+    /// Poses of the camera, if it moves.
     pub(super) cameras: Track<Isometry3<f64>>,
-    /// The same of the depth images.
+    /// The depth images, likewise.
     pub(super) images: Track<Place>,
-    /// Lenses, each from where on it differs from the one before.
+    /// Camera parameters, with the time of each change.
     pub(super) lenses: Track<CameraInfo>,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
     pub(super) arms: BTreeMap<String, Arm>,
     pub(super) camera_frame: String,
-    /// Frame of the poses of a camera that moves, and of arms and table then.
+    /// Frame of the poses of a moving camera, and then also of arms and table.
     fixed_frame: String,
     /// Topic of the clouds.
     pub(super) cloud_topic: String,
@@ -76,7 +76,7 @@ pub(super) struct Index {
     pub(super) skipped: Skipped,
     /// By log time: the first plane is the table.
     planes: Track<(UnitVector3<f64>, f64)>,
-    /// Topics and the frames their messages are in; whether they are what the camera measured.
+    /// Topics and the frames of their messages; whether they are measured by the camera.
     frames: BTreeSet<(String, String, bool)>,
 }
 
@@ -94,7 +94,7 @@ impl Index {
             index.take(role, channel, log_time, place, data)
         };
         let (counts, complete, skipped) = walk(source, topics, wanted, take)?;
-        // An arm that was recorded without saying anything is an arm.
+        // An arm with topics but without messages is an arm too.
         for count in &counts {
             let role = topics.role(&count.topic).filter(wanted);
             if let Some(Role::Pose(arm) | Role::Jaw(arm) | Role::Joints(arm)) = role {
@@ -109,7 +109,7 @@ impl Index {
         index.planes.sort_by_key(|(time, _)| *time);
         index.table = index.planes.first().map(|(_, plane)| *plane);
         for arm in index.arms.values_mut() {
-            // Stable: messages with one stamp stay in the order of the file.
+            // Stable sort: messages with the same stamp stay in the order of the file.
             arm.poses.sort_by_key(|(stamp, _)| *stamp);
             arm.jaws.sort_by_key(|(stamp, _)| *stamp);
             arm.jaw_setpoints.sort_by_key(|(stamp, _)| *stamp);
@@ -190,7 +190,7 @@ impl Index {
         Ok(())
     }
 
-    /// Notes topic and frame of a cloud or an image; its stamp.
+    /// Records topic and frame of a cloud or an image; returns its stamp.
     fn seen(&mut self, channel: &Channel, data: &[u8]) -> Result<u64, Error> {
         let header = Header::read(&mut Decoder::new(data)?)?;
         if self.cloud_topic.is_empty() {
@@ -217,8 +217,8 @@ impl Index {
         }
     }
 
-    /// Poses in another frame than the clouds would be grips in the wrong place; where the camera moves, poses in another than those of the camera. An
-    /// empty name says nothing.
+    /// Poses must be in the frame of the clouds, or grips would be misplaced; if the camera moves, in the frame of its poses. An
+    /// empty name is ignored.
     fn check_frames(&self) -> Result<(), Error> {
         let expected = |measured: bool| match (measured, self.cameras.is_empty()) {
             (false, false) => &self.fixed_frame,
@@ -239,7 +239,7 @@ impl Index {
     }
 }
 
-/// A jaw state without a position says nothing and is left out.
+/// A jaw state without a position is ignored.
 fn jaw_angle(data: &[u8], log_time: u64) -> Result<Option<(u64, f64)>, Error> {
     let jaw: JointState = cdr::decode(data)?;
     let angle = jaw.position.first().copied();
@@ -247,7 +247,7 @@ fn jaw_angle(data: &[u8], log_time: u64) -> Result<Option<(u64, f64)>, Error> {
     Ok(valid_stamp(&jaw.header, log_time).zip(angle))
 }
 
-/// A dVRK stamps with zero what it could not measure. A simulation that starts at zero logs at zero too.
+/// A dVRK marks unmeasured samples with the stamp zero. A simulation that starts at time zero logs at zero too.
 fn valid_stamp(header: &Header, log_time: u64) -> Option<u64> {
     let stamp = header.stamp.nanoseconds();
     (stamp != 0 || log_time == 0).then_some(stamp)

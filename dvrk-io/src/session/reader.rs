@@ -1,4 +1,4 @@
-//! From a recording to frames.
+//! Reads recordings.
 
 use std::path::Path;
 
@@ -17,9 +17,9 @@ use crate::cdr::{self, PointCloud2};
 /// Reads sessions: an MCAP file, or the directory of a rosbag2 recording with one or more of them. Chunks may be
 /// compressed with zstd or LZ4.
 ///
-/// Damage does not end a session: a message that cannot be read is passed over, as is a chunk whose checksum does not
-/// fit, and both are reported with their place ([`Session::skipped`]). A file that ends early is read up to its last
-/// whole message ([`Session::complete`]).
+/// Damage does not end a session: a message that cannot be read is skipped, as is a chunk with a wrong checksum,
+/// and both are reported with their position ([`Session::skipped`]). A truncated file is read up to its last
+/// complete message ([`Session::complete`]).
 ///
 /// ```no_run
 /// use dvrk_io::session::{Role, SessionReader};
@@ -34,11 +34,11 @@ use crate::cdr::{self, PointCloud2};
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SessionReader {
-    /// Farthest an arm sample may be from a cloud in time to belong to its frame, seconds.
+    /// Largest time difference between an arm sample and a cloud in the same frame, seconds.
     ///
     /// Default 0.02: a dVRK publishes at 100 Hz, so that a measured arm always has a sample within 5 ms of a
-    /// cloud and 20 ms forgive jitter; where arms are recorded once a frame, it is still less than half the
-    /// time between frames up to 25 Hz, so that no pose leaks into a frame in which there was none.
+    /// cloud and 20 ms allow for jitter; where arms are recorded once a frame, it is still less than half the
+    /// frame period up to 25 Hz, so that no pose is assigned to a wrong frame.
     pub tolerance: f64,
     topics: Topics,
 }
@@ -67,7 +67,7 @@ impl SessionReader {
         Self { tolerance, ..self }
     }
 
-    /// The same reader, which finds what has this role under this topic (`/camera/object`) instead of the
+    /// The same reader, which takes this topic (`/camera/object`) for this role instead of the
     /// [usual one](Role::topic). The last call for a role or a topic counts.
     #[must_use]
     pub fn with_topic(mut self, role: Role, topic: impl Into<String>) -> Self {
@@ -75,12 +75,12 @@ impl SessionReader {
         self
     }
 
-    /// Opens a session to read it frame by frame; the file is walked through once, and nothing of the clouds is kept
-    /// but where they are.
+    /// Opens a session for reading frame by frame; the file is read once, and of the clouds only the positions in the file
+    /// are kept.
     ///
     /// # Errors
-    /// A file cannot be read or is no MCAP file; a directory holds no recording; a topic with a role carries another
-    /// type; a topic given to [`with_topic`](Self::with_topic) is not there; poses and clouds are in different frames.
+    /// A file cannot be read or is not an MCAP file; a directory is not a recording; a topic with a role has another
+    /// type; a topic given to [`with_topic`](Self::with_topic) does not exist; poses and clouds are in different frames.
     ///
     /// # Complexity
     /// O(bytes of the file).
@@ -89,12 +89,12 @@ impl SessionReader {
         self.frames_of(source, Content::Objects)
     }
 
-    /// Opens a recording of what a camera sent, nothing taken away: its depth images, or its clouds where there are no images. Scans are
-    /// read one by one, each with joint values and jaws of the arms next to it in time; [`find_object`](crate::depth::find_object) takes
-    /// them from there.
+    /// Opens a recording of everything in view: its depth images, or its clouds if there are no images. Scans are
+    /// read one by one, each with joint values and jaws of the arms nearest in time, for use with
+    /// [`find_object`](crate::depth::find_object).
     ///
     /// # Errors
-    /// See [`SessionReader::frames`]; [`Error::NoSuchTopic`] for images without a lens; [`Error::ScansOfMovingCamera`].
+    /// See [`SessionReader::frames`]; [`Error::NoSuchTopic`] for images without `CameraInfo`; [`Error::ScansOfMovingCamera`].
     ///
     /// # Complexity
     /// O(bytes of the file).
@@ -103,7 +103,7 @@ impl SessionReader {
         Scans::new(self.frames_of(source, Content::Scans)?)
     }
 
-    /// Opens a recording of what a camera sent, from the bytes of its file.
+    /// Opens a recording of everything in view, from the bytes of its file.
     ///
     /// # Errors
     /// See [`SessionReader::scans`].
@@ -127,12 +127,12 @@ impl SessionReader {
         collect(self.frames_of(Source::Bytes(file), Content::Objects)?)
     }
 
-    /// Reads the ground truth: for measures, never for algorithms. Empty where there is none. Points that are
-    /// not finite make a frame unreadable.
+    /// Reads the ground truth: for measures, never for algorithms. Empty if there is none. A frame with non-finite
+    /// points cannot be read.
     ///
     /// # Errors
-    /// A file cannot be read or is no MCAP file; the topic of the truth carries another type, or was named and is not
-    /// there.
+    /// A file cannot be read or is not an MCAP file; the topic of the truth has another type, or was given and does not
+    /// exist.
     pub fn read_truth(&self, path: impl AsRef<Path>) -> Result<Truth, Error> {
         self.truth_of(&Source::of_path(path.as_ref())?)
     }
@@ -189,8 +189,8 @@ fn collect(mut frames: Frames<'_>) -> Result<Session, Error> {
     })
 }
 
-/// Where the material points truly were: for measures, never for algorithms. Empty without truth in the file.
-/// Frames that are damaged are left out; [`SessionReader::read_truth`] reports them.
+/// The true positions of the material points: for measures, never for algorithms. Empty if the file has none.
+/// Damaged frames are skipped; [`SessionReader::read_truth`] reports them.
 ///
 /// # Errors
 /// See [`SessionReader::read_truth`].

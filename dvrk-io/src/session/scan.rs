@@ -1,17 +1,17 @@
-//! Walking through the records of an MCAP file, whatever state it is in.
+//! Iterates over the records of an MCAP file, even a damaged one.
 //!
 //! ```text
 //! file   = magic · record*           record = opcode(u8) · length(u64) · body
 //! chunk  = times · sizes · crc · compression · record*
 //! ```
 //!
-//! A record is in memory only while it is looked at, a chunk only while it is walked through and only if it is
-//! compressed or small; the rest stays in the file. The readers of the `mcap` crate are not used for three reasons:
-//! they decompress by C libraries; they stop before a chunk that a killed recorder left half written, although the
-//! messages in it are whole; and they trust lengths (a damaged attachment panics, a damaged string reserves 4 GB).
+//! A record is in memory only while it is processed, a chunk only while it is read and only if it is compressed or
+//! small; the rest stays in the file. The readers of the `mcap` crate are not used for three reasons: they
+//! decompress with C libraries; they stop before a chunk that a killed recorder left incomplete, although its first
+//! messages are intact; and they trust lengths (a damaged attachment panics, a damaged string reserves 4 GB).
 //!
-//! Damage is met where it is: a record that cannot be what it claims is passed over, a chunk whose checksum does not
-//! fit as well, as nobody knows which of its messages are right. Only the end of the bytes ends the walk.
+//! Damage is handled locally: an invalid record is skipped, and so is a chunk with a wrong checksum, because it is
+//! unknown which of its messages are intact. Only the end of the bytes ends the iteration.
 
 use std::collections::BTreeMap;
 
@@ -33,38 +33,38 @@ pub(super) const HEADER: u64 = 9;
 const MESSAGE_HEADER: u64 = 2 + 4 + 8 + 8;
 /// Largest message that is read: a cloud of four million points.
 const LARGEST_MESSAGE: u64 = 128 << 20;
-/// Names are at the start of their records; no more than this much is looked at.
+/// Names are at the start of their records; at most this many bytes are read.
 const LARGEST_NAMES: u64 = 1 << 16;
 
 /// A topic of the file.
 #[derive(Debug, Clone)]
 pub(super) struct Channel {
     pub(super) topic: String,
-    /// ROS 2 type of the messages, empty if the file does not say.
+    /// ROS 2 type of the messages, empty if the file does not state it.
     pub(super) type_name: String,
     pub(super) encoding: String,
 }
 
-/// Where the data of a message is.
+/// The position of the data of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Place {
     pub(super) part: usize,
-    /// The compressed chunk it is in, by the byte of the file at which that starts.
+    /// The compressed chunk that contains it, by its offset in the file.
     pub(super) chunk: Option<u64>,
-    /// Byte of the file, or of the decompressed chunk.
+    /// Offset in the file, or in the decompressed chunk.
     pub(super) at: u64,
     pub(super) length: u64,
 }
 
 impl Place {
-    /// Of the record of a message, instead of its data.
+    /// The position of the record of a message, instead of its data.
     pub(super) fn record(self) -> Self {
         let at = self.at.saturating_sub(HEADER + MESSAGE_HEADER);
         Self { at, ..self }
     }
 }
 
-/// What the walk meets.
+/// A result of the iteration.
 #[derive(Debug)]
 pub(super) enum Event {
     /// A message; [`Scanner::data`] holds it until the next event.
@@ -74,7 +74,7 @@ pub(super) enum Event {
         log_time: u64,
         place: Place,
     },
-    /// Something that was passed over.
+    /// Something was skipped.
     Skip {
         place: Place,
         messages: usize,
@@ -82,7 +82,7 @@ pub(super) enum Event {
     },
 }
 
-/// A walk through one file.
+/// The iteration over one file.
 pub(super) struct Scanner<'a> {
     input: Input<'a>,
     part: usize,
@@ -95,20 +95,20 @@ pub(super) struct Scanner<'a> {
     complete: bool,
 }
 
-/// One record header, wherever it was read.
+/// A record header.
 #[derive(Clone, Copy)]
 pub(super) struct Record {
     pub(super) opcode: u8,
-    /// Where the body starts.
+    /// Offset of the body.
     pub(super) at: u64,
     pub(super) length: u64,
-    /// Whether all of it is there.
+    /// Whether the body is complete.
     pub(super) whole: bool,
 }
 
 impl<'a> Scanner<'a> {
     /// # Errors
-    /// The file cannot be read, or does not start as MCAP files do.
+    /// The file cannot be read, or does not start like an MCAP file.
     pub(super) fn open(source: &Source<'a>, part: usize) -> Result<Self, Error> {
         let mut input = source.open(part)?;
         let mut body = Vec::new();
@@ -135,7 +135,7 @@ impl<'a> Scanner<'a> {
         &self.channels
     }
 
-    /// Whether the walk met the footer: the recorder closed the file.
+    /// Whether the footer was reached: the recorder closed the file.
     pub(super) fn complete(&self) -> bool {
         self.complete
     }
@@ -145,7 +145,7 @@ impl<'a> Scanner<'a> {
         self.body.get(MESSAGE_HEADER as usize..).unwrap_or_default()
     }
 
-    /// The next message or damage; `None` at the end of the file, or of what is whole of it.
+    /// The next message or damage; `None` at the end of the file, or of its intact part.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -170,7 +170,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// The next record outside of chunks; none behind the footer, and no cut one but a chunk.
+    /// The next record outside of chunks; `None` after the footer. An incomplete record is returned only if it is a chunk.
     fn record(&mut self) -> Result<Option<Record>, Error> {
         if self.complete {
             return Ok(None);
@@ -211,7 +211,7 @@ impl<'a> Scanner<'a> {
     fn chunk_record(&mut self, chunk: &Chunk, record: Record) -> Result<Option<Event>, Error> {
         let place = self.place(chunk.compressed_at(), record.at - HEADER, record.length);
         if !record.whole {
-            // In a cut file that is where the recorder was killed.
+            // In a truncated file the recorder was killed here.
             let reason = "record is longer than its chunk".to_owned();
             return Ok(chunk.whole.then_some(Event::Skip {
                 place,
@@ -236,7 +236,7 @@ impl<'a> Scanner<'a> {
         }
     }
 
-    /// Takes in the record whose body was read.
+    /// Processes the record whose body was read.
     fn body(&mut self, record: Record, place: Place) -> Option<Event> {
         let taken = match record.opcode {
             SCHEMA => self.schema(),
@@ -300,8 +300,8 @@ impl<'a> Scanner<'a> {
         Some((channel, log_time))
     }
 
-    /// Takes the topics from the summary at the end of a closed file, if it has one: the messages behind a damaged
-    /// chunk are then known even if their topics were declared in it.
+    /// Reads the topics from the summary at the end of a closed file, if it has one, so that messages after a damaged
+    /// chunk are known even if their topics were declared in it.
     fn read_summary(&mut self) -> Result<(), Error> {
         const FOOTER_BODY: u64 = 8 + 8 + 4;
         let tail = HEADER + FOOTER_BODY + MAGIC.len() as u64;
@@ -334,7 +334,7 @@ impl<'a> Scanner<'a> {
 
 fn too_large(place: Place) -> Event {
     let reason = format!(
-        "a message of {} bytes: no more than {LARGEST_MESSAGE} are read",
+        "a message of {} bytes exceeds the limit of {LARGEST_MESSAGE}",
         place.length
     );
     Event::Skip {
@@ -344,7 +344,7 @@ fn too_large(place: Place) -> Event {
     }
 }
 
-/// How much of a body is worth reading; `None` for a message that is too large.
+/// How many bytes of a body must be read; `None` for a message that is too large.
 fn body_length(record: Record) -> Option<u64> {
     match record.opcode {
         MESSAGE => Some(record.length).filter(|length| *length <= LARGEST_MESSAGE),
@@ -354,7 +354,7 @@ fn body_length(record: Record) -> Option<u64> {
 }
 
 impl Record {
-    /// Reads the header at byte `at` of something that ends at `end`.
+    /// Parses the header at offset `at` in data that end at `end`.
     pub(super) fn parse(header: &[u8], at: u64, end: u64) -> Option<Self> {
         let (&[opcode, ref length @ ..], _) = header.split_first_chunk::<{ HEADER as usize }>()?;
         let (at, length) = (at + HEADER, u64::from_le_bytes(*length));
@@ -367,7 +367,7 @@ impl Record {
         })
     }
 
-    /// Where the next record starts, or the end.
+    /// Offset of the next record, or the end.
     pub(super) fn end(&self, end: u64) -> u64 {
         if self.whole {
             self.at + self.length

@@ -1,4 +1,4 @@
-//! A recording of what a camera sent, nothing taken away: scan by scan in the order of time, each with the arm samples next to it.
+//! A recording of everything in view: scan by scan in the order of time, each with the nearest arm samples.
 
 use nalgebra::UnitVector3;
 
@@ -11,20 +11,20 @@ use crate::Error;
 use crate::cdr::{self, CameraInfo, Image, PointCloud2};
 use crate::depth::Scan;
 
-/// The scans of a recording, one by one in the order of time: see [`SessionReader::scans`](super::SessionReader::scans).
+/// The scans of a recording, in the order of time: see [`SessionReader::scans`](super::SessionReader::scans).
 ///
-/// What cannot be decoded, or contradicts itself, is passed over and reported in [`Scans::skipped`]. An error ends the scans; only a file that
-/// can no longer be read gives one.
+/// Messages that cannot be decoded, or are inconsistent, are skipped and reported in [`Scans::skipped`]. An error ends the scans; it occurs
+/// only if the file can no longer be read.
 #[derive(Debug)]
 pub struct Scans<'a> {
     frames: Frames<'a>,
-    /// Of the images; none for clouds.
+    /// Camera parameters of the images; empty for clouds.
     lenses: Track<CameraInfo>,
 }
 
 impl<'a> Scans<'a> {
     /// # Errors
-    /// Images without a lens; a camera that moves.
+    /// Images without `CameraInfo`; a moving camera.
     pub(super) fn new(mut frames: Frames<'a>) -> Result<Self, Error> {
         if frames.camera_moves() {
             return Err(Error::ScansOfMovingCamera);
@@ -67,12 +67,12 @@ impl<'a> Scans<'a> {
         self.frames.topics()
     }
 
-    /// What was passed over until now.
+    /// What was skipped so far.
     pub fn skipped(&self) -> &Skipped {
         self.frames.skipped()
     }
 
-    /// Stamps of the scans that are still to come, seconds, in their order. One among them that turns out to be damaged makes no scan.
+    /// Stamps of the remaining scans, seconds, in order. One that turns out to be damaged gives no scan.
     pub fn stamps(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         self.frames.stamps()
     }
@@ -93,7 +93,7 @@ impl Iterator for Scans<'_> {
     }
 }
 
-/// The lens as it was at a time: the last one before it, else the first.
+/// The camera parameters at a time: the last ones before it, else the first.
 fn lens(lenses: &Track<CameraInfo>, stamp: u64) -> Option<&CameraInfo> {
     let after = lenses.partition_point(|(time, _)| *time <= stamp);
     let lens = lenses.get(after.saturating_sub(1));
@@ -101,7 +101,7 @@ fn lens(lenses: &Track<CameraInfo>, stamp: u64) -> Option<&CameraInfo> {
 }
 
 /// # Errors
-/// The message cannot be decoded or contradicts itself or its lens.
+/// The message cannot be decoded, or is inconsistent in itself or with the camera parameters.
 fn scan(data: &[u8], lens: Option<&CameraInfo>) -> Result<Scan, Error> {
     let Some(lens) = lens else {
         let cloud: PointCloud2 = cdr::decode(data)?;

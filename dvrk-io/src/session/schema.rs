@@ -1,8 +1,8 @@
-//! The message definitions a session file carries with it, so that any reader can decode it.
+//! The message definitions stored in a session file, with which any reader can decode it.
 //!
-//! The encoding `ros2msg` is the text of the `.msg` file, then the text of every type it contains, each
-//! behind a line of `=` and a line `MSG: package/Name`. The type hashes (REP 2016) are those of the same
-//! definitions in ROS 2; recorders store them so that `ros2 bag play` can check them against its own.
+//! The encoding `ros2msg` is the text of the `.msg` file, followed by the text of every type it contains, each
+//! after a line of `=` and a line `MSG: package/Name`. The type hashes (REP 2016) are those of the same
+//! definitions in ROS 2; recorders store them so that `ros2 bag play` can compare them with its own.
 
 use crate::cdr::{JointState, Message, Plane, PointCloud2, PoseStamped};
 

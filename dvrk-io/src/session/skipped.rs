@@ -1,22 +1,22 @@
-//! What a reader passed over because it was damaged, and where.
+//! A list of what a reader skipped because it was damaged, with positions.
 
 use std::fmt;
 use std::path::PathBuf;
 
-/// One thing that was passed over.
+/// Something that was skipped.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Skip {
     /// The file; empty when the session was read from memory.
     pub file: PathBuf,
-    /// Byte of the file at which the record starts: of the chunk, where the record lies in a compressed one.
+    /// Offset of the record in the file; if it is in a compressed chunk, that of the chunk.
     pub byte: u64,
-    /// Byte in the decompressed chunk, where the record lies in a compressed one.
+    /// Offset in the decompressed chunk, if the record is in a compressed one.
     pub byte_in_chunk: Option<u64>,
-    /// Topic of the message, or empty where none is known.
+    /// Topic of the message, or empty if unknown.
     pub topic: String,
-    /// How many messages were lost: more than one when a chunk was, 0 when it is not known.
+    /// Number of lost messages: more than one for a chunk, 0 if unknown.
     pub messages: usize,
-    /// What is wrong.
+    /// The reason.
     pub reason: String,
 }
 
@@ -40,22 +40,22 @@ impl fmt::Display for Skip {
     }
 }
 
-/// Everything that was passed over.
+/// Everything that was skipped.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Skipped {
-    /// Messages that could not be read, those in damaged chunks included as far as they could be counted.
+    /// Number of messages that could not be read, including those in damaged chunks as far as they could be counted.
     pub messages: usize,
-    /// Places at which something was passed over: single records, or whole chunks.
+    /// Number of places where something was skipped: single records, or whole chunks.
     pub places: usize,
-    /// The first [`Skipped::LISTED`] places, in the order in which they were met.
+    /// The first [`Skipped::LISTED`] places, in order.
     pub first: Vec<Skip>,
 }
 
 impl Skipped {
-    /// How many places are listed: a file of nothing but damage must not fill the memory with its description.
+    /// Most places that are listed, so that a badly damaged file does not fill the memory.
     pub const LISTED: usize = 100;
 
-    /// Whether nothing was passed over.
+    /// Whether nothing was skipped.
     pub fn is_empty(&self) -> bool {
         self.places == 0
     }

@@ -1,9 +1,9 @@
-//! Where the bytes of a session are: in memory, in a file, or in the files of a rosbag2 directory.
+//! The bytes of a session: in memory, in a file, or in the files of a rosbag2 directory.
 //!
-//! A rosbag2 directory holds `metadata.yaml` and the files it lists under `relative_file_paths`. A killed recorder
-//! leaves no `metadata.yaml`: then every `.mcap` file of the directory belongs to it. Two lists and two words are
-//! read from `metadata.yaml`, line by line: it is always laid out in one way, and a YAML library would recurse on
-//! what a stranger nests.
+//! A rosbag2 directory contains `metadata.yaml` and the files listed there under `relative_file_paths`. A killed recorder
+//! leaves no `metadata.yaml`: then every `.mcap` file of the directory is used. Only two lists and two values are
+//! read from `metadata.yaml`, line by line: its layout is always the same, and a YAML library could be made to recurse
+//! deeply.
 
 use std::fs::File;
 use std::io::{BufReader, Cursor, Read, Seek, SeekFrom};
@@ -24,7 +24,7 @@ impl<T: Read + Seek + Send> ReadSeek for T {}
 /// One open file.
 pub(super) struct Input<'a> {
     stream: Box<dyn ReadSeek + 'a>,
-    /// Where the stream stands.
+    /// Present offset of the stream.
     position: u64,
     length: u64,
     path: PathBuf,
@@ -32,7 +32,7 @@ pub(super) struct Input<'a> {
 
 impl Source<'static> {
     /// # Errors
-    /// The path does not exist, or is a directory that holds no MCAP files.
+    /// The path does not exist, or is a directory without MCAP files.
     pub(super) fn of_path(path: &Path) -> Result<Self, Error> {
         if path.is_dir() {
             bag_files(path).map(Self::Files)
@@ -85,14 +85,14 @@ impl Input<'_> {
         &self.path
     }
 
-    /// A reader that stands at byte `at`, and where it will stand is no longer known.
+    /// A reader at offset `at`; the recorded offset becomes invalid.
     pub(super) fn stream_at(&mut self, at: u64) -> Result<&mut dyn Read, Error> {
         self.seek(at)?;
         self.position = u64::MAX;
         Ok(&mut self.stream)
     }
 
-    /// Replaces `buffer` by the `length` bytes from `at` on, or by fewer where the file ends.
+    /// Replaces `buffer` by the `length` bytes at `at`, or by fewer if the file ends.
     pub(super) fn read(&mut self, at: u64, length: u64, buffer: &mut Vec<u8>) -> Result<(), Error> {
         buffer.clear();
         self.seek(at)?;
@@ -103,7 +103,7 @@ impl Input<'_> {
 
     fn seek(&mut self, at: u64) -> Result<(), Error> {
         if self.position != at {
-            // A forgotten position must not survive an error.
+            // The recorded offset is invalid after an error.
             self.position = u64::MAX;
             let sought = self.stream.seek(SeekFrom::Start(at));
             self.position = sought.map_err(|source| io_error(&self.path, source))?;
@@ -138,7 +138,7 @@ fn listed_files(folder: &Path, metadata: &Path, text: &str) -> Result<Vec<PathBu
     let storage = scalar(text, "storage_identifier").unwrap_or_default();
     if storage != "mcap" {
         return Err(bad(format!(
-            "its storage is `{storage}`: only mcap is read; `ros2 bag convert` rewrites it"
+            "its storage is `{storage}`, but only mcap is supported; convert it with `ros2 bag convert`"
         )));
     }
     let mode = scalar(text, "compression_mode").unwrap_or_default();
@@ -164,7 +164,7 @@ fn inside(folder: &Path, name: &str) -> PathBuf {
     }
 }
 
-/// `…_10` comes behind `…_9`: shorter names first.
+/// `…_10` sorts after `…_9`: shorter names first.
 fn unlisted_files(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
     let entries = entries.map_err(|source| io_error(folder, source))?;
@@ -187,13 +187,13 @@ fn unlisted_files(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     Ok(files)
 }
 
-/// The value behind `key:` on a line.
+/// The value after `key:` on a line.
 fn scalar(text: &str, key: &str) -> Option<String> {
     let value = |line: &str| Some(unquoted(line.trim().strip_prefix(key)?.strip_prefix(':')?));
     text.lines().find_map(value)
 }
 
-/// The items behind `key:`, either `- item` on the lines below or `[item, item]` on the same line.
+/// The items after `key:`, either `- item` on the next lines or `[item, item]` on the same line.
 fn list(text: &str, key: &str) -> Vec<String> {
     if let Some(value) = scalar(text, key).filter(|value| !value.is_empty()) {
         let items = value

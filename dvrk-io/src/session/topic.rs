@@ -1,4 +1,4 @@
-//! What a topic means to a session, in one place for reader and writer.
+//! Roles of topics in a session, shared by reader and writer.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,13 +15,13 @@ const POSE: &str = "/measured_cp";
 const JAW: &str = "/jaw/measured_js";
 const JAW_SETPOINT: &str = "/jaw/setpoint_js";
 const JOINTS: &str = "/measured_js";
-/// As a RealSense names them.
+/// With the names of a RealSense driver.
 const DEPTH: &str = "/camera/camera/depth/image_rect_raw";
 const CAMERA_INFO: &str = "/camera/camera/depth/camera_info";
 
-/// What a topic means to a session.
+/// The role of a topic in a session.
 ///
-/// Written and parsed as its usual topic without the slash in front, or as `points`, `depth`, `camera_info`, `features`, `camera`,
+/// Written and parsed as its usual topic without the leading slash, or as `points`, `depth`, `camera_info`, `features`, `camera`,
 /// `table`, `truth`:
 ///
 /// ```
@@ -34,11 +34,11 @@ const CAMERA_INFO: &str = "/camera/camera/depth/camera_info";
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Role {
-    /// Cloud of the object; in a recording of [scans](super::SessionReader::scans), of everything that the camera saw.
+    /// Cloud of the object; in a recording of [scans](super::SessionReader::scans), of everything in view.
     Points,
-    /// Depth image, of everything that the camera saw.
+    /// Depth image of everything in view.
     Depth,
-    /// Lens of the depth images.
+    /// Camera parameters of the depth images.
     CameraInfo,
     /// Features of the colour image on the object: x, y, z and a descriptor.
     Features,
@@ -46,21 +46,21 @@ pub enum Role {
     Camera,
     /// The table.
     Table,
-    /// Where the material points truly are: only from simulations, only for measures.
+    /// True positions of the material points: only from simulations, only for measures.
     Truth,
     /// Tip pose of the arm of this name.
     Pose(String),
     /// Jaw angle of the arm of this name.
     Jaw(String),
-    /// Where the jaw of the arm of this name was sent.
+    /// Commanded jaw angle of the arm of this name.
     JawSetpoint(String),
     /// Joint values of the arm of this name.
     Joints(String),
 }
 
 impl Role {
-    /// What the topic `name` means by its name, if anything. Arms that hold no instrument (endoscope, master
-    /// arms) publish topics of the same names; they are not arms of a session.
+    /// The role of the topic `name`, if it has one. Arms that hold no instrument (endoscope, master
+    /// arms) publish topics of the same names, but are not arms of a session.
     pub(super) fn of_topic(name: &str) -> Option<Self> {
         let arm = |suffix| {
             let arm: &str = name.strip_prefix('/')?.strip_suffix(suffix)?;
@@ -84,7 +84,7 @@ impl Role {
         }
     }
 
-    /// The topic it has unless [`SessionReader::with_topic`](super::SessionReader::with_topic) names another.
+    /// The topic of this role unless [`SessionReader::with_topic`](super::SessionReader::with_topic) sets another.
     pub fn topic(&self) -> String {
         match self {
             Self::Points => POINTS.to_owned(),
@@ -150,7 +150,7 @@ impl FromStr for Role {
     }
 }
 
-/// Roles whose topic is not the usual one.
+/// Roles with another topic than the usual one.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Topics {
     renamed: Vec<(Role, String)>,
@@ -163,7 +163,7 @@ impl Topics {
         self.renamed.push((role, topic));
     }
 
-    /// What the topic `name` means. A role that moved to another topic has left its usual one.
+    /// The role of the topic `name`. A role with another topic no longer has its usual one.
     pub(super) fn role(&self, name: &str) -> Option<Role> {
         let renamed = self.renamed.iter().find(|(_, topic)| topic == name);
         let moved = |role: &Role| self.renamed.iter().any(|(other, _)| other == role);

@@ -1,4 +1,4 @@
-//! A walk through every message of a session: each goes to whoever knows what to do with its role.
+//! Iterates over all messages of a session, and handles each by its role.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,12 +13,12 @@ use crate::Error;
 /// Type and number of messages of each topic.
 type Counts = BTreeMap<String, (String, usize)>;
 
-/// Walks through every file of `source` and hands `take` each message that has a role, with its channel. What `take`
-/// refuses is passed over; damage is as well. Counts the messages of every topic, and says whether every file was
+/// Reads every file of `source` and calls `take` with each message that has a role, and its channel. Messages that `take`
+/// rejects are skipped, and so is damage. Counts the messages of every topic, and returns whether every file was
 /// closed.
 ///
 /// # Errors
-/// A file cannot be read or is no MCAP file; a topic with a role carries another type; a topic that was named is in
+/// A file cannot be read or is not an MCAP file; a topic with a role has another type; a given topic is in
 /// none of the files.
 pub(super) fn walk(
     source: &Source<'_>,
@@ -78,7 +78,7 @@ where
         }
     }
 
-    /// Counts a message and hands it on.
+    /// Counts a message and handles it.
     fn message(
         &mut self,
         id: u16,
@@ -113,10 +113,10 @@ where
         Ok(())
     }
 
-    /// The role of a channel, if it is wanted.
+    /// The role of a channel, if it is requested.
     ///
     /// # Errors
-    /// A type that messages of this role do not have.
+    /// A type that does not match the role.
     fn role(&self, channel: &Channel) -> Result<Option<Role>, Error> {
         let role = self.topics.role(&channel.topic).filter(&self.wanted);
         if let Some(role) = &role {
@@ -126,7 +126,7 @@ where
     }
 
     /// # Errors
-    /// A topic that the caller named is in none of the files.
+    /// A given topic is in none of the files.
     fn named_are_there(&self) -> Result<(), Error> {
         let mut named = self
             .topics
@@ -155,7 +155,7 @@ fn skip(file: &Path, place: Place, topic: &str, messages: usize, reason: String)
 }
 
 fn count<'a>(counts: &'a mut Counts, channel: &Channel) -> &'a mut usize {
-    // Two channels may carry one topic (a recorder that was restarted): they are one here.
+    // Two channels may have the same topic (if the recorder was restarted): they are counted together.
     if !counts.contains_key(&channel.topic) {
         counts.insert(channel.topic.clone(), (channel.type_name.clone(), 0));
     }

@@ -1,7 +1,7 @@
-//! Recording a session so that a killed process, or a full disk, costs the last frame at most.
+//! Records a session such that a killed process, or a full disk, costs at most the last frame.
 //!
-//! Each chunk of the file is written in one piece, never patched afterwards, and one is closed before every
-//! cloud: what is in the file is then a valid beginning of an MCAP file at any time.
+//! Each chunk of the file is written in one piece and never changed afterwards, and one is closed before every
+//! cloud: the file is a valid beginning of an MCAP file at any time.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -21,21 +21,21 @@ use crate::cdr::{
 
 use crate::features::Feature;
 
-/// Frame of everything that is written where the camera stands still.
+/// Frame of all data if the camera does not move.
 const CAMERA_FRAME: &str = "camera";
-/// Frame of poses and truth where the camera moves.
+/// Frame of poses and truth if the camera moves.
 const FIXED_FRAME: &str = "fixed";
-/// A chunk goes to the file when it holds this many bytes …
+/// A chunk is written when it has this many bytes …
 const CHUNK_BYTES: usize = 1 << 20;
-/// … or when its messages span this many nanoseconds: arms are recorded without a camera, too.
+/// … or when its messages span this many nanoseconds, because arms are recorded without a camera, too.
 const CHUNK_NANOSECONDS: u64 = 1_000_000_000;
 
-/// How a session is written.
+/// Options for writing a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub struct WriterOptions {
-    /// How chunks are compressed. Default: not at all. Each chunk holds one cloud, so that a cloud is the most that
-    /// is compressed together.
+    /// Compression of chunks. Default: none. Each chunk contains one cloud, so at most one cloud is
+    /// compressed together.
     pub compression: Compression,
 }
 
@@ -47,12 +47,12 @@ impl WriterOptions {
     }
 }
 
-/// Writes a session, message by message. Stamps are seconds; everything is in the camera frame, where the camera
-/// moves ([`Self::camera`]) poses and truth in a fixed one.
+/// Writes a session, message by message. Stamps are in seconds; everything is in the camera frame, except that with a moving
+/// camera ([`Self::camera`]) poses and truth are in a fixed one.
 ///
-/// Dropping the writer closes the file as well, but only [`finish`](Self::finish) says whether that worked.
+/// Dropping the writer closes the file as well, but only [`finish`](Self::finish) reports whether that succeeded.
 pub struct SessionWriter {
-    /// Gone once a write has failed: what is appended behind half a chunk cannot be read.
+    /// `None` after a failed write: data appended after an incomplete chunk could not be read.
     container: Option<Container>,
     path: PathBuf,
     schemas: BTreeMap<&'static str, u16>,
@@ -72,7 +72,7 @@ impl std::fmt::Debug for SessionWriter {
 }
 
 impl SessionWriter {
-    /// Creates the file; one that is there already is replaced.
+    /// Creates the file, replacing an existing one.
     ///
     /// # Errors
     /// The file cannot be created or written.
@@ -80,7 +80,7 @@ impl SessionWriter {
         Self::create_with(path, WriterOptions::default())
     }
 
-    /// Creates the file with these options; one that is there already is replaced.
+    /// Creates the file with these options, replacing an existing one.
     ///
     /// # Errors
     /// The file cannot be created or written.
@@ -101,7 +101,7 @@ impl SessionWriter {
         })
     }
 
-    /// Pose of a camera that moves, for the cloud of the same stamp: to be written for every cloud, and before any pose of an arm, which is in the
+    /// Writes the pose of a moving camera, for the cloud of the same stamp: for every cloud, and before any pose of an arm, which is in the
     /// same fixed frame.
     ///
     /// # Errors
@@ -116,7 +116,7 @@ impl SessionWriter {
         self.write(&Role::Camera, pose.header.stamp, &pose)
     }
 
-    /// Header of what the camera did not measure.
+    /// Header of data in the fixed frame.
     fn fixed(&self, stamp: f64) -> Result<Header, Error> {
         let mut header = header(stamp)?;
         if self.moves {
@@ -125,7 +125,7 @@ impl SessionWriter {
         Ok(header)
     }
 
-    /// The table: `normal · x + offset ≥ 0` on the free side.
+    /// Writes the table: `normal · x + offset ≥ 0` on the free side.
     ///
     /// # Errors
     /// Stamp or offset not finite, stamp negative, or the file cannot be written.
@@ -142,7 +142,7 @@ impl SessionWriter {
         self.write(&Role::Table, Time::from_seconds(stamp)?, &plane)
     }
 
-    /// The segmented cloud of the object. Everything recorded before goes to the file now.
+    /// Writes the segmented cloud of the object. Everything recorded before is then in the file.
     ///
     /// # Errors
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
@@ -167,7 +167,7 @@ impl SessionWriter {
         self.write(&Role::Points, cloud.header.stamp, &cloud)
     }
 
-    /// Features of the colour image on the object, for the cloud of the same stamp.
+    /// Writes features of the colour image on the object, for the cloud of the same stamp.
     ///
     /// # Errors
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
@@ -176,7 +176,7 @@ impl SessionWriter {
         self.write(&Role::Features, cloud.header.stamp, &cloud)
     }
 
-    /// Tip pose of an arm.
+    /// Writes the tip pose of an arm.
     ///
     /// # Errors
     /// A name that cannot be part of a topic, pose or stamp not finite, or the file cannot be written.
@@ -195,7 +195,7 @@ impl SessionWriter {
         self.write(&Role::Pose(arm.to_owned()), pose.header.stamp, &pose)
     }
 
-    /// Opening of the jaw of an arm in radians, 0 = closed.
+    /// Writes the opening of the jaw of an arm in radians, 0 = closed.
     ///
     /// # Errors
     /// A name that cannot be part of a topic, angle or stamp not finite, or the file cannot be written.
@@ -218,7 +218,7 @@ impl SessionWriter {
         self.write(&Role::Jaw(arm.to_owned()), joints.header.stamp, &joints)
     }
 
-    /// Where the material points truly are: always all of them, always in the same order.
+    /// Writes the true positions of the material points: always all of them, in the same order.
     ///
     /// # Errors
     /// A point or stamp not finite, stamp negative, or the file cannot be written.
@@ -227,7 +227,7 @@ impl SessionWriter {
         self.write(&Role::Truth, cloud.header.stamp, &cloud)
     }
 
-    /// Hands everything recorded so far to the operating system: it survives the process from here on.
+    /// Passes everything recorded so far to the operating system, so that it survives a crash of the process.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -238,13 +238,13 @@ impl SessionWriter {
         Ok(())
     }
 
-    /// Writes the index and waits until the disk has it all.
+    /// Writes the index and waits until everything is on disk.
     ///
     /// # Errors
     /// The file cannot be written.
     pub fn finish(mut self) -> Result<(), Error> {
         self.with(Container::finish)?;
-        // It is closed already.
+        // It is already closed.
         self.container = None;
         Ok(())
     }
@@ -279,7 +279,7 @@ impl SessionWriter {
     }
 
     fn add_channel(&mut self, topic: &str, type_name: &'static str) -> Result<u16, Error> {
-        // Every type that is written has its schema; number 0 would mean "no schema".
+        // Every written type has a schema; number 0 would mean "no schema".
         let schema = SCHEMAS.iter().find(|schema| schema.type_name == type_name);
         let id = match (self.schemas.get(type_name), schema) {
             (Some(id), _) => *id,
@@ -306,7 +306,7 @@ impl SessionWriter {
         };
         call(container).map_err(|source| {
             self.container = None;
-            // What the system said, a full disk for example.
+            // The error of the operating system, a full disk for example.
             io_error(&self.path, source)
         })
     }
@@ -315,7 +315,7 @@ impl SessionWriter {
 impl Drop for SessionWriter {
     fn drop(&mut self) {
         if let Some(mut container) = self.container.take() {
-            // Whoever wants to know calls `finish`.
+            // To get the error, call `finish`.
             let _unknown = container.finish();
         }
     }

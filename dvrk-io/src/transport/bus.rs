@@ -1,11 +1,11 @@
-//! A transport within one process, with a clock that moves only when somebody waits.
+//! A transport within one process, with a clock that advances only in `wait`.
 //!
 //! ```text
 //! wait(until)    until the end is reached or a message arrives:
 //!                    now ← next full millisecond;  run every task that is due
 //! ```
-//! Tasks stand for the other processes: a robot that publishes, a second client that commands. As they run in the order in which
-//! they were added, at times that are multiples of a millisecond, a run is the same every time.
+//! Tasks simulate other processes: a robot that publishes, a second client that commands. As they run in the order in which
+//! they were added, at multiples of a millisecond, every run is the same.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,7 +19,7 @@ const STEP: Duration = Duration::from_millis(1);
 /// Time at which every bus starts: stamps of 0 mean "not measured".
 const START: Duration = Duration::from_secs(1_000);
 
-/// The bus itself: clock, endpoints and tasks. Clones are the same bus.
+/// The bus: clock, endpoints and tasks. Clones refer to the same bus.
 #[derive(Clone, Default)]
 pub struct Bus {
     shared: Arc<Shared>,
@@ -57,7 +57,7 @@ struct Endpoint {
     id: usize,
     node: usize,
     topic: Topic,
-    /// What a reader has not taken yet, or what a writer keeps for those who come later.
+    /// Messages that a reader has not taken yet, or that a writer keeps for later readers.
     messages: VecDeque<Vec<u8>>,
 }
 
@@ -89,7 +89,7 @@ impl Endpoint {
 
 impl Shared {
     fn state(&self) -> MutexGuard<'_, State> {
-        // Nothing of the state can be half done when a thread that holds it panics.
+        // The state is consistent even if a thread that held the lock panicked.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -104,7 +104,7 @@ impl Bus {
         Self::default()
     }
 
-    /// A participant of its own: what it writes and reads is not `own` to others.
+    /// A new participant: its endpoints are not `own` to others.
     pub fn node(&self) -> BusNode {
         let mut state = self.shared.state();
         state.nodes += 1;
@@ -114,7 +114,7 @@ impl Bus {
         }
     }
 
-    /// Runs `task` with the time, from now on every `period` (whole milliseconds), while anybody waits.
+    /// Runs `task` with the time from now on every `period` (whole milliseconds), whenever time advances.
     pub fn every(&self, period: Duration, task: impl FnMut(Duration) + Send + 'static) {
         let due = self.now();
         self.shared.tasks().push(Task {
@@ -129,7 +129,7 @@ impl Bus {
         START + self.shared.state().elapsed
     }
 
-    /// Lets time pass, messages or not.
+    /// Advances the time, whether messages arrive or not.
     pub fn advance(&self, time: Duration) {
         let end = self.now() + time;
         while self.now() < end {
@@ -144,7 +144,7 @@ impl Bus {
             state.elapsed = state.elapsed.max(next);
             START + state.elapsed
         };
-        // Tasks publish: the state must be free while they run.
+        // Tasks publish, so the state must not be locked while they run.
         for task in self.shared.tasks().iter_mut() {
             if task.due <= now {
                 task.due += task.period;

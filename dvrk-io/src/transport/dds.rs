@@ -3,11 +3,11 @@
 //! ```text
 //! topic    /PSM1/measured_cp                   ⇒  rt/PSM1/measured_cp
 //! type     geometry_msgs/msg/PoseStamped       ⇒  geometry_msgs::msg::dds_::PoseStamped_
-//! payload  encapsulation header and CDR body, as they are
+//! payload  encapsulation header and CDR body, unchanged
 //! ```
-//! Only what ROS 2 adds to DDS for topics is here, as no more is needed: the bytes of [`cdr`](crate::cdr) are sent and received unchanged.
+//! This module contains only what ROS 2 adds to DDS for topics: the bytes of [`cdr`](crate::cdr) are sent and received unchanged.
 //!
-//! *Limits.* `ros2 topic` sees these readers and writers; `ros2 node list` does not, as they announce no node. Services,
+//! *Limits.* `ros2 topic` shows these readers and writers; `ros2 node list` does not, as they announce no node. Services,
 //! parameters and simulated time (`/clock`) are not supported.
 
 use std::fmt::Display;
@@ -32,25 +32,25 @@ use super::{Network, Peer, Publisher, Qos, Subscriber, Topic, Transport};
 use crate::Error;
 use crate::cdr::{Image, Message, PointCloud2};
 
-/// Types of which a message is megabytes, and more than a receive buffer.
+/// Types with messages of megabytes, larger than a receive buffer.
 const BIG: [&str; 2] = [PointCloud2::TYPE, Image::TYPE];
-/// How long a command waits for room before it is given up: less than the time between two of them.
+/// How long a command waits for space before it is dropped: less than the interval between two commands.
 const MAX_BLOCKING: rustdds::Duration = rustdds::Duration::from_millis(5);
-/// Asked of the system for each socket: a cloud of 300,000 points is 6 MB, and comes in one burst.
+/// Requested buffer size of each socket: a cloud of 300,000 points has 6 MB, and arrives in one burst.
 const SOCKET_BUFFER: usize = 16 << 20;
-/// What writers of clouds and images offer as their deadline, for its side effect: RustDDS sends 2 kB of what a reader lost every
-/// fifth of it, but never more often than once a millisecond, and without a deadline every 10 ms: 0.2 MB/s. Readers ask for
-/// none, so they take it, and no writer of RustDDS counts the deadlines that it missed.
+/// Deadline offered by writers of clouds and images, for its side effect: RustDDS resends 2 kB of lost data every
+/// fifth of it, at most once a millisecond, and without a deadline every 10 ms: 0.2 MB/s. Readers request no
+/// deadline, so they match, and RustDDS writers do not count missed deadlines.
 const REPAIR_DEADLINE: rustdds::Duration = rustdds::Duration::from_millis(5);
-/// For how long a list of all writers serves: it is copied as a whole, and who looks for others that command an arm asks for ten topics at once.
+/// How long a list of all writers is reused: it is copied as a whole, and a check for other commanders of an arm requests ten topics at once.
 const WRITERS_SERVE: Duration = Duration::from_millis(10);
 /// Bytes of the encapsulation header.
 const HEADER: usize = 4;
 
-/// One participant in a network of ROS 2. Clones are the same participant; every thread that waits should have its own.
+/// A participant in a ROS 2 network. Clones are the same participant; every thread that waits should have its own.
 pub struct Participant {
     shared: Arc<Shared>,
-    /// How many arrivals this clone has woken up for.
+    /// Number of arrivals that this clone has woken up for.
     seen: AtomicU64,
 }
 
@@ -84,7 +84,7 @@ impl Shared {
     }
 }
 
-/// Counts how often messages came in, and wakes whoever waits.
+/// Counts arrivals of messages, and wakes waiting threads.
 #[derive(Default)]
 struct Arrivals {
     count: Mutex<u64>,
@@ -133,7 +133,7 @@ impl Participant {
         let subscriber = participant
             .create_subscriber(&qos)
             .map_err(|error| refused("subscriber", error))?;
-        // The clock of the wall may be set while we run; from here on only its rate counts.
+        // The wall clock may be adjusted while the program runs; from here on only its rate is used.
         let wall = SystemTime::now().duration_since(UNIX_EPOCH);
         let start = (Instant::now(), wall.unwrap_or_default());
         Ok(Self {
@@ -245,7 +245,7 @@ impl Transport for Participant {
         let data = writers.iter().map(|writer| &writer.publication_topic_data);
         data.filter(|data| data.topic_name == name)
             .map(|data| {
-                // Where nothing is said, writers are reliable and volatile.
+                // By default writers are reliable and volatile.
                 let reliable = data.reliability != Some(Reliability::BestEffort);
                 let latched = !is_volatile(data.durability);
                 self.peer(data.key, &data.type_name, reliable, latched)
@@ -273,7 +273,7 @@ struct DdsReader {
     shared: Arc<Shared>,
     /// When it began to listen.
     start: rustdds::Timestamp,
-    /// Whether it asked for new messages only, and lost ones are sent to it again.
+    /// Whether it requested only new messages, and receives lost ones again.
     new_only: bool,
 }
 
@@ -289,9 +289,9 @@ impl DdsReader {
         }
     }
 
-    /// Whether a writer kept the message for late comers, though this reader is none of those who ask for that: `RustDDS`
-    /// writers send what they keep to every reliable reader. By the clock of the writer; only writers that keep messages are
-    /// suspected, so that one whose clock is behind is still heard.
+    /// Whether a writer kept the message for late readers, although this reader did not request that: `RustDDS`
+    /// writers send kept messages to every reliable reader. Judged by the clock of the writer, and only for writers that keep messages,
+    /// so that messages from a clock that is behind are still received otherwise.
     fn is_history(&self, change: &DeserializedCacheChange<Vec<u8>>) -> bool {
         let before = |time: rustdds::Timestamp| time < self.start;
         if !self.new_only || !change.source_timestamp().is_some_and(before) {
@@ -307,7 +307,7 @@ impl DdsReader {
 impl Subscriber for DdsReader {
     fn take(&mut self) -> Result<Option<Vec<u8>>, Error> {
         match self.next() {
-            // A waker wakes once: it is set again, and what came meanwhile is looked for.
+            // A waker wakes once: it is set again, and then messages that arrived meanwhile are checked for.
             Ok(None) => {
                 self.reader.set_waker(Some(self.waker.clone()));
                 self.next()
@@ -334,7 +334,7 @@ impl Publisher for DdsWriter {
     }
 }
 
-/// Bytes as they are: decoding is left to those who know the message.
+/// Unchanged bytes, to be decoded elsewhere.
 struct Raw;
 
 #[derive(Clone)]
@@ -398,7 +398,7 @@ impl SerializerAdapter<Vec<u8>> for Raw {
     }
 }
 
-/// Where nothing is said, it is.
+/// Volatile is the default.
 fn is_volatile(durability: Option<Durability>) -> bool {
     matches!(durability, None | Some(Durability::Volatile))
 }
@@ -430,7 +430,7 @@ fn dds_type(kind: &str) -> String {
     format!("{}::dds_::{name}_", parts.join("::"))
 }
 
-/// The other way round; a type of another form stays as it is.
+/// The reverse conversion; a type of another form is unchanged.
 fn ros_type(kind: &str) -> String {
     let name = kind.strip_suffix('_').unwrap_or(kind);
     name.replace("::dds_::", "::").replace("::", "/")

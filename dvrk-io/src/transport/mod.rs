@@ -1,14 +1,14 @@
-//! How messages get from one process to another, behind a trait: DDS for robots, memory for tests.
+//! Transport of messages between processes, behind a trait: DDS for robots, memory for tests.
 //!
 //! ```text
 //! topic      name · type · quality of service                    /PSM1/servo_cp · geometry_msgs/msg/PoseStamped · reliable
-//! match      a reader hears a writer of the same name and type if the writer offers what the reader asks for:
+//! match      a reader receives from a writer of the same name and type if the writer offers what the reader requests:
 //!            reliable ≥ best effort,  latched ≥ volatile         otherwise nothing arrives, without an error
-//! clock      now() counts from the epoch, as stamps do, and never goes back
+//! clock      now() is the time since the epoch, as in stamps, and is monotonic
 //! ```
-//! [`Transport`] carries whole messages as bytes, so that one decoder, that of [`cdr`](crate::cdr), reads all of them.
-//! Code built on it takes the time only from [`Transport::now`] and sleeps only in [`Transport::wait`]: on [`Bus`] it runs in
-//! simulated time and does the same in every run.
+//! [`Transport`] carries whole messages as bytes, which are all decoded by [`cdr`](crate::cdr). Code built on it takes the time
+//! only from [`Transport::now`] and sleeps only in [`Transport::wait`]: on [`Bus`] it therefore runs in simulated time,
+//! reproducibly.
 //!
 //! | transport | use |
 //! |---|---|
@@ -32,57 +32,57 @@ pub use typed::{Reader, Writer};
 use crate::Error;
 use crate::cdr::Message;
 
-/// What a writer offers, or a reader asks for.
+/// The quality of service that a writer offers, or a reader requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Qos {
     /// Whether lost messages are sent again.
     pub reliable: bool,
-    /// Whether readers that come later get the last messages (*transient local*).
+    /// Whether late readers get the last messages (*transient local*).
     pub latched: bool,
-    /// How many messages are kept for a reader that is slow or comes later.
+    /// How many messages are kept for a slow or late reader.
     pub depth: u32,
 }
 
 impl Qos {
-    /// What a dVRK offers for poses and joints, 100 times a second.
+    /// For poses and joints, published 100 times a second by a dVRK.
     pub const PERIODIC: Self = Self {
         reliable: true,
         latched: false,
         depth: 100,
     };
-    /// What a dVRK offers for states and texts: the last ones reach whoever comes later.
+    /// For states and texts of a dVRK: late readers get the last ones.
     pub const EVENT: Self = Self {
         reliable: true,
         latched: true,
         depth: 100,
     };
-    /// What a dVRK asks of commands: reliable, and only the last one counts.
+    /// For commands to a dVRK: reliable, and only the last one counts.
     pub const COMMAND: Self = Self {
         reliable: true,
         latched: false,
         depth: 1,
     };
-    /// For readers of what is sent all the time: hears every writer, and the newest message is the one that counts.
+    /// For readers of periodic topics: compatible with every writer; only the newest message counts.
     pub const NEWEST: Self = Self {
         reliable: false,
         latched: false,
         depth: 10,
     };
 
-    /// Whether a writer that offers `self` is heard by a reader that asks for `asked`.
+    /// Whether a writer that offers `self` matches a reader that requests `asked`.
     pub fn satisfies(self, asked: Self) -> bool {
         (self.reliable || !asked.reliable) && (self.latched || !asked.latched)
     }
 }
 
-/// Name, type and quality of service of what one end of a connection writes or reads.
+/// Name, type and quality of service of a topic, for a reader or writer.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Topic {
-    /// As in `/PSM1/measured_cp`.
+    /// For example `/PSM1/measured_cp`.
     pub name: String,
-    /// As in `geometry_msgs/msg/PoseStamped`.
+    /// For example `geometry_msgs/msg/PoseStamped`.
     pub kind: &'static str,
-    /// What is offered, or asked for.
+    /// The quality that is offered, or requested.
     pub qos: Qos,
 }
 
@@ -100,38 +100,38 @@ impl Topic {
 /// A reader or writer of a topic somewhere on the network.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Peer {
-    /// Its type, as in `geometry_msgs/msg/PoseStamped`.
+    /// Its type, for example `geometry_msgs/msg/PoseStamped`.
     pub kind: String,
-    /// What it offers or asks for; the depth is not known of others and 0.
+    /// The quality that it offers or requests; the depth of others is unknown and 0.
     pub qos: Qos,
     /// Whether it belongs to this transport.
     pub own: bool,
 }
 
-/// Where topics are read and written. Handles stop when they are dropped.
+/// A network on which topics are read and written. Handles stop when they are dropped.
 pub trait Transport: Send + Sync {
     /// Time since the epoch, as in the stamps of messages.
     fn now(&self) -> Duration;
 
-    /// Returns at `until`, or earlier, when a message may have come.
+    /// Returns at `until`, or earlier if a message may have arrived.
     fn wait(&self, until: Duration);
 
     /// Starts to listen.
     ///
     /// # Errors
-    /// The network refuses.
+    /// The network reports an error.
     fn subscribe(&self, topic: &Topic) -> Result<Box<dyn Subscriber>, Error>;
 
-    /// Starts to offer messages.
+    /// Starts to publish messages.
     ///
     /// # Errors
-    /// The network refuses.
+    /// The network reports an error.
     fn advertise(&self, topic: &Topic) -> Result<Box<dyn Publisher>, Error>;
 
-    /// Who writes a topic, whatever type and quality of service.
+    /// The writers of a topic, of any type and quality of service.
     fn writers(&self, name: &str) -> Vec<Peer>;
 
-    /// Who reads a topic, whatever type and quality of service.
+    /// The readers of a topic, of any type and quality of service.
     fn readers(&self, name: &str) -> Vec<Peer>;
 }
 
@@ -140,7 +140,7 @@ pub trait Subscriber: Send {
     /// The next message with its encapsulation header, if there is one.
     ///
     /// # Errors
-    /// A message that came and cannot be had.
+    /// A message arrived but could not be received.
     fn take(&mut self) -> Result<Option<Vec<u8>>, Error>;
 }
 
@@ -152,7 +152,7 @@ pub trait Publisher: Send {
     /// The message is not sent.
     fn publish(&mut self, message: Vec<u8>) -> Result<(), Error>;
 
-    /// Whether every reliable reader has all that was sent. Those who do not know say yes.
+    /// Whether every reliable reader has received everything that was sent; true if unknown.
     fn is_delivered(&self) -> bool {
         true
     }

@@ -1,8 +1,8 @@
-//! Which network of ROS 2 is meant: the domain, and the interfaces.
+//! Selects a ROS 2 network: the domain, and the interfaces.
 //!
 //! ```text
 //! ROS_DOMAIN_ID                    0 … 232, default 0
-//! ROS_LOCALHOST_ONLY               1: this machine only, whatever the next one says
+//! ROS_LOCALHOST_ONLY               1: this machine only, overrides the next variable
 //! ROS_AUTOMATIC_DISCOVERY_RANGE    LOCALHOST: this machine only;  SUBNET, SYSTEM_DEFAULT: everything;  OFF: refused
 //! ```
 
@@ -13,11 +13,11 @@ use crate::Error;
 /// The highest domain that has ports on every system.
 const LAST_DOMAIN: u16 = 232;
 
-/// The network interfaces that are used.
+/// The network interfaces to use.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 #[non_exhaustive]
 pub enum Interfaces {
-    /// All there are.
+    /// All.
     #[default]
     All,
     /// This machine only.
@@ -26,7 +26,7 @@ pub enum Interfaces {
     Only(Vec<IpAddr>),
 }
 
-/// Which network of ROS 2 to take part in. The default is what ROS 2 takes without environment variables: domain 0 on all
+/// Selects a ROS 2 network. The default is that of ROS 2 without environment variables: domain 0 on all
 /// interfaces.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Network {
@@ -35,20 +35,20 @@ pub struct Network {
 }
 
 impl Network {
-    /// What the environment variables of ROS 2 say.
+    /// The network selected by the environment variables of ROS 2.
     ///
     /// # Errors
-    /// [`Error::BadNetwork`]: a variable with a value that it cannot have, or a discovery that is switched off.
+    /// [`Error::BadNetwork`]: a variable with an invalid value, or discovery that is switched off.
     pub fn from_env() -> Result<Self, Error> {
         Self::from_vars(|name| std::env::var(name).ok())
     }
 
-    /// As [`Network::from_env`], with the values that `var` gives.
+    /// As [`Network::from_env`], with variables from `var`.
     ///
     /// # Errors
     /// See [`Network::from_env`].
     pub fn from_vars(var: impl Fn(&'static str) -> Option<String>) -> Result<Self, Error> {
-        // An empty variable is one that is not set.
+        // An empty variable counts as not set.
         let var = |name| {
             var(name)
                 .map(|value| value.trim().to_owned())
@@ -70,7 +70,7 @@ impl Network {
             (Some("1"), _) | (None | Some("0"), Some("LOCALHOST")) => Interfaces::Loopback,
             (None | Some("0"), None | Some("SUBNET" | "SYSTEM_DEFAULT")) => Interfaces::All,
             (None | Some("0"), Some(other)) => {
-                let expected = "LOCALHOST, SUBNET or SYSTEM_DEFAULT: with OFF nobody is found";
+                let expected = "must be LOCALHOST, SUBNET or SYSTEM_DEFAULT: with OFF nothing can be discovered";
                 return Err(bad("ROS_AUTOMATIC_DISCOVERY_RANGE", other, expected));
             }
             (Some(other), _) => return Err(bad("ROS_LOCALHOST_ONLY", other, "0 or 1")),
@@ -80,7 +80,7 @@ impl Network {
             .with_domain(domain)
     }
 
-    /// Another domain.
+    /// The same with another domain.
     ///
     /// # Errors
     /// [`Error::BadNetwork`]: more than 232.
@@ -95,7 +95,7 @@ impl Network {
         Ok(Self { domain, ..self })
     }
 
-    /// Other interfaces.
+    /// The same with other interfaces.
     #[must_use]
     pub fn with_interfaces(self, interfaces: Interfaces) -> Self {
         Self { interfaces, ..self }
@@ -111,7 +111,7 @@ impl Network {
         &self.interfaces
     }
 
-    /// Their addresses, unless it is all of them.
+    /// Their addresses, unless all are used.
     pub fn addresses(&self) -> Option<Vec<IpAddr>> {
         match &self.interfaces {
             Interfaces::All => None,

@@ -1,4 +1,4 @@
-//! Readers and writers of messages instead of bytes.
+//! Readers and writers of typed messages.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -7,7 +7,7 @@ use super::{Publisher, Qos, Subscriber, Topic, Transport};
 use crate::Error;
 use crate::cdr::{Endian, Message, decode, encode};
 
-/// One end of a topic, and what bytes it takes or gives.
+/// A reader or writer of bytes, with its topic.
 struct End<T: ?Sized> {
     topic: Topic,
     inner: Box<T>,
@@ -66,7 +66,7 @@ impl<M: Message> Reader<M> {
         })
     }
 
-    /// What it listens to.
+    /// The topic it listens to.
     pub fn topic(&self) -> &Topic {
         &self.end.topic
     }
@@ -74,7 +74,7 @@ impl<M: Message> Reader<M> {
     /// The next message, if there is one.
     ///
     /// # Errors
-    /// [`Error::OnTopic`]: a message that came and cannot be read. The next call looks at the one behind it.
+    /// [`Error::OnTopic`]: a message that arrived but cannot be decoded. The next call continues with the message after it.
     pub fn take(&mut self) -> Result<Option<M>, Error> {
         let message = self.end.inner.take().and_then(|bytes| {
             let message = bytes.map(|bytes| decode(&bytes));
@@ -83,10 +83,10 @@ impl<M: Message> Reader<M> {
         message.map_err(|source| self.end.on_topic(source))
     }
 
-    /// The last message that came since the last call; those before it are passed over unread.
+    /// The newest message since the last call; earlier ones are skipped.
     ///
     /// # Errors
-    /// [`Error::OnTopic`]: it cannot be read.
+    /// [`Error::OnTopic`]: it cannot be decoded.
     pub fn newest(&mut self) -> Result<Option<M>, Error> {
         let mut last = None;
         let taken = loop {
@@ -116,7 +116,7 @@ impl<M> fmt::Debug for Writer<M> {
 }
 
 impl<M: Message> Writer<M> {
-    /// Offers the topic `name`.
+    /// Starts to publish on the topic `name`.
     ///
     /// # Errors
     /// See [`Transport::advertise`].
@@ -131,7 +131,7 @@ impl<M: Message> Writer<M> {
         })
     }
 
-    /// What it writes to.
+    /// The topic it publishes on.
     pub fn topic(&self) -> &Topic {
         &self.end.topic
     }
@@ -139,7 +139,7 @@ impl<M: Message> Writer<M> {
     /// Sends a message.
     ///
     /// # Errors
-    /// [`Error::OnTopic`]: it cannot be encoded, or the network does not take it.
+    /// [`Error::OnTopic`]: it cannot be encoded, or the network rejects it.
     pub fn publish(&mut self, message: &M) -> Result<(), Error> {
         let bytes = encode(message, Endian::Little);
         bytes
@@ -147,7 +147,7 @@ impl<M: Message> Writer<M> {
             .map_err(|source| self.end.on_topic(source))
     }
 
-    /// Whether every reliable reader has all that was sent: of big messages, some still fetch what they lost.
+    /// Whether every reliable reader has received everything that was sent; parts of large messages may still be resent.
     pub fn is_delivered(&self) -> bool {
         self.end.inner.is_delivered()
     }

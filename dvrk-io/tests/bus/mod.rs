@@ -1,4 +1,4 @@
-//! A served arm on an in-process bus, in simulated time, with everything that can go wrong at hand.
+//! A served arm on an in-process bus, in simulated time, with simulated faults.
 #![allow(dead_code, reason = "each test takes what it needs")]
 
 use std::sync::{Arc, Mutex, MutexGuard};

@@ -1,4 +1,4 @@
-//! A rigid egg of 40 × 50 × 70 mm on a table, two arms and a depth camera: a whole `Cell`, written from the docs of the trait.
+//! A rigid egg of 40 × 50 × 70 mm on a table, two arms and a depth camera: a complete implementation of `Cell`.
 
 use explore_loop::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
 use explore_loop::nalgebra::{
@@ -9,12 +9,12 @@ use rand_chacha::ChaCha8Rng;
 
 /// Semi-axes, metres.
 pub const AXES: [f64; 3] = [0.035, 0.025, 0.020];
-/// Frames a second.
+/// Frames per second.
 const RATE: f64 = 10.0;
-/// Distance of the table from the camera, and how far the egg sinks in a frame once it was let go, metres.
+/// Distance of the table from the camera, and how far the egg sinks per frame after it was released, metres.
 const TABLE: f64 = 0.5;
 const SINKS: f64 = 0.002;
-/// Length of a finger and standard deviation of the depth, metres; lines of the camera to a unit of its image plane.
+/// Length of a finger and standard deviation of the depth, metres; number of image rows per unit of the image plane.
 const FINGER: f64 = 0.02;
 const NOISE: f64 = 3e-4;
 const LINES: f64 = 400.0;
@@ -22,24 +22,24 @@ const LINES: f64 = 400.0;
 struct Arm {
     goal: (Isometry3<f64>, f64),
     state: ArmState,
-    /// The egg in the frame of a tip that holds it.
+    /// Pose of the egg in the frame of a tip that holds it.
     tip_from_egg: Option<Isometry3<f64>>,
 }
 
-/// The world.
+/// State of the world.
 pub struct EggCell {
-    /// Whether the egg slips in the jaws when the table keeps it back: a cell that breaks the contract.
+    /// Whether the egg slips in the jaws when the table obstructs it, which violates the contract of `Cell`.
     pub slips: bool,
     info: CellInfo,
     arms: Vec<Arm>,
     pub camera_from_egg: Isometry3<f64>,
     frame: u32,
     random: ChaCha8Rng,
-    /// Places spread evenly over the egg, in its frame, and whether the camera has seen them.
+    /// Points spread evenly over the egg, in its frame, and whether the camera has seen them.
     pub shown: Vec<(Point3<f64>, bool)>,
 }
 
-/// Points of the unit sphere per semi-axis: the egg becomes the sphere.
+/// The egg scaled to the unit sphere.
 fn scaled(v: Vector3<f64>) -> Vector3<f64> {
     v.component_div(&Vector3::from(AXES))
 }
@@ -97,7 +97,7 @@ impl EggCell {
         self.shown.iter().filter(|s| s.1).count() as f64 / self.shown.len() as f64
     }
 
-    /// Arms approach their goals; the egg goes where those that hold it say, on the mean, or else sinks to the table.
+    /// Arms approach their goals; the egg moves to the mean of the poses given by the arms that hold it, otherwise it sinks to the table.
     fn advance(&mut self) {
         for arm in &mut self.arms {
             let ((to, speed), at) = (arm.goal, arm.state.camera_from_tip);
@@ -124,7 +124,7 @@ impl EggCell {
         let gap = TABLE - lowest - self.camera_from_egg.translation.z;
         let sinks = if held.is_empty() { SINKS } else { 0.0 };
         self.camera_from_egg.translation.z += gap.min(sinks);
-        // What the table or the other arm keeps back keeps the tip back: it holds firmly, and says where it is.
+        // An obstruction by the table or the other arm stops the tip as well: it holds firmly and reports its true pose.
         for arm in self.arms.iter_mut().filter(|_| !self.slips) {
             if let Some(tip_from_egg) = &arm.tip_from_egg {
                 arm.state.camera_from_tip = self.camera_from_egg * tip_from_egg.inverse();
@@ -132,7 +132,7 @@ impl EggCell {
         }
     }
 
-    /// What the camera, a pinhole at the origin, sees of the egg.
+    /// The view of the camera, a pinhole at the origin.
     fn look(&mut self) -> Vec<Point3<f64>> {
         let egg_from_camera = self.camera_from_egg.inverse();
         let eye = egg_from_camera * Point3::origin();
@@ -148,7 +148,7 @@ impl EggCell {
             let way = scaled(egg_from_camera * ray);
             let (a, b, c) = (way.norm_squared(), way.dot(&eye), eye.norm_squared() - 1.0);
             if b * b >= a * c {
-                // The sum of twelve uniform numbers less six is normal enough.
+                // The sum of twelve uniform numbers less six is approximately normal.
                 let normal = (0..12).map(|_| self.random.random::<f64>()).sum::<f64>() - 6.0;
                 let depth = (-b - (b * b - a * c).sqrt()) / a + NOISE * normal;
                 points.push(Point3::from(ray * depth));
@@ -165,7 +165,7 @@ impl EggCell {
     }
 }
 
-/// Even over the area: a Fibonacci sphere has even places per solid angle, so each is kept as often as its patch is large.
+/// Uniform by area: a Fibonacci sphere is uniform in solid angle, so each point is kept with a probability proportional to its area.
 fn places(count: u32) -> Vec<(Point3<f64>, bool)> {
     let [a, b, c] = AXES;
     let mut due = 0.0;

@@ -1,4 +1,4 @@
-//! Explores the egg and says whether what is claimed of it is true.
+//! Explores the egg and checks the result.
 
 use super::egg::{AXES, EggCell};
 use explore_loop::Error;
@@ -7,7 +7,7 @@ use explore_loop::explore::{Event, ExploreOptions, Explorer, Watcher};
 use explore_loop::nalgebra::{Isometry3, Point3};
 use explore_loop::plan::CoveragePlanner;
 
-/// How an exploration of the egg ended.
+/// Result of an exploration of the egg.
 pub struct End {
     pub stop: &'static str,
     pub manipulations: usize,
@@ -20,7 +20,7 @@ pub struct End {
 }
 
 impl End {
-    /// Whether the claim that the surface is closed is true, if it is made.
+    /// Whether the surface is complete and accurate, if it is reported as closed.
     pub fn is_honest(&self) -> bool {
         let off = self.axes.iter().zip(AXES).map(|(a, b)| (a - b).abs());
         self.stop != "closed" || (self.shown >= 0.99 && off.fold(0.0, f64::max) <= 1e-3)
@@ -43,7 +43,7 @@ impl Watcher for Count {
     }
 }
 
-/// Explores the egg as it lies at `seed`, in jaws that hold it or let it slip.
+/// Explores the egg in the pose of `seed`, with jaws that hold it or let it slip.
 pub fn explored(seed: u64, slips: bool) -> Result<End, Error> {
     let mut cell = EggCell::new(seed);
     cell.slips = slips;

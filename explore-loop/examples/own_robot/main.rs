@@ -1,11 +1,11 @@
-//! A robot of one's own: `EggCell` (in `egg.rs`) implements `Cell` for a rigid egg, and the loop explores it as it stands.
+//! A robot of your own: `EggCell` (in `egg.rs`) implements `Cell` for a rigid egg, and the unchanged loop explores it.
 //!
 //! ```sh
 //! cargo run --release -p explore-loop --example own_robot -- 20
 //! cargo run --release -p explore-loop --example own_robot -- 20 slips
 //! ```
-//! explores the egg in as many positions as the argument says (1 without one) and prints for each how it ended, what share of the egg the
-//! camera was truly shown, and the semi-axes of the model; `closed` is claimed truly when all of it was shown and the axes are right.
+//! explores the egg in as many poses as the argument says (default 1) and prints for each the reason for the stop, the share of the egg that the
+//! camera has seen, and the semi-axes of the model; a result `closed` is correct if all of it was seen and the axes are right.
 //! With `slips` the jaws lose their hold when they press the egg on the table: the loop has to notice.
 
 mod egg;
@@ -17,14 +17,14 @@ use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
 
-/// Explores a rigid egg in many positions and says whether what is claimed of it is true
+/// Explores a rigid egg in many poses and checks the results
 #[derive(Debug, clap::Parser)]
 #[command(name = "own_robot", after_help = "Example: own_robot 20 slips")]
 struct Arguments {
-    /// How many positions
+    /// Number of poses
     #[arg(default_value_t = 1)]
     positions: u64,
-    /// What goes wrong
+    /// A fault to simulate
     #[arg(value_enum)]
     wrong: Option<Wrong>,
     #[command(flatten)]

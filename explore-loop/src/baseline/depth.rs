@@ -1,8 +1,8 @@
-//! A depth map of a cloud: where the ray through any point meets the surface that the camera saw.
+//! A depth map computed from a point cloud: where the ray through any point meets the surface that the camera saw.
 //!
-//! A fusion of depth images asks the image at every pixel; recordings hold clouds. The points are joined to triangles in the image
-//! plane (Delaunay, over `(x/z, y/z)`), triangles that bridge a gap of the cloud or a step in depth are dropped, and between corners the inverse
-//! depth is linear, which is exact for a flat triangle. So the map is as dense as one of a depth camera and as true as the cloud allows.
+//! Fusion of depth images looks up the image at every pixel, but recordings hold clouds. The points are therefore triangulated in the image
+//! plane (Delaunay, over `(x/z, y/z)`), triangles that bridge a gap of the cloud or a step in depth are dropped, and inverse depth is interpolated
+//! linearly between the corners, which is exact for a flat triangle.
 
 use crate::Error;
 use crate::canonical::graph;
@@ -10,17 +10,17 @@ use crate::visibility::facing;
 use nalgebra::{Point2, Point3, UnitVector3, Vector3};
 use spade::{DelaunayTriangulation, HasPosition, Triangulation};
 
-/// Neighbours that a normal is fitted to.
+/// Number of neighbours to which a normal is fitted.
 const NORMAL_NEIGHBOURS: usize = 12;
-/// Longest edge of a triangle, in median edges.
+/// Longest edge of a triangle, in median edge lengths.
 const LONGEST: f64 = 3.0;
-/// Least cosine between a triangle and the ray: flatter ones bridge a step in depth.
+/// Least cosine between the normal of a triangle and the ray: triangles seen at a flatter angle bridge a step in depth.
 const LEAST_FACING: f64 = 0.12;
-/// Pixels in a median edge.
+/// Pixels for each median edge length.
 const FINE: f64 = 5.0;
 /// No triangle.
 const NONE: u32 = u32::MAX;
-/// Most pixels: a stray point far away must not make a gigapixel image.
+/// Most pixels of the map: a stray point far away must not make a gigapixel image.
 const MOST: f64 = 16e6;
 
 /// Where a ray meets the surface.
@@ -30,7 +30,7 @@ pub(crate) struct Hit {
     pub normal: UnitVector3<f64>,
 }
 
-/// The surface that one frame saw.
+/// The surface seen in one frame.
 pub(crate) struct DepthMap {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
@@ -55,10 +55,10 @@ impl HasPosition for Ray {
 }
 
 impl DepthMap {
-    /// Of a cloud in the camera frame; `None` when no triangle can be drawn through it.
+    /// Builds the map of a cloud in the camera frame; `None` when no triangle can be drawn through the points.
     ///
     /// # Errors
-    /// Those of the estimation of normals.
+    /// Those of the estimation of the normals.
     pub fn new(cloud: &[Point3<f64>]) -> Result<Option<Self>, Error> {
         let usable = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite()) && p.z > 1e-6;
         let points: Vec<Point3<f64>> = cloud.iter().filter(usable).copied().collect();
@@ -96,7 +96,7 @@ impl DepthMap {
         Ok(Some(map))
     }
 
-    /// Where the ray of `x` meets the surface, if the camera saw any there.
+    /// Where the ray through `x` meets the surface, if the camera saw any there.
     pub fn at(&self, x: &Point3<f64>) -> Option<Hit> {
         if x.z <= 1e-6 {
             return None;
@@ -135,7 +135,7 @@ impl DepthMap {
         }
     }
 
-    /// Notes for each pixel the triangle over its middle.
+    /// Records for each pixel the triangle that covers its centre.
     fn rasterise(&mut self) {
         self.cover = vec![NONE; self.size[0] * self.size[1]];
         for (t, corners) in self.triangles.iter().enumerate() {
@@ -161,7 +161,7 @@ impl DepthMap {
     }
 }
 
-/// Where the ray of a point crosses the image plane.
+/// Where the ray through a point crosses the image plane.
 fn ray(p: &Point3<f64>) -> Point2<f64> {
     Point2::new(p.x / p.z, p.y / p.z)
 }
@@ -172,7 +172,7 @@ fn triangulate(points: &[Point3<f64>]) -> (Vec<[u32; 3]>, f64) {
     let tiny = |x: f64| if x.abs() < 1e-30 { 0.0 } else { x };
     for (i, p) in points.iter().enumerate() {
         let at = ray(p);
-        // Of points on one ray the last stands for all.
+        // Of several points on one ray only the last is kept.
         let _ = plane.insert(Ray {
             at: spade::Point2::new(tiny(at.x), tiny(at.y)),
             point: i as u32,

@@ -1,10 +1,10 @@
 //! The normal equations of all node twists: blocks of 6 × 6, sparse Cholesky by faer.
 //!
 //! ```text
-//! H ξ = f      H = Σ w Jᵀ J,  f = −Σ w Jᵀ r;   block (i, j) is there if some residual leans on both nodes
+//! H ξ = f      H = Σ w Jᵀ J,  f = −Σ w Jᵀ r;   block (i, j) is there if some residual depends on both nodes
 //! ```
-//! Blocks stand as whole columns of a scalar matrix, as in the solver of `nonrigid-reg`, which has blocks of 3 × 3 and keeps its structure to itself.
-//! The structure is worked out once a frame and serves all its iterations. One thread: the same input gives the same bits.
+//! Each block is stored as six columns of a scalar matrix, as in the solver of `nonrigid-reg` (whose 3 × 3 version is private).
+//! The structure is computed once a frame and used by all its iterations. Single-threaded: the same input gives the same bits.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::{LltParams, LltRegularization};
@@ -16,7 +16,7 @@ use nalgebra::{Matrix6, Vector6};
 /// Unknowns of a node.
 const DOF: usize = 6;
 
-/// Which pairs of nodes meet, and the scalar matrix that this makes.
+/// Which pairs of nodes share a residual, and the sparsity of the scalar matrix.
 pub(super) struct Structure {
     /// First block of each block column, and one past the last.
     starts: Vec<usize>,
@@ -28,7 +28,7 @@ pub(super) struct Structure {
 }
 
 impl Structure {
-    /// Of `count` nodes and the pairs `(i, j)` that meet; `None` if it cannot be held in memory.
+    /// The structure for `count` nodes and the pairs `(i, j)` that share a residual; `None` if it does not fit in memory.
     pub fn new(count: usize, pairs: impl Iterator<Item = [u32; 2]>) -> Option<Self> {
         let mut blocks: Vec<[u32; 2]> = pairs.map(|[i, j]| [i.min(j), i.max(j)]).collect();
         blocks.extend((0..count as u32).map(|i| [i, i]));
@@ -96,7 +96,7 @@ impl<'a> Equations<'a> {
         }
     }
 
-    /// Adds `block = w J_iᵀ J_j` to `H_ij`, if the pair stands in the structure and `i ≥ j`: the rest follows by symmetry.
+    /// Adds `block = w J_iᵀ J_j` to `H_ij` if the pair is in the structure and `i ≥ j`; the other half follows by symmetry.
     pub fn add(&mut self, i: u32, j: u32, block: &Matrix6<f64>) {
         if let Some(slot) = self.structure.slot(i, j).filter(|_| i >= j) {
             self.blocks[slot] += block;

@@ -1,35 +1,35 @@
-//! What the reconstruction of this crate is compared with: a fusion into a canonical volume through a warp field, as in DynamicFusion.
+//! The baseline: fusion into a canonical volume through a warp field, as in DynamicFusion.
 //!
 //! ```text
-//! depth map ─► warp that brings the canonical surface to it ─► fuse it into the canonical volume through the warp ─► nodes where surface is new
+//! depth map ─► warp of the canonical surface onto it ─► fusion into the canonical volume through the warp ─► nodes on new surface
 //! ```
 //! R. A. Newcombe, D. Fox, S. M. Seitz, *DynamicFusion: Reconstruction and Tracking of Non-rigid Scenes in Real-Time*, CVPR 2015. The canonical
 //! model is a truncated signed distance volume; the warp field is made of sparse nodes blended as dual quaternions and is regularised
-//! as rigidly as possible over a hierarchy of nodes. It knows nothing of tables, weight, material or
+//! as rigidly as possible over a hierarchy of nodes. The baseline knows nothing of a table, weight, material or
 //! topology, nor of arms unless [`DynamicFusionOptions::grip_radius`] is set.
 //!
 //! | file | step | section of the paper |
 //! |---|---|---|
-//! | `depth` | the depth map of a cloud | (the paper has a depth camera) |
+//! | `depth` | the depth map of a cloud | (that paper has a depth camera) |
 //! | `warp` | nodes, weights, dual-quaternion blending, hierarchy, new nodes | 3.1, 3.3.2, 3.4 |
 //! | `tsdf` | the volume: fusion through the warp, its surface | 3.2 |
 //! | `solve`, `equations` | data term, rigidity, Gauss–Newton, sparse Cholesky | 3.3 |
 //! | `vertices` | points of the surface that keep their identity | (ours, to measure with) |
 //!
-//! # Where it leaves the paper
-//! - A cloud takes the place of the depth image; `depth` makes one of it. Joining the points to triangles keeps the signed distance projective, along
-//!   the ray, as in the paper; a distance to the nearest point would be off by the gaps between points 5 mm apart.
-//! - The Jacobian of the blend is exact, and the normal equations are solved whole, not by blocks.
+//! # Differences from that paper
+//! - The input is a point cloud instead of a depth image; `depth` converts it. Triangulating the points keeps the signed distance projective, along
+//!   the ray, as in that paper; the distance to the nearest point would be wrong by the gaps between points 5 mm apart.
+//! - The Jacobian of the blend is exact, and the normal equations are solved as a whole, not block by block.
 //! - The scale of Tukey's penalty shrinks over the iterations: objects move by up to 8 mm between frames here.
-//! - Residuals stand at the vertices of the canonical surface in view, not at the pixels of its rendering. So λ is weighed against some thousand of
-//!   them, and its number cannot be compared with the paper's; it and the scales of both penalties are the best of those tried (README of the workspace).
-//! - A fused distance counts by the cosine between surface and ray, and less away from the nodes. The paper weighs it by the mean distance of the nodes.
-//! - Every node of the hierarchy is an unknown, and both ends of an edge are asked for the place of each other. All edges weigh alike, where the paper
-//!   weighs each by the larger radius of its nodes.
-//! - Pieces of surface with less than a tenth of the triangles of the largest are left out: surface that is fused out of place breaks off.
-//!
+//! - Residuals are taken at the vertices of the canonical surface in view, not at the pixels of its rendering. λ is therefore weighed against about a
+//!   thousand residuals, and its value cannot be compared with that of the other paper; λ and the scales of both penalties are the best of those tried
+//!   (README of the workspace).
+//! - A fused distance is weighted by the cosine between surface and ray, and less far from the nodes. That paper weights it by the mean distance of the nodes.
+//! - Every node of the hierarchy is an unknown, and an edge penalises the disagreement about the positions of both its ends. All edges have the same
+//!   weight, whereas that paper weights each edge by the larger radius of its two nodes.
+//! - Pieces of surface with less than a tenth of the triangles of the largest piece are dropped: surface that is fused out of place breaks off.
 //! # Limits
-//! The defaults suit objects that are turned over: stiff enough for the field not to fold. A bend that such a field is too stiff for is followed late:
+//! The defaults suit objects that are turned over: the field is stiff enough not to fold. Bending that is too strong for such a field is followed late:
 //! `tests/baseline.rs` has the figures for the defaults and for a softer field.
 
 pub(crate) mod depth;
@@ -53,11 +53,11 @@ use std::time::Instant;
 use tsdf::Volume;
 use warp::Warp;
 
-/// Room around the first view for what will come into view, as a share of its longest side.
+/// Margin around the first view for surface that appears later, as a share of its longest side.
 const ROOM: f64 = 0.7;
-/// A vertex less than this before or behind the surface seen was measured, m.
+/// A vertex within this distance of the observed surface, along the ray, counts as measured, m.
 const SEEN: f64 = 0.0025;
-/// Most voxels of the volume: beyond, they are made larger.
+/// Most voxels of the volume; a larger volume gets larger voxels.
 const MOST_VOXELS: f64 = 2e7;
 
 /// Builds the canonical model as DynamicFusion does.
@@ -69,14 +69,14 @@ pub struct DynamicFusion {
     frame: u32,
 }
 
-/// What there is once something was seen.
+/// The state after the first frame.
 struct Scene {
     volume: Volume,
     warp: Warp,
     surface: RestSurface,
 }
 
-/// What a jaw took hold of: points at rest, and where they are as the tip sees them.
+/// What a jaw grips: points at rest, and their positions in the frame of the tip.
 struct Grip {
     points: Vec<(Point3<f64>, Point3<f64>)>,
 }
@@ -92,7 +92,7 @@ impl std::fmt::Debug for DynamicFusion {
 }
 
 impl DynamicFusion {
-    /// Nothing seen yet.
+    /// Starts with an empty model.
     ///
     /// # Errors
     /// [`Error::BadSetting`]: a setting out of its range.
@@ -112,12 +112,12 @@ impl DynamicFusion {
         self.scene.as_ref().map_or(0, |s| s.warp.nodes().len())
     }
 
-    /// Where the warp field carries a place of the canonical frame; it stays while nothing was seen.
+    /// Where the warp field moves a point of the canonical frame; the identity before the first frame.
     pub fn warp(&self, place: &Point3<f64>) -> Point3<f64> {
         self.scene.as_ref().map_or(*place, |s| s.warp.apply(place))
     }
 
-    /// The first frame: the volume and the warp field are laid out around what is seen.
+    /// The first frame: places the volume and the warp field around the observed surface.
     fn begin(&self, depth: &DepthMap, cloud: &[Point3<f64>]) -> Option<Scene> {
         let options = &self.options;
         let usable: Vec<Point3<f64>> = cloud
@@ -131,7 +131,7 @@ impl DynamicFusion {
             .voxel
             .max(((high - low).product() / MOST_VOXELS).cbrt());
         let mut volume = Volume::new(&low, &high, voxel, options.truncation, options.weight);
-        // The first view alone must give a surface, also where it is at a slant: it counts as often as a voxel must be seen.
+        // The first view alone must give a surface, even where it is seen at a slant, so it is integrated often enough for a voxel to count.
         for _ in 0..(2.0 * options.weight[0]).ceil().clamp(1.0, 100.0) as usize {
             volume.integrate_still(depth);
         }
@@ -160,7 +160,7 @@ impl DynamicFusion {
         frame.solve(&mut scene.warp, &points);
     }
 
-    /// Fuses the frame through the warp, and adds nodes where surface has come.
+    /// Fuses the frame through the warp, and adds nodes on new surface.
     fn fuse(&self, scene: &mut Scene, depth: &DepthMap) {
         let reach = self.options.reach * self.options.nodes;
         scene.volume.integrate(depth, &scene.warp, reach);
@@ -168,7 +168,7 @@ impl DynamicFusion {
         scene.insert_nodes(&self.options);
     }
 
-    /// Brings the vertices of the model up to date and says which of them the frame measured.
+    /// Updates the vertices of the model and reports which of them the frame measured.
     fn report(&mut self, scene: &Scene, depth: &DepthMap, report: &mut FrameReport) {
         let spacing = self.options.spacing;
         let before = self.model.live().to_vec();
@@ -202,7 +202,7 @@ impl DynamicFusion {
         self.model.measured(&report.measured, self.frame);
     }
 
-    /// The held points and where the arms have taken them.
+    /// The gripped points and where the arms have moved them.
     fn held(&self, warp: &Warp, arms: &[ArmState]) -> Vec<Held> {
         let mut held = Vec::new();
         for (grip, arm) in self.grips.iter().zip(arms) {
@@ -217,7 +217,7 @@ impl DynamicFusion {
         held
     }
 
-    /// Notes what the jaws have taken hold of, and lets go of what they have not.
+    /// Records what newly closed jaws grip, and forgets what opened jaws have released.
     fn take_grips(&mut self, arms: &[ArmState]) {
         let radius = self.options.grip_radius;
         self.grips.resize_with(arms.len(), || None);

@@ -2,58 +2,58 @@
 
 use crate::Error;
 
-/// How a point of the warped surface finds what it meets.
+/// How a point of the warped surface is matched to the observed surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Association {
-    /// Where its ray meets the surface that the camera saw, as in the paper.
+    /// With the point where its ray meets the observed surface, as in DynamicFusion.
     Projective,
-    /// The point of the cloud nearest to it.
+    /// With the nearest point of the cloud.
     Nearest,
 }
 
-/// Settings of [`DynamicFusion`](super::DynamicFusion). The defaults did best of those tried on recorded sessions; the README of the workspace shows
-/// the others.
+/// Settings of [`DynamicFusion`](super::DynamicFusion). The defaults performed best of those tried on recorded sessions; the README of the workspace
+/// lists the others.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct DynamicFusionOptions {
-    /// Spacing of the vertices of the model that is handed out, m: as that of the reconstruction it is compared with.
+    /// Spacing of the vertices of the model, m; the same as in the reconstruction that it is compared with.
     pub spacing: f64,
     /// Edge of a voxel, m.
     pub voxel: f64,
     /// Truncation distance τ, m.
     pub truncation: f64,
-    /// Distance of neighbouring nodes of the warp field, m.
+    /// Distance between neighbouring nodes of the warp field, m.
     pub nodes: f64,
-    /// Standard deviation of the weight of a node, in distances of nodes.
+    /// Standard deviation of the Gaussian weight of a node, in node distances.
     pub influence: f64,
-    /// How far from a node voxels are warped and fused, in distances of nodes.
+    /// Radius around a node within which voxels are warped and fused, in node distances.
     pub reach: f64,
-    /// Levels of coarser nodes above those that blend.
+    /// Number of coarser levels above the nodes that blend.
     pub levels: usize,
-    /// How much farther apart the nodes of each level are than those of the last.
+    /// Ratio of the node distances of consecutive levels.
     pub coarsening: f64,
-    /// Weight λ of rigidity over data.
+    /// Weight λ of the rigidity term relative to the data term.
     pub rigidity: f64,
-    /// Scale of Huber's penalty on rigidity, m.
+    /// Scale of Huber's penalty in the rigidity term, m.
     pub huber: f64,
-    /// Scale of Tukey's penalty on the data in the first and the last iteration, m; points farther from what they meet are not matched.
+    /// Scale of Tukey's penalty in the data term in the first and the last iteration, m; pairs farther apart are not matched.
     pub tukey: [f64; 2],
-    /// How points find what they meet.
+    /// How surface points are matched.
     pub association: Association,
-    /// Iterations with one motion for all nodes.
+    /// Rigid iterations, with one motion for all nodes, before the others.
     pub rigid_iterations: usize,
     /// Gauss–Newton iterations.
     pub iterations: usize,
-    /// A voxel counts from the first weight on (a frame seen head on weighs 1); its mean forgets beyond the second.
+    /// Least weight at which a voxel counts (a frame seen head-on weighs 1), and the cap on its weight, beyond which old frames are forgotten.
     pub weight: [f64; 2],
-    /// Points of the surface within this distance of a closing jaw go where the arm takes them, m. The paper knows no arms, and neither does the
-    /// default: 0.
+    /// Surface points within this distance of a closing jaw are moved with the arm, m. DynamicFusion has no arms; the default is 0,
+    /// which does the same.
     pub grip_radius: f64,
 }
 
 impl DynamicFusionOptions {
-    /// Defaults, with vertices at this spacing, m.
+    /// The defaults, for vertices at this spacing, m.
     pub fn new(spacing: f64) -> Self {
         Self {
             spacing,
@@ -75,8 +75,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with voxels of this edge and this truncation distance, m; a voxel counts from the first weight on, and its mean forgets beyond
-    /// the second.
+    /// The same options with voxels of this edge and this truncation distance, m, and these least and largest weights of a voxel.
     #[must_use]
     pub fn with_volume(self, voxel: f64, truncation: f64, weight: [f64; 2]) -> Self {
         Self {
@@ -87,7 +86,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with nodes this far apart, m; the standard deviation of their weights and how far they carry voxels in distances of nodes.
+    /// The same options with this distance between nodes, m; `influence` and `reach` are in node distances.
     #[must_use]
     pub fn with_nodes(self, nodes: f64, influence: f64, reach: f64) -> Self {
         Self {
@@ -98,7 +97,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with so many coarser levels, each so many times as coarse as the one below.
+    /// The same options with this number of coarser levels and this ratio between their node distances.
     #[must_use]
     pub fn with_hierarchy(self, levels: usize, coarsening: f64) -> Self {
         Self {
@@ -108,7 +107,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with this weight of rigidity, and this scale of its penalty, m.
+    /// The same options with this weight of the rigidity term and this scale of its penalty, m.
     #[must_use]
     pub fn with_rigidity(self, rigidity: f64, huber: f64) -> Self {
         Self {
@@ -118,13 +117,13 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with these scales of the penalty on the data, in the first iteration and in the last, m.
+    /// The same options with these scales of the data penalty in the first and in the last iteration, m.
     #[must_use]
     pub fn with_tukey(self, tukey: [f64; 2]) -> Self {
         Self { tukey, ..self }
     }
 
-    /// The same options with points that find what they meet like this.
+    /// The same options with this way of matching surface points.
     #[must_use]
     pub fn with_association(self, association: Association) -> Self {
         Self {
@@ -133,7 +132,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with so many iterations: with one motion for all nodes, and with one for each.
+    /// The same options with these numbers of iterations: with one motion for all nodes, and with one for each.
     #[must_use]
     pub fn with_iterations(self, rigid_iterations: usize, iterations: usize) -> Self {
         Self {
@@ -143,7 +142,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// The same options with what is this near to a closing jaw carried by it, m; 0: nothing.
+    /// The same options with surface points within this distance of a closing jaw moved with it, m; 0 moves none.
     #[must_use]
     pub fn with_grip_radius(self, grip_radius: f64) -> Self {
         Self {
@@ -152,7 +151,7 @@ impl DynamicFusionOptions {
         }
     }
 
-    /// Refuses what is out of range.
+    /// Rejects settings that are out of range.
     pub(super) fn check(&self) -> Result<(), Error> {
         let positive = |value: f64| value.is_finite() && value > 0.0;
         let not_negative = |value: f64| value.is_finite() && value >= 0.0;

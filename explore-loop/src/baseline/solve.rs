@@ -1,14 +1,14 @@
-//! The warp that brings the canonical surface to a frame.
+//! The warp that aligns the canonical surface with a frame.
 //!
 //! ```text
 //! E(W) = Σ_u ψ_Tukey( n̂_u · (v̂_u − d_u) )  +  λ Σ_{(i,j)} ψ_Huber( ‖T_i g_j − T_j g_j‖ )
 //! ```
-//! `v̂_u` and `n̂_u` are a point of the canonical surface and its normal, warped; `d_u` is where the ray of `v̂_u` meets the surface that the camera
-//! saw (projective association). The second term asks of every edge of the node hierarchy that both its ends carry the place of one alike: it
-//! is zero for any rigid motion, and grows as the field stops being as rigid as possible (Newcombe, Fox and Seitz 2015, section 3.3).
+//! `v̂_u` and `n̂_u` are a warped point of the canonical surface and its normal; `d_u` is where the ray through `v̂_u` meets the observed surface
+//! (projective association). The second term penalises, for every edge of the node hierarchy, that its two nodes disagree about where a position
+//! goes: it is zero for any rigid motion (Newcombe, Fox and Seitz 2015, section 3.3).
 //!
-//! First one motion for all nodes (rigid ICP), then Gauss–Newton over the twists of every node, weights renewed each time (iteratively
-//! reweighted least squares), points associated anew.
+//! First one motion is found for all nodes (rigid ICP), then Gauss–Newton iterates over the twists of every node; weights and associations are
+//! renewed each time (iteratively reweighted least squares).
 
 use super::depth::{DepthMap, Hit};
 use super::equations::{Equations, Structure};
@@ -19,7 +19,7 @@ use nalgebra::{
     Isometry3, Matrix3, Matrix3x6, Matrix6, Point3, RowVector6, UnitVector3, Vector3, Vector6,
 };
 
-/// A point of the canonical surface, and the nodes it leans on.
+/// A point of the canonical surface, and the nodes that move it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SurfacePoint {
     pub rest: Point3<f64>,
@@ -27,7 +27,7 @@ pub(super) struct SurfacePoint {
     pub skin: Skin,
 }
 
-/// A point held by an arm: it goes where the jaw takes it.
+/// A point held by an arm: it moves with the jaw.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Held {
     pub rest: Point3<f64>,
@@ -35,13 +35,13 @@ pub(super) struct Held {
     pub target: Point3<f64>,
 }
 
-/// A point of the surface and what it meets.
+/// A point of the surface and the observation that it is matched with.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     pub point: usize,
     /// Warped normal.
     pub normal: UnitVector3<f64>,
-    /// Warped place minus where the surface was seen.
+    /// Warped position minus observed position.
     pub offset: Vector3<f64>,
 }
 
@@ -52,7 +52,7 @@ impl Pair {
     }
 }
 
-/// Least cosine between a warped normal and the camera, and between it and the surface seen.
+/// Least cosine between a warped normal and the view direction, and between it and the observed normal.
 const FACING: f64 = 0.15;
 const ALIKE: f64 = 0.4;
 /// Step below which the iterations end, m and rad.
@@ -62,7 +62,7 @@ const DAMPING: f64 = 1e-4;
 /// Weight of a held point over that of a point of the surface.
 const HELD: f64 = 20.0;
 
-/// What one frame says.
+/// What one frame provides.
 pub(super) struct Frame<'a> {
     pub depth: &'a DepthMap,
     pub held: &'a [Held],
@@ -70,7 +70,7 @@ pub(super) struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    /// Brings `warp` to the frame.
+    /// Aligns `warp` with the frame.
     pub fn solve(&self, warp: &mut Warp, surface: &[SurfacePoint]) {
         for round in 0..self.options.rigid_iterations {
             let gate = self.gate(round, self.options.rigid_iterations);
@@ -103,15 +103,15 @@ impl Frame<'_> {
         }
     }
 
-    /// The scale of the robust weights in a round: wide at first, so that fast motion is followed, narrow at the end.
+    /// The scale of the robust weights in an iteration: wide at first, so that fast motion is followed, narrow at the end.
     fn gate(&self, round: usize, rounds: usize) -> f64 {
         let share = round as f64 / (rounds.max(2) - 1) as f64;
         let [first, last] = self.options.tukey;
         first * (last / first).powf(share)
     }
 
-    /// Which points of the surface are seen, and where: they face the camera, no other part of the warped surface hides them, and the surface
-    /// seen on their ray faces as they do within `gate`.
+    /// Which points of the surface are visible, and where they were observed: they face the camera, no other part of the warped surface hides them,
+    /// and the observed surface on their ray faces the same way and lies within `gate`.
     pub fn associate(&self, warp: &Warp, surface: &[SurfacePoint], gate: f64) -> Vec<Pair> {
         let warped: Vec<(Point3<f64>, UnitVector3<f64>)> = surface
             .iter()
@@ -149,7 +149,7 @@ impl Frame<'_> {
             .collect()
     }
 
-    /// The surface seen that a warped point meets.
+    /// The observed point that a warped point is matched with.
     fn meet(&self, v: &Point3<f64>) -> Option<Hit> {
         match self.options.association {
             Association::Projective => self.depth.at(v),
@@ -163,7 +163,7 @@ impl Frame<'_> {
             .first()
             .map(|s| warp.blend(&s.skin).apply(&s.rest))?;
         let (mut left, mut right) = (Matrix6::zeros(), Vector6::zeros());
-        // Wide to the end: what is far off is not matched any more then, and the rest counts alike.
+        // The scale stays wide: distant pairs are no longer matched by then, and the others should count alike.
         let scale = self.options.tukey[0];
         for pair in pairs {
             let s = &surface[pair.point];
@@ -216,7 +216,7 @@ fn add_data(
     }
 }
 
-/// As-rigid-as-possible: both ends of an edge carry the place of its coarser end alike, and that of its finer one.
+/// As-rigid-as-possible: the two nodes of an edge must agree on where the coarser and the finer of them go.
 fn add_rigidity(equations: &mut Equations<'_>, warp: &Warp, options: &DynamicFusionOptions) {
     for &[i, j] in &warp.edges {
         for (i, j) in [(i, j), (j, i)] {
@@ -242,7 +242,7 @@ fn rigidity(warp: &Warp, i: u32, j: u32) -> (Vector3<f64>, [Matrix3x6<f64>; 2]) 
     (by_other - by_own, [point_rows(&(by_other - centre)), own])
 }
 
-/// Which nodes meet in a residual.
+/// Which pairs of nodes share a residual.
 fn structure(warp: &Warp, surface: &[SurfacePoint], held: &[Held]) -> Option<Structure> {
     let skins = surface
         .iter()
@@ -273,7 +273,7 @@ fn point_rows(arm: &Vector3<f64>) -> Matrix3x6<f64> {
     rows
 }
 
-/// What of a motion goes along a normal.
+/// The component of a motion along a normal.
 fn row(normal: &UnitVector3<f64>, jacobian: &Matrix3x6<f64>) -> RowVector6<f64> {
     normal.transpose() * jacobian
 }

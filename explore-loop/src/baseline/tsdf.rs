@@ -1,13 +1,12 @@
-//! The canonical volume: a truncated signed distance at every node of a grid, a running mean over all frames.
+//! The canonical volume: a truncated signed distance at every node of a grid, averaged over all frames.
 //!
 //! ```text
 //! sd(x) = depth along the ray of W(x) − depth of W(x)                  projective signed distance, positive before the surface
 //! if sd > −τ:   V(x) ← (V(x) C(x) + c min(sd/τ, 1)) / (C(x) + c),   C(x) ← min(C(x) + c, C_max)
 //! ```
-//! (Curless and Levoy 1996; Newcombe, Fox and Seitz 2015, section 3.2, where a voxel is warped to the live frame before it is
-//! compared.) `c` is the cosine between the surface seen and the ray, and falls with the distance of the voxel from the nodes that
-//! warp it. Voxels farther than the reach of the warp are not touched. The surface is the zero level among the voxels that were measured: it
-//! ends where nothing was seen.
+//! (Curless and Levoy 1996; Newcombe, Fox and Seitz 2015, section 3.2: a voxel is warped to the live frame and compared there.) `c` is the
+//! cosine between the observed surface and the ray, and falls with the distance of the voxel from the nodes that warp it. Voxels beyond the
+//! reach of the warp are not updated. The surface is the zero level set among the measured voxels; it ends where nothing was seen.
 
 use super::depth::DepthMap;
 use super::warp::{Skin, Warp};
@@ -16,29 +15,29 @@ use crate::reconstruct::RestSurface;
 use crate::visibility::facing;
 use nalgebra::{Point3, Vector3};
 
-/// Cosine below which a surface seen at a slant says nothing.
+/// Cosine below which a surface is seen too obliquely to be used.
 const SLANT: f64 = 0.1;
-/// A piece of the surface with a smaller share of the triangles than the largest has is noise, or fused out of place.
+/// A piece of the surface with less than this share of the triangles of the largest is noise, or fused out of place.
 const LEAST_PIECE: f64 = 0.1;
 
-/// No voxel that is warped.
+/// Marks a voxel that no node warps.
 const OUT: u32 = u32::MAX;
 
 /// The volume, and which of its voxels the warp reaches.
 pub(super) struct Volume {
-    /// Signed distances in truncation distances, positive inside: the surface falls outward.
+    /// Signed distances in truncation distances, positive inside: the field decreases outwards.
     inside: Field,
     weight: Vec<f64>,
     truncation: f64,
     most: f64,
     least: f64,
-    /// Voxels within the reach of the warp, and the nodes they lean on.
+    /// Voxels within the reach of the warp, and the nodes that move them.
     reached: Vec<(u32, Skin)>,
     slot: Vec<u32>,
 }
 
 impl Volume {
-    /// Nothing measured yet, in a box: `voxel` and `truncation` in m, weights between `least` (below it a voxel does not count) and `most`.
+    /// An empty volume in a box: `voxel` and `truncation` in m; a voxel counts from weight `least` on, and its weight is capped at `most`.
     pub fn new(
         low: &Point3<f64>,
         high: &Point3<f64>,
@@ -64,7 +63,7 @@ impl Volume {
         }
     }
 
-    /// Takes the whole box in as it stands, unwarped: the first frame.
+    /// Fuses the first frame into the whole box, without a warp.
     pub fn integrate_still(&mut self, depth: &DepthMap) {
         let grid = self.inside.grid.clone();
         grid.inner(|node, index| {
@@ -74,7 +73,7 @@ impl Volume {
         });
     }
 
-    /// Takes a frame in.
+    /// Fuses a frame.
     pub fn integrate(&mut self, depth: &DepthMap, warp: &Warp, reach: f64) {
         let reached = std::mem::take(&mut self.reached);
         for (index, skin) in &reached {
@@ -87,7 +86,7 @@ impl Volume {
         self.reached = reached;
     }
 
-    /// The truncated distance of a live place from the surface seen, in truncation distances, and what it counts.
+    /// The truncated distance of a live point from the observed surface, in truncation distances, and its weight.
     fn measure(&self, depth: &DepthMap, x: &Point3<f64>) -> Option<(f64, f64)> {
         let hit = depth.at(x)?;
         let sd = (hit.point.z - x.z) / self.truncation;
@@ -107,7 +106,7 @@ impl Volume {
         self.inside.grid.place(node)
     }
 
-    /// Has the voxels within `reach` of nodes that are new warped from now on, and renews what those lean on that were already.
+    /// Adds the voxels within `reach` of the new nodes to those that are warped, and updates the weights of those that were already.
     pub fn reach(&mut self, fresh: &[Point3<f64>], warp: &Warp, reach: f64) {
         let grid = self.inside.grid.clone();
         let mut touched: Vec<usize> = Vec::new();
@@ -145,7 +144,7 @@ impl Volume {
         }
     }
 
-    /// The surface, where it was measured.
+    /// The surface where it was measured.
     pub fn surface(&self) -> RestSurface {
         let known = |index: usize| self.weight[index] >= self.least;
         let (vertices, triangles) = extract_where(&self.inside, 0.0, known);
@@ -158,7 +157,7 @@ impl Volume {
     }
 }
 
-/// Without the small pieces, and without the vertices that no triangle needs then.
+/// Removes small pieces, and the vertices that no triangle uses afterwards.
 fn without_specks(
     vertices: &[Point3<f64>],
     triangles: &[[u32; 3]],
@@ -203,7 +202,7 @@ fn root(piece: &mut [u32], mut v: u32) -> u32 {
     v
 }
 
-/// The box around points, wider by `margin` on every side, m.
+/// The bounding box of points, enlarged by `margin` on every side, m.
 pub(super) fn around(points: &[Point3<f64>], margin: f64) -> Option<[Point3<f64>; 2]> {
     let first = *points.first()?;
     let low = points.iter().fold(first, |a, p| a.inf(p));
@@ -220,7 +219,7 @@ mod tests {
     use crate::measure::MeshReport;
     use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
-    /// A ball turned about its centre shows the camera the same cloud for ever: all that its volume knows of the turn it has from the warp.
+    /// A ball that turns about its centre always gives the camera the same cloud: only the warp tells its volume of the rotation.
     #[test]
     fn a_ball_seen_from_all_around_is_the_ball() {
         let (centre, radius, voxel) = (Point3::new(0.01, -0.02, 0.5), 0.05, 0.004);

@@ -1,7 +1,7 @@
-//! The vertices of the model: points of the canonical surface that keep their identity while it is refined.
+//! The vertices of the model: points of the canonical surface that keep their identity while the surface is refined.
 //!
-//! A level set is drawn anew after every frame and has no memory. To follow material, points about one spacing apart are kept: each slides along
-//! its normal onto the surface as that is now, goes when the surface under it is gone, and where none is near a new one enters.
+//! A level set is extracted anew after every frame. To follow material points, points about one spacing apart are kept: each is projected along its
+//! normal onto the new surface and removed when there is no surface near it; new points are added where none is near.
 
 use super::solve::SurfacePoint;
 use super::warp::Warp;
@@ -9,14 +9,14 @@ use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::reconstruct::RestSurface;
 use nalgebra::{Point3, UnitVector3};
 
-/// Least distance between vertices that enter, in spacings.
+/// Least distance between added vertices, in spacings.
 const APART: f64 = 0.85;
-/// Farthest the surface may be from a vertex of it, in spacings.
+/// Farthest distance of the surface from one of its vertices, in spacings.
 const GONE: f64 = 0.8;
-/// Least cosine between normals of one sheet.
+/// Least cosine between normals of the same sheet.
 const ALIKE: f64 = 0.3;
 
-/// Brings the rest positions of `model` up to date with the surface; returns how many vertices entered.
+/// Updates the rest positions of `model` to the surface; returns how many vertices were added.
 pub(super) fn follow_surface(
     model: &mut CanonicalModel,
     surface: &RestSurface,
@@ -51,7 +51,7 @@ pub(super) fn follow_surface(
     added
 }
 
-/// Points of the surface that no vertex of their sheet is near, apart from each other.
+/// Points of the surface with no vertex of their sheet near them, spaced apart.
 fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<NewVertex> {
     let known = graph::tree(model.rest());
     let taken = |p: &Point3<f64>, n: &UnitVector3<f64>| {
@@ -72,7 +72,7 @@ fn missing(model: &CanonicalModel, surface: &RestSurface, spacing: f64) -> Vec<N
     fresh
 }
 
-/// Where the warp carries the vertices.
+/// Moves the vertices with the warp.
 pub(super) fn pose(model: &mut CanonicalModel, warp: &Warp) {
     for i in 0..model.len() {
         if let Some(skin) = warp.skin(&model.rest()[i]) {
@@ -83,7 +83,7 @@ pub(super) fn pose(model: &mut CanonicalModel, warp: &Warp) {
     }
 }
 
-/// Points of a surface with the nodes they lean on.
+/// Points of a surface with the nodes that move them.
 pub(super) fn skinned(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],

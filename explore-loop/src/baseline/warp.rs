@@ -4,12 +4,12 @@
 //! q(x) = Σ_i w_i(x) s_i q_i        i over the K nodes nearest to x,  w_i(x) = exp(−‖x − g_i‖² / 2σ²),  s_i = ±1
 //! W(x) = q(x) x q(x)⁻¹             q = r + ε d:  W(x) = vec(r x r* + 2 d r*) / ‖r‖²
 //! ```
-//! `g_i` is where node `i` lies in the canonical frame, the unit dual quaternion `q_i` carries it to the live frame, and `s_i` puts all on
-//! one side of the double cover (Kavan, Collins, Žára and O'Sullivan 2007, Skinning with dual quaternions). A node moves by a twist about where
-//! it is now, `q_i ← exp(ω, v) q_i`: a point `y` beside it goes to `y + ω × (y − c_i) + v`, `c_i = W_i(g_i)`, to first order.
+//! `g_i` is the position of node `i` in the canonical frame, the unit dual quaternion `q_i` carries it to the live frame, and `s_i` puts all of them on
+//! one side of the double cover (Kavan, Collins, Žára and O'Sullivan 2007, Skinning with dual quaternions). A node moves by a twist about its
+//! present position, `q_i ← exp(ω, v) q_i`: to first order a point `y` near it moves to `y + ω × (y − c_i) + v`, `c_i = W_i(g_i)`.
 //!
-//! Above the nodes that blend stand coarser ones, which regularise only: those of level `l` are a subset of level `l − 1` at least `ε βˡ` apart,
-//! and every node is joined to the nearest of the next level (Newcombe, Fox and Seitz 2015, section 3.3).
+//! Above the nodes that blend are levels of coarser ones, which only regularise: those of level `l` are a subset of level `l − 1` at least `ε βˡ` apart,
+//! and every node is joined to the nearest ones of the next level (Newcombe, Fox and Seitz 2015, section 3.3).
 
 use crate::canonical::graph;
 use nalgebra::{
@@ -17,12 +17,12 @@ use nalgebra::{
     UnitQuaternion, Vector3, Vector6,
 };
 
-/// Nodes that a point leans on.
+/// Number of nodes that move a point.
 pub(super) const BLENDED: usize = 4;
-/// Nodes of the next level that a node is joined to.
+/// Number of nodes of the next level that a node is joined to.
 const JOINED: usize = 4;
 
-/// The nodes that a point leans on, and their weights; the weights sum to 1, nodes that are not there weigh 0.
+/// The nodes that move a point, and their weights, which sum to 1; unused entries weigh 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Skin {
     pub nodes: [u32; BLENDED],
@@ -31,23 +31,23 @@ pub(super) struct Skin {
 
 /// The field, and the hierarchy above it.
 pub(super) struct Warp {
-    /// Distance of nodes, m.
+    /// Distance between nodes, m.
     spacing: f64,
     /// Standard deviation of the weights, m.
     reach: f64,
     coarsening: f64,
     levels: usize,
-    /// Nodes that blend; those after them only regularise.
+    /// Number of nodes that blend; those after them only regularise.
     fine: usize,
     rest: Vec<Point3<f64>>,
     pose: Vec<UnitDualQuaternion<f64>>,
-    /// Pairs of nodes that should move alike.
+    /// Pairs of nodes that the rigidity term joins.
     pub edges: Vec<[u32; 2]>,
     tree: Option<graph::Tree>,
 }
 
 impl Warp {
-    /// No node: every point stays.
+    /// A field without nodes: the identity.
     pub fn new(spacing: f64, reach: f64, levels: usize, coarsening: f64) -> Self {
         Self {
             spacing,
@@ -62,7 +62,7 @@ impl Warp {
         }
     }
 
-    /// Nodes of all levels.
+    /// Number of nodes of all levels.
     pub fn len(&self) -> usize {
         self.rest.len()
     }
@@ -72,12 +72,12 @@ impl Warp {
         &self.rest[..self.fine]
     }
 
-    /// Place of node `i` in the canonical frame.
+    /// Position of node `i` in the canonical frame.
     pub fn rest(&self, i: u32) -> Point3<f64> {
         self.rest[i as usize]
     }
 
-    /// `x` moved as node `i` moves.
+    /// `x` moved by the motion of node `i` alone.
     pub fn carried_by(&self, i: u32, x: &Point3<f64>) -> Point3<f64> {
         self.pose[i as usize].transform_point(x)
     }
@@ -88,7 +88,7 @@ impl Warp {
         nearest.unwrap_or(f64::INFINITY)
     }
 
-    /// The nodes that `x` leans on; `None` while there are none.
+    /// The nodes that move `x`; `None` while there are none.
     pub fn skin(&self, x: &Point3<f64>) -> Option<Skin> {
         let near = graph::near(self.tree.as_ref()?, x, f64::INFINITY, BLENDED);
         let first = near.first()?.1.powi(2);
@@ -98,7 +98,7 @@ impl Warp {
         };
         for (k, (node, distance)) in near.iter().enumerate() {
             skin.nodes[k] = *node as u32;
-            // The common factor does not change the blend, and far away every weight would be zero without it.
+            // A common factor does not change the blend; without removing it every weight would underflow far away.
             skin.weights[k] = (-(distance.powi(2) - first) / (2.0 * self.reach.powi(2))).exp();
         }
         let sum: f64 = skin.weights.iter().sum();
@@ -116,7 +116,7 @@ impl Warp {
         Blend::new(sum)
     }
 
-    /// Where `x` is now; it stays while there are no nodes.
+    /// Where the field moves `x`; the identity while there are no nodes.
     pub fn apply(&self, x: &Point3<f64>) -> Point3<f64> {
         self.skin(x).map_or(*x, |skin| self.blend(&skin).apply(x))
     }
@@ -135,7 +135,7 @@ impl Warp {
         })
     }
 
-    /// `∂W(x)/∂(ω, v)` for the twists of the nodes of its skin, each about where the node is now.
+    /// `∂W(x)/∂(ω, v)` for the twists of the nodes of its skin, each about the present position of the node.
     ///
     /// With `q_i` changing by `dq = ½ (ω + ε u) q_i`, `u = v − ω × c_i`, and `y = W(x)`:
     /// ```text
@@ -176,7 +176,7 @@ impl Warp {
         })
     }
 
-    /// Moves every node by its twist `(ω, v)` about where it is.
+    /// Moves every node by its twist `(ω, v)` about its present position.
     pub fn step(&mut self, twists: &[Vector6<f64>]) {
         for (i, twist) in twists.iter().enumerate().take(self.len()) {
             let centre = self.pose[i].transform_point(&self.rest[i]);
@@ -186,7 +186,7 @@ impl Warp {
         }
     }
 
-    /// Moves every node by one motion.
+    /// Moves every node by the same motion.
     pub fn carry(&mut self, motion: &Isometry3<f64>) {
         let motion = UnitDualQuaternion::from_isometry(motion);
         for pose in &mut self.pose {
@@ -194,8 +194,8 @@ impl Warp {
         }
     }
 
-    /// Adds nodes where none of `places` is within a node's spacing of one, moved as the field moves there; the hierarchy is built anew. Returns the
-    /// places of the nodes that are new.
+    /// Adds nodes at those of `places` that no node is within one node distance of, moved as the field moves there, and rebuilds the hierarchy. Returns the
+    /// positions of the new nodes.
     pub fn support(&mut self, places: &[Point3<f64>]) -> Vec<Point3<f64>> {
         let mut fresh: Vec<Point3<f64>> = Vec::new();
         for place in places {
@@ -218,7 +218,7 @@ impl Warp {
         fresh
     }
 
-    /// The motion of the field at a place.
+    /// The rigid motion of the field at a point.
     fn pose_at(&self, x: &Point3<f64>) -> UnitDualQuaternion<f64> {
         self.skin(x)
             .map_or_else(UnitDualQuaternion::identity, |skin| {
@@ -259,7 +259,7 @@ impl Warp {
     }
 }
 
-/// A sum of dual quaternions, taken as the rigid motion nearest to it.
+/// A sum of dual quaternions, used as the nearest rigid motion.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Blend {
     sum: DualQuaternion<f64>,
@@ -277,17 +277,17 @@ impl Blend {
         }
     }
 
-    /// Where it carries a point.
+    /// Where the motion carries a point.
     pub fn apply(&self, x: &Point3<f64>) -> Point3<f64> {
         self.rotation * x + self.translation
     }
 
-    /// How it turns.
+    /// The rotation of the motion.
     pub fn rotation(&self) -> &UnitQuaternion<f64> {
         &self.rotation
     }
 
-    /// As a motion.
+    /// The motion as an isometry.
     pub fn isometry(&self) -> Isometry3<f64> {
         Isometry3::from_parts(Translation3::from(self.translation), self.rotation)
     }

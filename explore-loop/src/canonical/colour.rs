@@ -1,12 +1,12 @@
 //! The colour of the surface at rest.
 //!
-//! Points of a frame are carried to rest by the vertex they are nearest to, `X = X_v + R_vᵀ (x − x_v)`, and averaged in cells of half a spacing, each
-//! for itself for the six directions that the surface may face: what lies on the two sides of a thin wall does not mix.
+//! Points of a frame are moved to rest with their nearest vertex, `X = X_v + R_vᵀ (x − x_v)`, and averaged in cells of half a spacing,
+//! separately for six directions of the normal, so that the two sides of a thin wall do not mix.
 //!
 //! ```text
 //! colour(X, N) = Σ w_c k_c / Σ w_c over cells c within a spacing that do not face away,   w = points · exp(−‖X − X_c‖²/(0.5 spacing)²)
 //! ```
-//! Places and not vertices carry the colour, so that it outlasts their renumbering.
+//! Colour is stored by position and not by vertex, so that it survives renumbering of the vertices.
 
 use super::{CanonicalModel, graph};
 use crate::cell::Observation;
@@ -14,17 +14,17 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Points of a frame that are looked at, at most.
+/// Most points of a frame that are used.
 const POINTS: usize = 1500;
-/// Points in a cell after which it counts no more: later ones still change it as much.
+/// Largest weight of a cell, in points, so that later colours still have an effect.
 const ENOUGH: f32 = 30.0;
 /// Edge of a cell, in spacings.
 const CELL: f64 = 0.5;
 
-/// Cell, and the direction its surface faces: axis, and whether against it.
+/// The cell, and the direction its surface faces: the axis, and whether against it.
 type Key = ([i32; 3], u8);
 
-/// Mean colours of the places of a surface.
+/// Mean colours over the surface at rest.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColourMap {
     cells: BTreeMap<Key, ([f32; 3], f32)>,
@@ -51,7 +51,7 @@ impl ColourMap {
         self.cells.is_empty()
     }
 
-    /// Takes in the colour of a place.
+    /// Adds the colour of a position.
     pub fn add(
         &mut self,
         place: &Point3<f64>,
@@ -69,7 +69,7 @@ impl ColourMap {
         }
     }
 
-    /// The colour of a place whose surface faces along `normal`, if one is known nearby.
+    /// The colour at a position whose surface faces along `normal`, if one is known nearby.
     pub fn at(
         &self,
         place: &Point3<f64>,
@@ -98,7 +98,7 @@ impl ColourMap {
 }
 
 impl CanonicalModel {
-    /// Takes in the colours of a frame that was registered; `measured` marks the vertices that were seen in it.
+    /// Adds the colours of a registered frame; `measured` marks the vertices that were seen in it.
     pub fn take_colours(&mut self, observation: &Observation, measured: &[bool], spacing: f64) {
         let Some(colours) = observation.colours() else {
             return;

@@ -1,22 +1,22 @@
-//! Cutting distorted edges: those that glue places which only touched.
+//! Cuts distorted edges, which join parts that only touched.
 //!
-//! Two places that touch look like one surface: an edge glues them. When the object opens, the ends of such an edge move
-//! apart. With the turn of the surface taken out (a rigid turn moves the ends differently, too), the first
-//! measure of the paper (section on homeomorphic reconstruction, eq. 19) is
+//! Two parts that touch look like one surface: an edge joins them. When the object opens, the ends of such an edge move
+//! apart. With the local rotation removed (a rigid rotation also moves the ends differently), the first measure of the
+//! paper (section on homeomorphic reconstruction, eq. 19) is
 //!
 //! ```text
 //! A1(i, j) = ‖ (x_j − x_i) − R_i (X_j − X_i) ‖ ,        cut where A1 > 3 ε and both ends are measured
 //! ```
-//! A cut edge stays cut: it enters neither the surface graph, nor the mesh, nor the complex again, and takes its cofaces
-//! along. Vertices that lose their last edge go too; new observations fill the place.
+//! A cut edge stays cut: it never returns to the surface graph, the mesh or the complex, and its cofaces are removed with
+//! it. Vertices that lose their last edge are removed too; new observations fill the gap.
 
 use super::CanonicalModel;
 
 /// Separation of the ends beyond which an edge is distorted, in spacings: far more than strain and
-/// the sliding of registration make of one edge.
+/// registration errors cause.
 const APART: f64 = 3.0;
 
-/// Edges of the surface graph that have opened; `measured[i]` marks vertices whose live position was seen in this frame.
+/// Edges of the surface graph that have opened; `measured[i]` marks vertices whose live position was observed in this frame.
 pub fn distorted(model: &CanonicalModel, measured: &[bool], spacing: f64) -> Vec<[u32; 2]> {
     let opened = |i: usize, j: usize| {
         let turned = model.rotations[i] * (model.rest[j] - model.rest[i]);
@@ -26,14 +26,14 @@ pub fn distorted(model: &CanonicalModel, measured: &[bool], spacing: f64) -> Vec
         .edges
         .iter()
         .filter(|[a, b]| measured[*a as usize] && measured[*b as usize])
-        // Seen from either end: one wrong rotation alone does not cut.
+        // Tested from both ends, so that one wrong rotation does not cut an edge.
         .filter(|[a, b]| opened(*a as usize, *b as usize) && opened(*b as usize, *a as usize))
         .copied()
         .collect()
 }
 
 impl CanonicalModel {
-    /// Cuts edges for good; returns how many were not cut before.
+    /// Cuts edges permanently; returns how many were not cut before.
     pub fn cut(&mut self, edges: &[[u32; 2]]) -> usize {
         let before = self.cuts.len();
         for edge in edges {

@@ -1,32 +1,31 @@
 //! How many handles a closed surface has, and how many it may have.
 //!
 //! The Betti numbers of a closed orientable surface of genus `g` are `(1, 2g, 1)`, and its Euler number is `2 − 2g`. A ball has no handle, a ring
-//! has one. What is explored is unknown, so any genus is accepted unless one is asked for; a fault of the reconstruction is told from a handle
-//! of the object by three things:
+//! has one. The object is unknown, so any genus is accepted unless one is requested; faults of the reconstruction are told from real handles as follows:
 //!
-//! | fault | what tells it |
+//! | fault | criterion |
 //! |---|---|
 //! | a bridge or a tunnel of noise | it is narrow: handles shorter around than six spacings are cut from the mesh |
-//! | pinholes, a second sheet | complex and mesh, which are drawn in different ways, do not count alike |
-//! | two parts that touch | around the neck where they touch runs a crease ([`Handles::crease`]): a handle is smooth there; the mesh is parted there |
+//! | pinholes, a second sheet | the complex and the mesh, which are computed in different ways, have different numbers of handles |
+//! | two parts that touch | the neck where they touch has a crease ([`Handles::crease`]), whereas a real handle is smooth: the mesh is separated there |
 
 use serde::{Deserialize, Serialize};
 
-/// Mean crease around a handle from which on it is a contact, rad: between the 10° of a ring and the 50° of round parts that touch.
+/// Least mean crease around a contact, rad: between the 10° of a ring and the 50° of round parts that touch.
 pub const CONTACT: f64 = 0.5;
 
 /// How many handles the surface is expected to have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Genus {
-    /// As many as it turns out to have.
+    /// Any number.
     #[default]
     Any,
-    /// So many: 0 for a ball, 1 for a ring.
+    /// This number: 0 for a ball, 1 for a ring.
     Exactly(usize),
 }
 
 impl Genus {
-    /// Whether a surface may have so many handles.
+    /// Whether a surface may have this number of handles.
     pub fn allows(self, handles: usize) -> bool {
         match self {
             Self::Any => true,
@@ -49,12 +48,12 @@ impl std::fmt::Display for Genus {
     }
 }
 
-/// The handles of a drawn surface.
+/// The handles of the closed surface.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Handles {
-    /// How many.
+    /// Their number.
     pub count: usize,
     /// The largest mean angle, rad, by which the surface is folded inward along a loop around one of them; 0 without handles. Two round parts that touch
-    /// make some 50°; around a handle the surface bends inward on one side and outward on the other.
+    /// give about 50°; around a real handle the surface bends inward on one side and outward on the other.
     pub crease: f64,
 }

@@ -3,9 +3,9 @@
 //! ```text
 //! i ~ j  ⇔  ‖X_i − X_j‖ ≤ reach · ε   and   n_i · n_j ≥ cos_min
 //! ```
-//! at rest, where `ε` is the spacing. Two sheets with opposing normals are never one surface, however thin
-//! the rim between them: the cosine keeps them apart. At most `most` neighbours a vertex enter, nearest first,
-//! so that a crowd of vertices does not stiffen the filter.
+//! at rest, where `ε` is the spacing. The bound on the cosine keeps sheets with opposing normals apart, however thin
+//! the body. Each vertex chooses at most `most` neighbours, nearest first, so that a dense cluster of vertices does not
+//! stiffen the filter.
 
 use super::CanonicalModel;
 use super::tangent::widest_gap;
@@ -13,7 +13,7 @@ use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::Point3;
 use std::num::NonZero;
 
-/// How far a neighbour may be, in spacings.
+/// Largest distance of a neighbour, in spacings.
 const REACH: f64 = 2.1;
 /// Neighbours whose normals differ more than this belong to another sheet: 75 degrees.
 const COS_MIN: f64 = 0.25;
@@ -73,7 +73,7 @@ pub fn surface_edges(model: &CanonicalModel, spacing: f64) -> Vec<[u32; 2]> {
             if j == i || model.rest_normals[i].dot(&model.rest_normals[j]) < COS_MIN {
                 continue;
             }
-            // A cut edge counts among the neighbours: otherwise the next nearest across the cut would take its place.
+            // A cut edge counts as a neighbour; otherwise the next nearest vertex across the cut would replace it.
             chosen += 1;
             let edge = [i.min(j) as u32, i.max(j) as u32];
             if !model.is_cut(edge) {
@@ -99,11 +99,11 @@ pub fn adjacency(count: usize, edges: &[[u32; 2]]) -> Vec<Vec<u32>> {
     lists
 }
 
-/// Widest angle between the directions to the neighbours, seen along the normal, that a vertex within the surface has: at a
-/// straight edge of the surface it is half a turn.
+/// Widest angle between consecutive directions to neighbours, seen along the normal, for a vertex in the interior of the surface; at a
+/// straight boundary it is half a turn.
 const WIDEST: f64 = 140.0 / 180.0 * std::f64::consts::PI;
 
-/// Which vertices lie at the frontier: where the known surface ends and may grow.
+/// Which vertices lie at the frontier, the boundary of the known surface from which it may grow.
 pub fn frontier(model: &CanonicalModel) -> Vec<bool> {
     let neighbours = adjacency(model.len(), &model.edges);
     (0..model.len())

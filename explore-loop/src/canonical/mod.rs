@@ -1,19 +1,19 @@
-//! The canonical model: what is known of the object, in two frames at once.
+//! The canonical model: what is known of the object, at rest and in the live frame.
 //!
 //! Every vertex keeps its **rest** position (frame of the first observation), its **live** position (camera
-//! frame, now), the rotation from rest to live around it, and when it was seen. The surface graph joins
-//! neighbours of one sheet; the complex, the mesh and the filter are built on it.
+//! frame, now), the local rotation from rest to live, and when it was seen. The surface graph joins neighbours on
+//! one sheet; the complex, the mesh and the filter are built on it.
 //!
 //! | file | question |
 //! |---|---|
-//! | [`graph`] | who is a neighbour of whom on the surface? |
-//! | [`colour`] | which colour has a place at rest? |
-//! | [`cut`] | which edges glue places that only touched? |
-//! | [`genus`] | how many handles may it have, and which are faults? |
+//! | [`graph`] | which vertices are neighbours on the surface? |
+//! | [`colour`] | which colour does the surface have at rest? |
+//! | [`cut`] | which edges join parts that only touched? |
+//! | [`genus`] | how many handles does the surface have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
 //! | [`surface`] | triangles, areas, normals |
-//! | [`tangent`] | what lies in the plane of a normal, and how it spreads round it |
-//! | [`closed_surface`] | which closed surface do the points describe, and what of it was seen? |
+//! | [`tangent`] | offsets and directions in the plane of a normal |
+//! | [`closed_surface`] | which closed surface do the points describe, and which parts of it were seen? |
 
 use nalgebra::{Matrix3, Point3, UnitVector3, Vector3};
 
@@ -26,10 +26,7 @@ pub mod surface;
 pub mod tangent;
 pub mod topology;
 
-/// The canonical model of the object: what is known of each vertex, and which of them are neighbours.
-///
-/// # Guarantees
-/// All slices have one entry a vertex, in the same order, and edges join vertices that there are: also in a model that was read from somewhere.
+/// The canonical model of the object: parallel arrays with one entry for each vertex.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 // The derived functions are the inherent ones that the traits below call.
 #[serde(remote = "Self")]
@@ -74,14 +71,14 @@ pub struct NewVertex {
     pub rest: Point3<f64>,
     /// Normal at rest.
     pub rest_normal: UnitVector3<f64>,
-    /// Position now.
+    /// Current position.
     pub live: Point3<f64>,
     /// Rotation from rest to live.
     pub rotation: Matrix3<f64>,
 }
 
 impl NewVertex {
-    /// A vertex that lies now where it lies at rest.
+    /// A vertex whose live position is its rest position.
     pub fn new(rest: Point3<f64>, rest_normal: UnitVector3<f64>) -> Self {
         Self {
             rest,
@@ -203,7 +200,7 @@ impl CanonicalModel {
         lengths.iter().all(|n| *n == count) && self.edges.iter().all(inside)
     }
 
-    /// Adds a vertex seen for the first time in `frame`.
+    /// Adds a vertex first seen in `frame`.
     pub fn push(&mut self, vertex: NewVertex, frame: u32) {
         self.ids.push(self.next_id);
         self.next_id += 1;
@@ -216,18 +213,18 @@ impl CanonicalModel {
         self.times_seen.push(1);
     }
 
-    /// Normal of vertex `i` now: its rest normal carried by its rotation.
+    /// Current normal of vertex `i`: its rest normal, rotated.
     pub fn live_normal(&self, i: usize) -> UnitVector3<f64> {
         UnitVector3::new_normalize(self.rotations[i] * self.rest_normals[i].into_inner())
     }
 
-    /// Normals of all vertices now.
+    /// Current normals of all vertices.
     pub fn live_normals(&self) -> Vec<UnitVector3<f64>> {
         (0..self.len()).map(|i| self.live_normal(i)).collect()
     }
 
-    /// Keeps the vertices with `keep[i]`, those that it says nothing of go; returns for every vertex that stays the index it had. The
-    /// edges are renumbered, those of removed vertices go.
+    /// Keeps the vertices with `keep[i]` and removes the others, also those beyond the end of `keep`; returns the old index of every vertex kept.
+    /// Edges are renumbered, and those of removed vertices are dropped.
     pub fn retain(&mut self, keep: &[bool]) -> Vec<u32> {
         let stays: Vec<u32> = (0..self.len())
             .filter(|&i| keep.get(i) == Some(&true))
@@ -254,8 +251,8 @@ impl CanonicalModel {
         stays
     }
 
-    /// A model of other vertices that takes over identities, history and cuts: each vertex with the index of the one whose material it
-    /// is, if any, those in ascending order and the new ones behind them; and the frame in which surface was first seen there.
+    /// A model with other vertices that inherits identities, history and cuts. For each vertex: the index of the old vertex of the same material, if any
+    /// (ascending, new ones last), and the frame in which surface was first seen there.
     pub(crate) fn inherited(
         &self,
         vertices: &[(NewVertex, Option<usize>, u32)],
@@ -283,7 +280,7 @@ impl CanonicalModel {
         heir
     }
 
-    /// Gives all vertices but those of the first frame identities that `other` never used.
+    /// Gives all vertices but those of the first frame identities that `other` has never used.
     pub(crate) fn rename_after(&mut self, other: &Self) {
         let first = self.born.iter().take_while(|b| **b == 0).count();
         let shift = other.next_id;
@@ -300,7 +297,7 @@ impl CanonicalModel {
     }
 }
 
-/// Keeps the entries of `values` that stay, in their order.
+/// Keeps the entries of `values` at the indices `stays`, in that order.
 fn pick<T: Copy>(values: &mut Vec<T>, stays: &[u32]) {
     *values = stays.iter().map(|&i| values[i as usize]).collect();
 }

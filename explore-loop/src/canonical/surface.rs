@@ -1,9 +1,9 @@
-//! The surface mesh of the model, and areas.
+//! The surface mesh of the model, and its areas.
 //!
-//! Each vertex triangulates its own neighbourhood: neighbours of its sheet are projected on its tangent plane, spade builds
-//! the Delaunay triangulation there, and the triangles at the vertex are its votes. On a sampled smooth surface the three
-//! corners of a triangle agree; where they do not (sliver neighbourhoods), a triangle with two votes enters if its edges are still
-//! free, and small remaining gaps are closed by a fan. Every edge ends with at most two triangles, all oriented outward.
+//! Each vertex triangulates its own neighbourhood: neighbours on its sheet are projected onto its tangent plane, spade computes
+//! the Delaunay triangulation there, and each triangle at the vertex gets a vote. On a well-sampled smooth surface the three corners of a
+//! triangle agree; where they do not (sliver neighbourhoods), a triangle with two votes is added if its edges are still
+//! free, and small remaining gaps are filled. Every edge has at most two triangles, all oriented outward.
 
 use super::graph;
 use super::tangent::tangents;
@@ -11,12 +11,12 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 use spade::{DelaunayTriangulation, HasPosition, Point2, Triangulation};
 use std::collections::BTreeMap;
 
-/// Neighbourhood of the local triangulations, in spacings.
+/// Radius of the local triangulations, in spacings.
 const REACH: f64 = 2.6;
-/// Gaps with up to this many edges are closed.
+/// Gaps with up to this many edges are filled.
 const GAP: usize = 8;
 
-/// A projected neighbour: where it lies in the tangent plane and which vertex it is.
+/// A neighbour projected onto the tangent plane, and its vertex index.
 struct Projected {
     position: Point2<f64>,
     vertex: u32,
@@ -32,7 +32,7 @@ impl HasPosition for Projected {
 /// Triangles over `points` with outward `normals` at the given spacing, counter-clockwise seen from outside.
 ///
 /// # Complexity
-/// `O(n log n)`; about 20 µs a vertex.
+/// `O(n log n)`; about 20 µs for each vertex.
 pub fn triangulate(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -62,7 +62,7 @@ pub fn triangulate(
     mesh.triangles
 }
 
-/// Area of each vertex: a third of the triangles around it, m².
+/// Area of each vertex: a third of the area of the triangles around it, m².
 pub fn vertex_areas(points: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<f64> {
     let mut areas = vec![0.0; points.len()];
     for t in triangles {
@@ -90,7 +90,7 @@ fn star(
     {
         let d = points[j] - points[i];
         let flat = Vector3::new(d.dot(&u), d.dot(&v), 0.0);
-        // Unrolled: the true distance along the projected direction, so that steep neighbours do not crowd the centre.
+        // Projected points keep their true distance from the vertex, so that steep neighbours do not crowd the centre.
         let stretch = if flat.norm() > 1e-12 {
             d.norm() / flat.norm()
         } else {
@@ -98,7 +98,7 @@ fn star(
         };
         let position = Point2::new(flat.x * stretch, flat.y * stretch);
         let tiny = |x: f64| if x.abs() < 1e-30 { 0.0 } else { x };
-        // A point that cannot enter (not finite, or coincident) casts no vote.
+        // A point that cannot be inserted (not finite, or coincident) casts no vote.
         let _ = plane.insert(Projected {
             position: Point2::new(tiny(position.x), tiny(position.y)),
             vertex: j as u32,
@@ -119,12 +119,12 @@ struct Mesh<'a> {
     points: &'a [Point3<f64>],
     normals: &'a [UnitVector3<f64>],
     triangles: Vec<[u32; 3]>,
-    /// Directed edges of the triangles, with the corner opposite: an edge may appear once in each direction.
+    /// Directed edges of the triangles, with the opposite corner; each direction of an edge occurs at most once.
     edges: BTreeMap<[u32; 2], u32>,
 }
 
 impl Mesh<'_> {
-    /// Adds a triangle, turned outward, unless an edge is taken already or it is flat.
+    /// Adds a triangle, oriented outward, unless it is degenerate or an edge is already taken.
     fn try_add(&mut self, triangle: [u32; 3]) -> bool {
         let [a, b, c] = triangle.map(|i| self.points[i as usize]);
         let face = (b - a).cross(&(c - a));
@@ -151,7 +151,7 @@ impl Mesh<'_> {
         true
     }
 
-    /// Closes gaps bounded by few edges with triangles that cut their sharpest corner, one after the other.
+    /// Fills gaps bounded by few edges with triangles that cut their sharpest corners one after the other.
     fn close_gaps(&mut self) {
         for mut gap in self.gaps() {
             while gap.len() > 2 {
@@ -171,7 +171,7 @@ impl Mesh<'_> {
         }
     }
 
-    /// Length of the chord that cutting corner `k` of a gap would make.
+    /// Length of the chord that cuts off corner `k` of a gap.
     fn corner(&self, gap: &[u32], k: usize) -> f64 {
         let n = gap.len();
         (self.points[gap[(k + 1) % n] as usize] - self.points[gap[(k + n - 1) % n] as usize]).norm()

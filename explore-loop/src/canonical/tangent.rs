@@ -1,4 +1,4 @@
-//! The plane orthogonal to a normal: what lies in it, and how directions spread round it.
+//! The plane orthogonal to a normal: offsets in it, and the angles between directions in it.
 //!
 //! ```text
 //! n × e / |n × e| = u,   n × u = v        e the axis x, or y where the normal is nearly along x
@@ -18,12 +18,12 @@ pub fn tangents(normal: &UnitVector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (u, normal.cross(&u))
 }
 
-/// How far `offset` leads away from the line along `normal`, metres.
+/// Distance of `offset` from the line along `normal`, metres.
 pub fn aside(normal: &UnitVector3<f64>, offset: &Vector3<f64>) -> f64 {
     (offset - normal.into_inner() * normal.dot(offset)).norm()
 }
 
-/// The widest gap between directions around `normal`, radians; a full turn for fewer than three.
+/// The widest angle between consecutive directions around `normal`, radians; a full turn for fewer than three.
 pub fn widest_gap(
     normal: &UnitVector3<f64>,
     directions: impl Iterator<Item = Vector3<f64>>,

@@ -1,14 +1,14 @@
-//! Topology of the canonical model, and whether its surface is closed.
+//! The topology of the canonical model, and whether its surface is closed.
 //!
 //! ```text
-//! points ─► closed surface ─► even sample of what of it was seen ─► cylinder-Čech complex ─► persistent Betti numbers
+//! points ─► closed surface ─► even sample of its seen part ─► cylinder-Čech complex ─► persistent Betti numbers
 //! closed  ⇔  (1, 2g, 1)  and  g handles  and  wholly seen  and  no strays  and  no vector area  and  no boundary
 //! ```
-//! The points themselves are uneven, and crowd or gape at sharp margins; the closed surface through them is even. It is always
-//! closed, so it proves nothing alone: only what lies within reach of a point that faces alike enters the complex. *Bare* is the share of
-//! its area that does not, *wholly seen* that what is bare is chance gaps between points, nowhere farther
-//! from them than 1.75 spacings; *strays* are points that lie off it: a second sheet. The complex is oriented: sheets that face away from each
-//! other are not joined. The genus `g` is that of the object unless one is asked for ([`super::genus`]).
+//! The points are unevenly spaced, above all at sharp edges; the closed surface through them is sampled evenly. That surface is always closed and
+//! proves nothing by itself: only its parts within reach of a point that faces the same way enter the complex. *Bare* is the share of its area
+//! without such a point; *wholly seen* means that the bare area consists of random gaps between points, nowhere farther than 1.75 spacings
+//! from them; *strays* are points off the surface, for example of a second sheet. The complex is oriented: sheets that face away from each other
+//! are not joined. Any genus `g` is accepted unless one is requested ([`super::genus`]).
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{CONTACT, Genus, Handles};
@@ -16,51 +16,51 @@ use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// Cylinder radius, in spacings of the complex: discs of neighbours overlap well beyond the largest gap a maximal net of the
-/// spacing leaves.
+/// Cylinder radius, in spacings of the complex: neighbouring discs overlap well beyond the largest gap in a maximal sample at the
+/// spacing.
 const RADIUS: f64 = 1.45;
-/// Cylinder height, in spacings of the complex: the bulge of the surface over a disc, plus what registration left.
+/// Cylinder height, in spacings of the complex: the curvature of the surface over a disc, plus registration errors.
 const HEIGHT: f64 = 2.0;
-/// Classes must live from scale 1 to this one.
+/// Persistent classes live from scale 1 to this scale.
 const PERSISTS: f64 = 1.25;
-/// Normals that differ more than 107 degrees are two sheets.
+/// Points whose normals differ by more than 107 degrees belong to two sheets.
 const SHEET_COSINE: f64 = -0.3;
 
-/// What the surface and the complex say of the model.
+/// The topology of the model, from its closed surface and its complex.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topology {
     /// Betti numbers of the complex at scale 1.
     pub betti: [usize; 3],
     /// Persistent Betti numbers from scale 1 to the larger one.
     pub persistent: [usize; 3],
-    /// The genus that was asked for.
+    /// The requested genus.
     pub genus: Genus,
-    /// Handles of the closed surface that was drawn.
+    /// Handles of the closed surface.
     pub handles: Handles,
-    /// Which vertices of the model lie on the boundary of what was seen.
+    /// Which vertices of the model lie on the boundary of the seen part.
     pub boundary: Vec<bool>,
     /// Share of the sample of the surface that lies on its boundary.
     pub boundary_share: f64,
-    /// Vector area of the surface that was seen as a share of its area: a lower bound on what is missing.
+    /// Length of the vector area of the seen surface as a share of its area: a lower bound on the missing share.
     pub missing: f64,
-    /// Share of the closed surface that no point supports; 1 when no surface could be drawn.
+    /// Share of the closed surface that no point supports; 1 when no surface could be computed.
     pub bare: f64,
-    /// The pieces of it that no point supports.
+    /// The triangles of the closed surface that no point supports.
     pub hidden: Vec<Hidden>,
-    /// The places that were never seen, at rest, the largest first; none when it was wholly seen, or when no surface could be drawn.
+    /// The patches that were never seen, at rest, the largest first; none when all was seen, or when no surface could be computed.
     pub unseen: Vec<Unseen>,
-    /// Distance of the innermost of those from anything that was seen, m; infinite when no surface could be drawn.
+    /// Greatest distance of a point of those patches from the seen surface, m; infinite when no surface could be computed.
     pub farthest: f64,
-    /// Whether what no point supports is chance gaps alone ([`ClosedSurface::is_wholly_seen`]).
+    /// Whether the unsupported area consists only of random gaps ([`ClosedSurface::is_wholly_seen`]).
     pub wholly_seen: bool,
-    /// Share of the points that lie off the surface: a second sheet, or strays.
+    /// Share of the points off the surface: a second sheet, or outliers.
     pub strays: f64,
     /// Bars of the persistent homology of the complex, by dimension, then birth: the longest [`MOST_BARS`] of each dimension. Scales are those of
-    /// [`cech_complex`]: at 1 the cylinders have the radius and the height that the spacing gives; the complex ends at scale 1.25.
+    /// [`cech_complex`]: at 1 the cylinders have the radius and height derived from the spacing; the complex ends at scale 1.25.
     pub bars: Vec<Bar>,
-    /// How many bars of each dimension are shorter than those.
+    /// Number of omitted shorter bars of each dimension.
     pub shorter_bars: [usize; 3],
-    /// Boundary loops, vertices of the model in order.
+    /// Boundary loops: vertices of the model in order.
     pub loops: Vec<Vec<u32>>,
     /// Simplices that the cuts removed: vertices, edges, triangles.
     pub cut: [usize; 3],
@@ -68,10 +68,9 @@ pub struct Topology {
     pub non_manifold: usize,
     /// Simplices of each dimension.
     pub simplices: [usize; 4],
-    /// Points of the sample that were left out because the complex would have become too large: what remains is a subset whose points are
-    /// farther apart.
+    /// Number of sample points dropped because the complex would have become too large; the remaining points are farther apart.
     pub thinned: usize,
-    /// The surface: closed when the object is, otherwise open where nothing was seen; `None` when none could be drawn.
+    /// The surface: closed when the object is, otherwise open where nothing was seen; `None` when none could be computed.
     pub surface: Option<ClosedSurface>,
 }
 
@@ -85,17 +84,17 @@ pub struct Hidden {
 }
 
 impl Topology {
-    /// Whether the surface is that of a solid body, wholly seen, with as many handles as were asked for.
+    /// Whether the surface is that of a wholly seen solid body with an accepted number of handles.
     ///
-    /// The Betti numbers alone would be fooled by a blister: a doubled patch encloses a cavity of its own while the rest of the surface is
-    /// still open. A closed surface has no vector area (`Σ area·n = 0`), next to no boundary, no bare part and nothing beside it; the
-    /// bounds leave room for what noise does to single points.
+    /// Betti numbers alone are not enough: a doubled patch encloses a cavity of its own while the rest of the surface is still open. A closed
+    /// surface has no vector area (`Σ area·n = 0`), almost no boundary, no bare part and no points off it; the bounds allow for the noise of
+    /// single points.
     pub fn is_closed(&self) -> bool {
         self.obstacle().is_none()
     }
 
-    /// Whether the Betti numbers at the scale of the complex, (1, 2g, 1), are those of a closed surface of the genus asked for. Necessary, and alone
-    /// easily fooled: see [`Self::is_closed`].
+    /// Whether the Betti numbers at scale 1 are (1, 2g, 1), those of a closed surface of an accepted genus. This is necessary but not
+    /// sufficient: see [`Self::is_closed`].
     pub fn has_betti_numbers_of_closed(&self) -> bool {
         Genus::of_betti(self.betti).is_some_and(|genus| self.genus.allows(genus))
     }
@@ -143,29 +142,29 @@ impl Topology {
 /// What keeps a surface from counting as closed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
-    /// Its persistent Betti numbers are not those of a closed surface, or not of the genus asked for.
+    /// Its persistent Betti numbers are not those of a closed surface, or not of the requested genus.
     Betti([usize; 3]),
-    /// The complex of the points has another genus than the surface that was drawn through them.
+    /// The complex and the closed surface have different numbers of handles.
     Handles {
         /// Handles of the complex.
         complex: usize,
         /// Handles of the surface.
         mesh: usize,
     },
-    /// Two parts touch, and have not been parted: the surface is creased by this angle, rad, all around where they do.
+    /// Two touching parts were not separated: the surface is creased by this angle, rad, around the neck between them.
     Contact(f64),
-    /// Some of it was never seen.
+    /// A part of it was never seen.
     Bare {
         /// Share of the area.
         share: f64,
-        /// Distance of its innermost place from anything that was seen, m.
+        /// Greatest distance of this part from the seen surface, m.
         farthest: f64,
     },
-    /// So many points lie off it.
+    /// This share of the points lies off it.
     Strays(f64),
-    /// So much of it lies on a boundary.
+    /// This share of it lies on a boundary.
     Boundary(f64),
-    /// So much vector area is missing.
+    /// This share of vector area is missing.
     Missing(f64),
 }
 
@@ -176,16 +175,16 @@ impl std::fmt::Display for Obstacle {
             Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
             Self::Handles { complex, mesh } => write!(
                 f,
-                "handles of the points ({complex}) and of the surface through them ({mesh}) differ"
+                "the complex of the points has {complex} handles, but the surface through them {mesh}"
             ),
             Self::Contact(angle) => write!(
                 f,
-                "parts that touch are not parted: a crease of {:.0}° around a handle",
+                "touching parts are not separated: there is a crease of {:.0}° around a handle",
                 angle.to_degrees()
             ),
             Self::Bare { share, farthest } => write!(
                 f,
-                "{:.2} % never seen, up to {:.1} mm from what was",
+                "{:.2} % never seen, up to {:.1} mm from the seen part",
                 percent(*share),
                 1e3 * farthest
             ),
@@ -200,12 +199,12 @@ impl std::fmt::Display for Obstacle {
 
 /// Largest vector area of a surface taken for closed, as a share of its area.
 const MOST_MISSING: f64 = 0.03;
-/// Largest share of boundary points of a surface taken for closed.
+/// Largest share of boundary points of a surface that counts as closed.
 const MOST_BOUNDARY: f64 = 0.01;
-/// Largest share of points off a surface taken for closed.
+/// Largest share of points off a surface that counts as closed.
 const MOST_STRAYS: f64 = 0.03;
 
-/// Draws the surface of the rest positions, builds the complex of what of it was seen, and reads it.
+/// Computes the closed surface of the rest positions, the complex of its seen part, and their topology.
 ///
 /// # Errors
 /// Non-finite positions.
@@ -213,7 +212,7 @@ pub fn analyse(model: &CanonicalModel, spacing: f64) -> Result<Topology, cech_co
     analyse_as(model, spacing, Genus::Any)
 }
 
-/// As [`analyse`], for a surface that is closed only with this genus.
+/// As [`analyse`]; the surface counts as closed only with this genus.
 ///
 /// # Errors
 /// Non-finite positions.
@@ -225,8 +224,8 @@ pub fn analyse_as(
     analyse_limited(model, spacing, genus, MOST_SIMPLICES)
 }
 
-/// As [`analyse`], with a complex of at most `most` simplices: with more, the sample is thinned ([`Topology::thinned`]) and read at a coarser
-/// scale, in which holes of less than two of its spacings do not show.
+/// As [`analyse_as`], with a complex of at most `most` simplices: if there are more, the sample is thinned ([`Topology::thinned`]) and the scale
+/// enlarged, so that holes of less than two of the larger spacings are not detected.
 ///
 /// # Errors
 /// Non-finite positions.
@@ -312,17 +311,17 @@ fn longest_bars(complex: &Complex) -> (Vec<Bar>, [usize; 3]) {
 
 /// Most simplices of a complex: about 2 GB.
 const MOST_SIMPLICES: usize = 20_000_000;
-/// How much farther apart the points of the next subset are when there were too many simplices.
+/// Factor by which the points are spread farther apart when there are too many simplices.
 const SPARSER: f64 = 1.2;
-/// Distance of the points, in spacings, from which on they are halved whatever they show.
+/// Spacing of the points, in spacings of the model, from which on they are simply halved.
 const FARTHEST_APART: f64 = 1e3;
 
-/// The complex of as many of the points as it can be built on. Where too many lie close together a Poisson-disc subset takes their place, its
-/// radius growing until the complex is small enough (in the end a single point is), and its cylinders with it once the points lie farther apart
+/// The complex of as many of the points as possible. Where too many lie close together they are replaced by a Poisson-disc subset, whose
+/// radius grows until the complex is small enough (at worst one point remains); the cylinders grow with it once the points are farther apart
 /// than those of a sample.
 #[allow(
     clippy::type_complexity,
-    reason = "the points that were kept belong to the complex"
+    reason = "the complex is returned with the points that were kept"
 )]
 fn read(
     model: &CanonicalModel,
@@ -341,7 +340,7 @@ fn read(
         match Read::new(&points, &normals, &cuts, sparse, most) {
             Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {
                 let mut kept = spread(&points, &normals, apart);
-                // Sheets that face away from each other are never thinned into one.
+                // Sheets that face away from each other are never merged by thinning.
                 if apart > FARTHEST_APART * spacing {
                     kept.truncate(kept.len() / 2);
                 }
@@ -379,14 +378,14 @@ fn spread(points: &[Point3<f64>], normals: &[UnitVector3<f64>], apart: f64) -> V
     kept
 }
 
-/// The complex is built as for points of a spacing so many times finer than that of the model: the surface is known everywhere, and at the model's
-/// own scale the crotch of a thumb is glued.
+/// The complex is built for points this much finer than the spacing of the model: the closed surface can be sampled at any density, and at the
+/// spacing of the model the web between a thumb and a hand would be bridged.
 const FINE: f64 = 0.6;
 
 /// Spacing of the sample that the complex is built on, in those finer spacings.
 const SAMPLE: f64 = 0.8;
 
-/// Length of the vector area of the supported surface as a share of its area: a lower bound on the share that is missing.
+/// Length of the vector area of the supported surface as a share of its area: a lower bound on the missing share.
 fn missing_share(surface: &ClosedSurface) -> f64 {
     let (mut vector, mut area) = (Vector3::zeros(), 0.0);
     for t in &surface.triangles {
@@ -405,7 +404,7 @@ fn missing_share(surface: &ClosedSurface) -> f64 {
     }
 }
 
-/// The triangles that no point supports, each with the vertex of the model next to it.
+/// The triangles that no point supports, each with the nearest vertex of the model.
 fn hidden(surface: &ClosedSurface, model: &CanonicalModel) -> Vec<Hidden> {
     let Some(tree) = graph::tree(&model.rest) else {
         return Vec::new();
@@ -421,7 +420,7 @@ fn hidden(surface: &ClosedSurface, model: &CanonicalModel) -> Vec<Hidden> {
         .collect()
 }
 
-/// The cut edges of the model between the nearest points of the sample.
+/// The cut edges of the model, as pairs of the nearest points of the sample.
 fn cuts(model: &CanonicalModel, points: &[Point3<f64>]) -> Vec<[u32; 2]> {
     let Some(tree) = graph::tree(points) else {
         return Vec::new();
@@ -432,7 +431,7 @@ fn cuts(model: &CanonicalModel, points: &[Point3<f64>]) -> Vec<[u32; 2]> {
     moved.filter(|[a, b]| a != b).collect()
 }
 
-/// What the complex of some points says.
+/// The results for the complex of some points.
 struct Read {
     betti: [usize; 3],
     persistent: [usize; 3],
@@ -479,7 +478,7 @@ impl Read {
         })
     }
 
-    /// Boundary and loops in terms of the vertices of the model.
+    /// Boundary and loops as vertices of the model.
     fn on_model(
         &self,
         model: &CanonicalModel,
@@ -491,7 +490,7 @@ impl Read {
         let Some(tree) = graph::tree(&model.rest) else {
             return (boundary, Vec::new());
         };
-        // As far from the rim as the discs of a complex of the model's own spacing would reach: what can be gripped there is not one row of vertices.
+        // Vertices within the disc radius of a complex at the model's own spacing count: the part that can be gripped there is wider than one row of vertices.
         let reach = (1.0 + (1.0 - FINE) * RADIUS) * spacing;
         for i in (0..points.len()).filter(|&i| self.boundary[i]) {
             for (v, _) in graph::near(&tree, &points[i], reach, 24) {

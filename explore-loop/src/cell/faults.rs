@@ -1,43 +1,43 @@
-//! A cell that misbehaves: faults put into any other cell, to see what a loop makes of them.
+//! A cell that misbehaves: injects faults into any other cell, to test how a loop handles them.
 //!
 //! ```text
-//! loop ──commands──► FaultyCell ──► cell          an arm may be stuck, in a fault state, or miss
+//! loop ──commands──► FaultyCell ──► cell          an arm may be stuck, be in a fault state, or close on nothing
 //! loop ◄──frames──── FaultyCell ◄── cell          frames may be missing, late, frozen, out of order, not finite, dirty
 //! ```
 //!
-//! A [`Fault`] has a kind, a moment at which it begins and a number of frames that it lasts. The same faults in the same cell give the same frames.
+//! A [`Fault`] has a kind, a beginning and a duration in frames. The same faults in the same cell give the same frames.
 
 use super::{ArmState, Cell, CellError, CellInfo, Observation};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
-/// What goes wrong.
+/// The kind of a fault.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum FaultKind {
     /// Frames without points.
     Empty,
-    /// The cloud stays as it was while stamps and arms go on.
+    /// The cloud stays the same while stamps and arms go on.
     Frozen,
-    /// Every other frame is the one before again, with its stamp.
+    /// Every other frame repeats the previous one, with its stamp.
     Duplicate,
-    /// Every other frame is that of two frames ago.
+    /// Every other frame is the one from two frames ago.
     OutOfOrder,
-    /// So many frames are left out before each one.
+    /// This many frames are left out before each one.
     Late {
         /// Frames left out.
         frames: usize,
     },
-    /// The clock is set by so much, and stays so.
+    /// The clock jumps by this amount, and stays shifted.
     ClockJump {
-        /// Seconds; negative is back.
+        /// Seconds; negative is backwards.
         seconds: f64,
     },
-    /// A share of the points, in turn, is NaN.
+    /// A share of the points, at regular intervals, is NaN.
     NonFinitePoints {
         /// From 0 to 1.
         share: f64,
     },
-    /// An arm does not say where it is.
+    /// An arm reports a pose that is not finite.
     NonFinitePose {
         /// The arm.
         arm: usize,
@@ -46,7 +46,7 @@ pub enum FaultKind {
     Table,
     /// The tools are left in the cloud.
     Tools,
-    /// The cloud is turned about its middle, about the vertical, and moved.
+    /// The cloud is rotated about the vertical through its centre, and moved.
     Moved {
         /// Angle, radians.
         turn: f64,
@@ -63,7 +63,7 @@ pub enum FaultKind {
         /// The arm.
         arm: usize,
     },
-    /// An arm takes commands, says that it moves, and stays where it is.
+    /// An arm accepts commands, reports that it moves, and stays where it is.
     Stuck {
         /// The arm.
         arm: usize,
@@ -99,7 +99,7 @@ pub struct Fault {
     pub frames: usize,
 }
 
-/// A cell with faults.
+/// A cell with injected faults.
 pub struct FaultyCell<C> {
     cell: C,
     faults: Vec<(Fault, Option<usize>)>,
@@ -135,17 +135,17 @@ impl<C: Cell> FaultyCell<C> {
         }
     }
 
-    /// The cell without its faults.
+    /// The wrapped cell.
     pub fn inner(&self) -> &C {
         &self.cell
     }
 
-    /// The first frame with each of the faults, counted from 0, once it has begun.
+    /// The first frame with each of the faults, counted from 0; `None` before it.
     pub fn began(&self) -> Vec<Option<usize>> {
         self.faults.iter().map(|(_, began)| *began).collect()
     }
 
-    /// Kinds of the faults that are on, and for how many frames they have been.
+    /// The active faults, and for how many frames each has been active.
     fn on(&self) -> Vec<(FaultKind, usize)> {
         let age = |(fault, began): &(Fault, Option<usize>)| {
             let age = self.frame - (*began)?;
@@ -176,7 +176,7 @@ impl<C: Cell> FaultyCell<C> {
     }
 
     fn spoil(&mut self, frame: &mut Observation, kind: FaultKind, age: usize) {
-        // What spoils the points is in the image, too: nothing is recognised in it.
+        // What spoils the points also spoils the image: no features are recognised in it.
         let spoils = matches!(
             kind,
             FaultKind::Empty | FaultKind::Frozen | FaultKind::Moved { .. }

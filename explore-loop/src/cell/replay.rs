@@ -1,4 +1,4 @@
-//! A recorded session as a cell: it can be watched, not moved.
+//! A recorded session as a cell: it can be observed but not commanded.
 
 use super::scans::ObjectFrames;
 pub use super::scans::{RecordedArm, ScanOptions};
@@ -8,16 +8,16 @@ use dvrk_io::session::{Frame, Frames, Scans, Session, Skipped};
 use mesh_io::three_digits;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
-/// Jaw angles below this hold what is between the fingers, rad.
+/// A jaw at an angle below this counts as holding something, rad.
 const CLOSED: f64 = 0.05;
-/// Where it is known where a jaw was sent: one that stays this much more open holds something, rad.
+/// If the commanded jaw angle is known: a jaw that stays this much more open counts as holding something, rad.
 const HOLDS_ABOVE: f64 = 0.08;
-/// Distance of the table where none was recorded, m.
+/// Distance of the assumed table where none was recorded, m.
 const FAR_BELOW: f64 = 1e3;
-/// What a depth camera sees lies at these distances, m.
+/// Plausible distances of points from a depth camera, m.
 const DISTANCES: std::ops::RangeInclusive<f64> = 0.01..=20.0;
 
-/// Plays a session that `dvrk-io` read, or reads while it is played.
+/// Plays a session that `dvrk-io` has read, or reads while it is played.
 pub struct ReplayCell {
     info: CellInfo,
     frames: Source,
@@ -41,7 +41,7 @@ enum Source {
 }
 
 impl ReplayCell {
-    /// A cell over the frames of `session`. Without a recorded table the plane lies far below everything.
+    /// A cell over the frames of `session`. Without a recorded table, one far below everything is assumed.
     ///
     /// # Errors
     /// A session without frames.
@@ -51,7 +51,7 @@ impl ReplayCell {
         Ok(Self::of(info, Source::Memory(session.frames.into_iter())))
     }
 
-    /// A cell over frames that are read from their file when they are observed.
+    /// A cell over frames that are read from their file as they are observed.
     ///
     /// # Errors
     /// A session without frames.
@@ -60,11 +60,11 @@ impl ReplayCell {
         Ok(Self::of(info, Source::File(Box::new(frames))))
     }
 
-    /// A cell over everything that a camera saw: table and arms are taken away, and the object is found, when a scan is observed. Arms that the
-    /// options do not name are not known of.
+    /// A cell over scans of everything in view: table and arms are removed, and the object is found, when a scan is observed. Arms that the
+    /// options do not list are not removed.
     ///
     /// # Errors
-    /// A recording without scans, or without a table among what is seen; an arm without joint values.
+    /// A recording without scans, or in which no table is found; an arm without joint values.
     pub fn of_scans(scans: Scans<'static>, options: ScanOptions) -> Result<Self, CellError> {
         let stamps: Vec<f64> = scans.stamps().collect();
         let frames = ObjectFrames::new(scans, options)?;
@@ -109,7 +109,7 @@ impl ReplayCell {
         }
     }
 
-    /// What could not be read until now, if the session is read while it is played.
+    /// What could not be read so far, if the session is read while it is played.
     pub fn skipped(&self) -> Option<&Skipped> {
         match &self.frames {
             Source::Memory(_) => None,
@@ -118,7 +118,7 @@ impl ReplayCell {
         }
     }
 
-    /// Which share of the last scan, without arms, lay on the table; nothing where the object was recorded.
+    /// The share of the points of the last scan, without arms, that lay on the table; `None` for a recording of the object alone.
     pub fn on_table(&self) -> Option<f64> {
         match &self.frames {
             Source::Memory(_) | Source::File(_) => None,
@@ -126,7 +126,7 @@ impl ReplayCell {
         }
     }
 
-    /// The unit of the last scan, and how it was told; nothing where the object was recorded.
+    /// The unit of the last scan, and how it was determined; `None` for a recording of the object alone.
     pub fn unit(&self) -> Option<(LengthUnit, UnitSource)> {
         match &self.frames {
             Source::Memory(_) | Source::File(_) => None,
@@ -173,7 +173,7 @@ fn info(
     })
 }
 
-/// Median distance from the camera of the points that are some, m: a few wild ones do not matter.
+/// Median distance of the finite points from the camera, m; robust against outliers.
 fn middle_distance(points: &[Point3<f64>]) -> Option<f64> {
     let distances = points.iter().map(|p| p.coords.norm());
     let mut distances: Vec<f64> = distances.filter(|d| d.is_finite() && *d > 0.0).collect();
@@ -208,14 +208,14 @@ impl Cell for ReplayCell {
     }
 
     /// # Errors
-    /// [`CellError::Ended`] after the last frame; [`CellError::Failed`] if the file can no longer be read, or if the first points that are seen
-    /// cannot be in metres.
+    /// [`CellError::Ended`] after the last frame; [`CellError::Failed`] if the file can no longer be read, or if the first points cannot be in
+    /// metres.
     fn observe(&mut self) -> Result<Observation, CellError> {
         let frame = self.next()?;
         if let Some(distance) = middle_distance(&frame.points).filter(|_| !self.in_metres) {
             if !DISTANCES.contains(&distance) {
                 return Err(CellError::Failed(format!(
-                    "half of what is seen is more than {} m away, and a camera sees {} m to {} m: are the points in metres? They must be",
+                    "the median distance of the points is {} m, outside the {} m to {} m of a depth camera: the points must be in metres",
                     three_digits(distance),
                     DISTANCES.start(),
                     DISTANCES.end()
@@ -229,7 +229,7 @@ impl Cell for ReplayCell {
             state.moving = pose.is_some_and(|p| p != state.camera_from_tip);
             state.camera_from_tip = pose.unwrap_or(state.camera_from_tip);
             state.jaw = sample.and_then(|s| s.jaw).unwrap_or(state.jaw);
-            // A pose without a jaw angle is an arm that the recorder of a simulation published while it held; joint values tell of no jaw.
+            // A pose without a jaw angle comes from the recorder of a simulation, which published arms only while they held; joint values do not tell about jaws.
             let closed = match sample.and_then(|s| s.jaw) {
                 Some(jaw) => jaw < CLOSED,
                 None => !matches!(self.frames, Source::Scans(_)),

@@ -1,4 +1,4 @@
-//! A recording of everything that a camera saw, as frames of the object: the same is taken away as in a cell of dVRK arms.
+//! A recording of everything in view, as frames of the object: table and arms are removed as in a cell of dVRK arms.
 //!
 //! ```text
 //! joint values of the arms ─► their links ─┐
@@ -18,23 +18,23 @@ use super::{CellError, Plane};
 pub struct RecordedArm {
     /// Its name, such as `PSM1`.
     pub name: String,
-    /// Its lengths.
+    /// Its kinematic lengths and limits.
     pub kinematics: Kinematics,
-    /// Where it stands.
+    /// Pose of the frame of its remote centre.
     pub camera_from_rcm: Isometry3<f64>,
-    /// Half of what fits between its open jaws, metres.
+    /// Half the width that fits between its open jaws, metres.
     pub jaw_radius: f64,
 }
 
-/// What is known of a recording beforehand.
+/// Prior knowledge about a recording.
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct ScanOptions {
     /// The arms in view. Default: none.
     pub arms: Vec<RecordedArm>,
-    /// The table. Default: as it was recorded, else it is found in the first scan.
+    /// The table. Default: the recorded one, else it is found in the first scan.
     pub table: Option<Plane>,
-    /// What is this near to an arm is taken for the arm, metres. Default 0.005.
+    /// Points within this distance of an arm are removed with it, metres. Default 0.005.
     pub arm_clearance: f64,
     /// A point on or next to the object, camera frame, metres. Default: the largest body is the object.
     pub seed: Option<Point3<f64>>,
@@ -75,32 +75,32 @@ impl ScanOptions {
     }
 }
 
-/// An arm, and its joint values as they were last known.
+/// An arm, and its latest joint values.
 struct Arm {
     about: RecordedArm,
     joints: Option<[f64; 6]>,
 }
 
-/// Frames of the object, each found when it is asked for.
+/// Frames of the object, each found on demand.
 pub(super) struct ObjectFrames {
     scans: Scans<'static>,
     eye: Eye,
     arms: Vec<Arm>,
     table: Plane,
     unit: Option<(LengthUnit, UnitSource)>,
-    /// Found while the table was looked for.
+    /// The frame in which the table was found.
     first: Option<Frame>,
 }
 
 impl ObjectFrames {
     /// # Errors
-    /// An arm without joint values; no table among what is seen.
+    /// An arm without joint values; no table in view.
     pub fn new(scans: Scans<'static>, options: ScanOptions) -> Result<Self, CellError> {
         let recorded = |arm: &&RecordedArm| !scans.arm_names().contains(&arm.name);
         if let Some(arm) = options.arms.iter().find(recorded) {
             let topic = Role::Joints(arm.name.clone()).topic();
             return Err(CellError::Failed(format!(
-                "{} has no joint values in the recording ({topic}): what of it is in view is not known",
+                "{} has no joint values in the recording ({topic}): its links cannot be removed from the cloud",
                 arm.name
             )));
         }
@@ -115,7 +115,7 @@ impl ObjectFrames {
                     joints: None,
                 })
                 .collect(),
-            // Until it is found.
+            // A placeholder until the table is found.
             table: table.unwrap_or(Plane {
                 normal: -nalgebra::Vector3::z_axis(),
                 offset: f64::INFINITY,
@@ -128,7 +128,7 @@ impl ObjectFrames {
         Ok(frames)
     }
 
-    /// Looks at scans until one was seen and the table is known.
+    /// Reads scans until one is usable and the table is known.
     fn find_table(&mut self) -> Result<(), CellError> {
         let mut why = None;
         while self.first.is_none() || self.eye.table().is_none() {
@@ -170,7 +170,7 @@ impl ObjectFrames {
         self.unit
     }
 
-    /// The frame of a scan, and why nothing was found in it, if so: such a frame has no points.
+    /// The frame of a scan, and why nothing was found in it, if so; such a frame has no points.
     fn frame(&mut self, scan: &RecordedScan) -> (Frame, Option<dvrk_io::Error>) {
         self.unit = Some(scan.scan.unit());
         let mut arms = Vec::new();
@@ -194,7 +194,7 @@ impl ObjectFrames {
                 joints,
             });
         }
-        // What of an arm is in view must be known: it would be taken for the object.
+        // The visible links of an arm must be known, or they would be taken for the object.
         let seen = capsules.map(|capsules| self.eye.look(&scan.scan, &capsules));
         let (seen, why) = match seen {
             Some(Ok(seen)) => (seen, None),
@@ -226,7 +226,7 @@ impl Iterator for ObjectFrames {
 }
 
 impl RecordedArm {
-    /// What of it may be in view; nothing for joint values that no arm has.
+    /// The links that may be in view; `None` for joint values outside the range of the arm.
     fn links(&self, joints: &[f64; 6]) -> Option<Vec<Capsule>> {
         let found = links(
             &self.kinematics,

@@ -1,4 +1,4 @@
-//! The object in a frame of the camera, without table and arms.
+//! Finds the object in a frame of the camera, without table and arms.
 
 use dvrk_io::Error;
 use dvrk_io::depth::{Capsule, Object, ObjectOptions, Scan, find_object};
@@ -8,36 +8,36 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Plane;
 
-/// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
+/// Edge of the voxels, metres: a model of 5 mm spacing needs a point every 2.5 mm.
 const VOXEL: f64 = 0.0022;
-/// An arm before the object shall not divide it: twice shaft and clearance, metres.
+/// Gap in the cloud that is bridged, so that an arm in front of the object does not divide it: twice shaft and clearance, metres.
 const GAP: f64 = 0.018;
-/// What is this near to the table is taken for the table, metres.
+/// Points within this distance of the table are removed with it, metres.
 const TABLE_CLEARANCE: f64 = 0.004;
-/// Radius of a finger, metres, and how far fingers reach behind and before their tips.
+/// Radius of a finger, and where it begins and ends along the tip's z axis, metres.
 const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 
-/// Finds the object in one frame after the other: of several bodies that which is next to where it was, else the largest.
+/// Finds the object frame by frame: of several bodies the one nearest to its last position, else the largest.
 #[derive(Debug, Clone)]
 pub(super) struct Eye {
     options: ObjectOptions,
     table: Option<Plane>,
-    /// Which share of what was seen last, without arms, lay on it.
+    /// The share of the points of the last scan, without arms, that lay on the table.
     on_table: Option<f64>,
     seed: Option<Point3<f64>>,
 }
 
-/// What a frame shows.
+/// The object in a frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Seen {
     pub points: Vec<Point3<f64>>,
     pub colours: Option<Vec<[u8; 3]>>,
-    /// Of the colour image, where the scan is one: a cloud with rows and colours.
+    /// Features of the colour image, if the scan is an organised cloud with colours.
     pub features: Option<Vec<Feature>>,
 }
 
 impl Eye {
-    /// `arm_clearance`: what is this near to an arm is taken for the arm, metres; `seed`: a point on or next to the object.
+    /// `arm_clearance`: points within this distance of an arm are removed with it, metres; `seed`: a point on or next to the object.
     pub fn new(table: Option<Plane>, arm_clearance: f64, seed: Option<Point3<f64>>) -> Self {
         let options = ObjectOptions::default()
             .with_clearances(TABLE_CLEARANCE, arm_clearance)
@@ -56,13 +56,13 @@ impl Eye {
         self.table
     }
 
-    /// Which share of what was seen last, without arms, lay on the table.
+    /// The share of the points of the last scan, without arms, that lay on the table.
     pub fn on_table(&self) -> Option<f64> {
         self.on_table
     }
 
     /// # Errors
-    /// No table among the points, a scan without points, an arm that is nowhere. Nothing that could be the object is no error.
+    /// No table among the points, a scan without points, an arm whose pose is not finite. It is no error if no object is found.
     pub fn look(&mut self, scan: &Scan, arms: &[Capsule]) -> Result<Seen, Error> {
         let mut options = self.options;
         if let Some(table) = &self.table {
@@ -107,7 +107,7 @@ fn features(scan: &Scan, object: &Object, arms: &[Capsule]) -> Option<Vec<Featur
     lift(&detect(&image, &options), &image, &surface, &options).ok()
 }
 
-/// The point next to the mean of all.
+/// The point nearest to the mean of all.
 fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     let sum: Vector3<f64> = points.iter().map(|p| p.coords).sum();
     let mean = Point3::from(sum / points.len().max(1) as f64);
@@ -116,7 +116,7 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     nearest.copied()
 }
 
-/// Links and fingers of an arm whose tip is at a pose; `opening`: how far its fingers are off the middle, metres.
+/// Links and fingers of an arm with its tip at this pose; `opening`: distance of each finger from the centre plane, metres.
 pub(super) fn links(
     kinematics: &Kinematics,
     camera_from_rcm: &Isometry3<f64>,

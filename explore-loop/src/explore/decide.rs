@@ -1,4 +1,4 @@
-//! Whether the surface is closed, and if it is not, what is done next.
+//! Decides whether the surface is closed, and if not, what to do next.
 
 use super::{ClosedBy, Event, Explorer, Halt, Manipulation, Outcome, Phase, State, Stop};
 use crate::Error;
@@ -96,13 +96,13 @@ impl Explorer<'_> {
         }
     }
 
-    /// Where the camera was in the last frame.
+    /// Pose of the camera in the last frame.
     pub(super) fn camera(&self) -> Isometry3<f64> {
         let latest = self.latest.as_ref();
         latest.map_or_else(Isometry3::identity, Observation::fixed_from_camera)
     }
 
-    /// The end, with the topology of what is known.
+    /// The end of the exploration, with the topology of the model.
     pub(super) fn done(&mut self, stop: Stop) -> Result<State, Error> {
         if self.reconstructor.model().is_empty() {
             return Err(Error::NothingToSee {
@@ -115,7 +115,7 @@ impl Explorer<'_> {
     }
 
     fn done_with(&self, stop: Stop, topology: Topology) -> State {
-        // What was given up because a part cannot be shown is over all the same.
+        // If the surface is closed except for a part that cannot be shown, that is the reason to stop.
         let stop = match stop {
             Stop::TooManyManipulations | Stop::NothingToGrip(_) | Stop::GraspFailed => {
                 self.held(&topology).map_or(stop, Stop::ClosedButAttached)

@@ -1,14 +1,14 @@
-//! Along planned motions, frame by frame.
+//! Follows planned motions frame by frame.
 //!
 //! ```text
-//! clock of the motion:  t ← t + min(1, v_governor / v_peak) · T        as far as the set-points allow
+//! clock of the motion:  t ← t + min(1, v_governor / v_peak) · T        limited by the set-points
 //! ```
 //!
-//! The [`SpeedGovernor`] starts slowly, ramps up and slows down when frames fit badly; while they do not fit, or cannot be used, the arms stand. A supporting
-//! jaw opens at its own time. An arm that lags behind stops all of them, and they go on from where they are.
+//! The [`SpeedGovernor`] starts slowly, accelerates, and slows down when frames fit badly; while they do not fit, or cannot be used, the arms stop. A
+//! supporting jaw opens at its own time. If an arm lags behind, all stop and continue from there.
 //!
-//! A set-point is never more than a frame ahead, so an arm that hears nothing more stops by itself. What a fault asks for before anything else is
-//! [`Cell::stop`](crate::cell::Cell::stop), in the frame in which it is noticed. What no plan foresees, going on from here, is planned and checked like the rest.
+//! A set-point is never more than a frame ahead, so an arm that gets no more commands stops by itself. On a fault,
+//! [`Cell::stop`](crate::cell::Cell::stop) is called in the frame in which it is noticed. Recovery motions start at the present poses and are planned and checked as others are.
 
 use super::set_down;
 use super::set_point::apart;
@@ -21,30 +21,30 @@ use grip_planner::{
 };
 use nalgebra::Isometry3;
 
-/// How far empty tips back off before they turn for home, metres.
+/// How far empty tips retreat before they turn for home, metres.
 const RETREAT: f64 = 0.05;
 /// Residuals between which the governor slows down, in spacings.
 const CALM: f64 = 0.3;
 const ALARM: f64 = 0.8;
 
-/// How a motion is followed.
+/// What a motion depends on while it is followed.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Care {
-    /// Jaws empty: whether the body can be followed meanwhile does not matter.
+    /// The jaws are empty: it does not matter whether the body can be tracked.
     Empty,
-    /// Jaws hold: slowly when frames fit badly, and not at all when they do not fit.
+    /// The jaws hold the body: slow when frames fit badly, stopped when they do not fit.
     Holding,
-    /// Something is being put down that may be lost: only the arms count.
+    /// The body is being put down and tracking may be lost: only the arms count.
     PutDown,
 }
 
-/// What is counted while a motion is followed.
+/// State of a motion that is followed.
 struct Progress {
     governor: Option<SpeedGovernor>,
     time: f64,
     residual: f64,
     misfits: usize,
-    /// Seconds for which the motion did not get on.
+    /// Seconds without progress of the motion.
     late: f64,
 }
 
@@ -63,7 +63,7 @@ impl Explorer<'_> {
             let stands = self.stands(care, &progress);
             let before = progress.time;
             if stands {
-                // What was stopped starts as slowly as in the beginning.
+                // After a stop the motion starts as slowly as at the beginning.
                 self.drive.rest();
                 progress.governor = self.governor(care, cruise)?;
             } else {
@@ -92,7 +92,7 @@ impl Explorer<'_> {
         ))
     }
 
-    /// Whether the arms have to wait for frames that can be used or that fit.
+    /// Whether the arms must wait for frames that can be used or that fit.
     fn stands(&self, care: Care, progress: &Progress) -> bool {
         let blind = self.bad_frames > 0 && care != Care::PutDown && self.mode == Mode::Exploring;
         let lost = progress.misfits > self.options.doubt && care == Care::Holding;
@@ -105,7 +105,7 @@ impl Explorer<'_> {
             Some(governor) => motion.rate(governor.next(period, progress.residual)),
             None => 1.0,
         };
-        // A jaw that lets go early does so before its arm moves on.
+        // A jaw that releases early opens before its arm moves on.
         let stops = motion
             .arms
             .iter()
@@ -131,7 +131,7 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// A supporting jaw opens at its own time.
+    /// Opens a supporting jaw at its own time.
     fn open_early(&mut self, motion: &Motion, time: f64) -> Followed {
         for path in &motion.arms {
             let due = path.release < motion.duration && time >= path.release;
@@ -142,7 +142,7 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// Lets a frame pass and looks for trouble in it.
+    /// Processes one frame and checks it for trouble.
     fn step(&mut self, motion: &Motion, care: Care, progress: &mut Progress) -> Followed {
         let report = self.frame()?;
         if let Some(report) = &report {
@@ -174,7 +174,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// The arm that is farthest from where it was sent, and how far, if that is too far.
+    /// The arm that is farthest from its set-point, and the distance, if that is too large.
     fn lag(&self, motion: &Motion) -> Option<(usize, f64)> {
         let distance = |arm: usize| {
             let (sent, at) = (self.drive.sent(arm)?, self.arms.get(arm)?.camera_from_tip);
@@ -189,7 +189,7 @@ impl Explorer<'_> {
         self.arms.get(arm).is_some_and(|a| a.moving)
     }
 
-    /// Stops all arms when one lags behind, from where they come back to the path; gives up when they do not get on.
+    /// Stops all arms when one lags behind; from there they return to the path. Gives up if there is no progress.
     fn wait_for_arms(
         &mut self,
         motion: &Motion,
@@ -225,7 +225,7 @@ impl Explorer<'_> {
         .into())
     }
 
-    /// Stops every arm where it is.
+    /// Stops every arm at its present pose.
     pub(super) fn halt(&mut self) -> Followed {
         self.drive.forget();
         self.cell.stop().map_err(refused)
@@ -241,7 +241,7 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// Opens every jaw that was closed.
+    /// Opens every closed jaw.
     pub(super) fn open_all(&mut self) -> Followed {
         (0..self.closed.len())
             .filter(|&arm| self.closed[arm])
@@ -250,7 +250,7 @@ impl Explorer<'_> {
             .try_for_each(|arm| self.open(arm))
     }
 
-    /// Watches until the seen surface rests: it moves less than a tenth of a spacing a frame, three frames in a row.
+    /// Observes until the visible surface rests: it moves less than a tenth of a spacing a frame, three frames in a row.
     pub(super) fn settle(&mut self) -> Followed {
         let mut still = 0;
         for _ in 0..self.options.settle_frames {
@@ -279,7 +279,7 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// Out to the width of the body at rest and down to the table, where a turn ends: see `set_down`.
+    /// Moves the tips out to the width of the body at rest and down to the table, where a turn ends: see `set_down`.
     pub(super) fn spread_out(&mut self, manipulation: &Manipulation) -> Followed {
         let table = self.cell.info().table;
         let Some(latest) = &self.latest else {
@@ -293,13 +293,13 @@ impl Explorer<'_> {
         let live = self.reconstructor.model().live();
         let motion = self.with_scene(|scene| {
             carry(live, scene, &tips, &goals, &options)
-                // Where the body hangs is known least below the grips; it gives way.
+                // Where the body hangs is most uncertain below the grips, and it gives way there.
                 .or_else(|_| carry(&[], scene, &tips, &goals, &options))
         });
-        // The turn itself ends where jaws may open.
+        // Without such a motion the turn ends where jaws may open.
         let Ok(motion) = motion else { return Ok(()) };
         match self.follow(&motion, Care::Holding, options.speed) {
-            // A firm body on the table holds the tips back: it is down.
+            // If the tips are held back, a firm body has reached the table: it is down.
             Err(Halt::Trouble(trouble)) if matches!(*trouble, Trouble::NotArriving { .. }) => {
                 self.halt()
             }
@@ -307,8 +307,8 @@ impl Explorer<'_> {
         }
     }
 
-    /// Puts down what the jaws hold, opens them and lets the body come to rest: along the motion under way, back while it lifts and on while it
-    /// lowers; straight down from here where there is none, or the arms are not on it.
+    /// Puts down what the jaws hold, opens them and lets the body come to rest: along the current motion, back while it lifts and on while it lowers;
+    /// straight down if there is none, or the arms are not on it.
     pub(super) fn lower_from_here(&mut self) -> Followed {
         let under_way = self.under_way.take();
         let held: Vec<usize> = (0..self.closed.len()).filter(|&a| self.closed[a]).collect();
@@ -335,13 +335,13 @@ impl Explorer<'_> {
         self.settle()
     }
 
-    /// Every arm that is not at home goes there, its jaw open, along a checked way.
+    /// Sends every arm that is not at home there, jaw open, along a checked path.
     pub(super) fn go_home_from_here(&mut self) -> Followed {
         let all: Vec<usize> = (0..self.arms.len()).collect();
         self.send_home(&all)
     }
 
-    /// The same for some arms, past the others where they are.
+    /// The same for some arms, which avoid the present poses of the others.
     pub(super) fn send_home(&mut self, arms: &[usize]) -> Followed {
         let away = |arm: &usize| !self.is_home(*arm);
         let away: Vec<usize> = arms.iter().copied().filter(away).collect();
@@ -352,9 +352,9 @@ impl Explorer<'_> {
         let live = self.reconstructor.model().live();
         let motion = self.with_scene(|scene| {
             go_home(live, scene, &tips, RETREAT, &options)
-                // What lies over an open jaw is drawn off it; a way that only the body is in is better than none.
+                // What lies over an open jaw is pulled off it; a path that only the body obstructs is better than none.
                 .or_else(|_| go_home(&[], scene, &tips, RETREAT, &options))
-                // Joints may not go back so far.
+                // The joints may not allow so long a retreat.
                 .or_else(|reason| {
                     go_home(&[], scene, &tips, 0.3 * RETREAT, &options).map_err(|_| reason)
                 })

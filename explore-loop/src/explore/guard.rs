@@ -1,14 +1,14 @@
-//! What is wrong with a frame, and what of it can be used.
+//! Checks each frame for faults, and decides which part of it can be used.
 //!
 //! ```text
-//! stamp     earlier: dropped, until the clock has clearly been set back;  same: dropped;  much later: used, but the arms are stopped
-//! poses     not finite: the frame is dropped, the arm stays where it was last known to be
-//! cloud     same again, to the bit, while it should differ: dropped;  next to empty: dropped
-//! points    not finite, on the bare table, on a tool: taken out; what is left is used
+//! stamp     earlier: dropped, unless the clock was evidently set back;  same: dropped;  much later: used, but the arms are stopped
+//! poses     not finite: the frame is dropped, the arm keeps its last known pose
+//! cloud     bit-identical to the last one although it should differ: dropped;  almost empty: dropped
+//! points    not finite, on the bare table, on a tool: removed; the rest is used
 //! ```
 //!
-//! *Should differ*: a camera whose pictures of a resting object have differed is noisy, and never gives the same picture twice; before that is known, only
-//! what a moving tip holds must differ. *Bare table* and *on a tool* are only points well away from the model: what is beside it may belong to it.
+//! *Should differ*: once images of a resting object have differed, the camera is known to be noisy and never repeats an image; before that, a cloud
+//! must change only if a tip that holds something moves. *Bare table* and *on a tool* are only points well away from the model: nearer ones may belong to it.
 
 use crate::canonical::CanonicalModel;
 use crate::canonical::graph;
@@ -19,14 +19,14 @@ use nalgebra::{Isometry3, Point3, Vector3};
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FrameFault {
-    /// It shows (almost) nothing of the object.
+    /// It shows almost nothing of the object.
     #[error("the frame shows {points} points of the object")]
     Empty {
         /// Points seen.
         points: usize,
     },
-    /// The same cloud again, though it should differ.
-    #[error("the cloud is the same as before, to the bit")]
+    /// The same cloud again, although it should differ.
+    #[error("the cloud is bit-identical to the one before")]
     Frozen,
     /// The same stamp again.
     #[error("a second frame is stamped {stamp:.3} s")]
@@ -34,7 +34,7 @@ pub enum FrameFault {
         /// The stamp, seconds.
         stamp: f64,
     },
-    /// Stamped earlier than a frame before it, or not at all.
+    /// Its stamp is earlier than that of a previous frame, or not finite.
     #[error("a frame stamped {stamp:.3} s follows one of {after:.3} s")]
     OutOfOrder {
         /// Its stamp, seconds.
@@ -42,10 +42,10 @@ pub enum FrameFault {
         /// The latest stamp before it, seconds.
         after: f64,
     },
-    /// It came late; it was used.
+    /// It came late, but was used.
     #[error("no frame for {gap:.2} s")]
     Late {
-        /// Time since the one before, seconds.
+        /// Time since the previous frame, seconds.
         gap: f64,
     },
     /// The clock was set; the frame was used.
@@ -62,7 +62,7 @@ pub enum FrameFault {
         /// Points in the frame.
         points: usize,
     },
-    /// An arm does not say where it is.
+    /// An arm does not report its pose.
     #[error("the pose of arm {arm} is not finite")]
     NonFinitePose {
         /// The arm.
@@ -76,28 +76,28 @@ pub enum FrameFault {
         /// Arms of the cell.
         expected: usize,
     },
-    /// Points that are not of the object were taken out; the rest was used.
-    #[error("{points} points of table, tools or nowhere were taken out")]
+    /// Points that do not belong to the object were removed; the rest was used.
+    #[error("{points} points were removed: on the table, on tools, or not finite")]
     Foreign {
         /// How many.
         points: usize,
     },
-    /// The body did not fit for several frames; the arms wait for it.
+    /// The body did not fit for several frames; the arms wait.
     #[error("{frames} frames in a row did not fit")]
     Misfits {
         /// How many.
         frames: usize,
     },
-    /// The reconstruction refused it.
-    #[error("the reconstruction refused the frame: {reason}")]
+    /// The reconstruction rejected it.
+    #[error("the reconstruction rejected the frame: {reason}")]
     Refused {
-        /// What it said.
+        /// The reason.
         reason: String,
     },
 }
 
 impl FrameFault {
-    /// Whether what was left of the frame could be used.
+    /// Whether the rest of the frame could be used.
     pub fn is_usable(&self) -> bool {
         matches!(
             self,
@@ -108,57 +108,57 @@ impl FrameFault {
         )
     }
 
-    /// Whether it leaves open where the arms are.
+    /// Whether the poses of the arms are uncertain because of it.
     pub fn is_of_arms(&self) -> bool {
         matches!(self, Self::NonFinitePose { .. } | Self::WrongArms { .. })
     }
 
-    /// Whether the arms have to be stopped for it.
+    /// Whether the arms must be stopped.
     pub fn is_serious(&self) -> bool {
         !matches!(self, Self::Foreign { .. })
     }
 }
 
-/// Fewest points that are worth a look.
+/// Fewest points of a usable frame.
 const FEWEST: usize = 20;
-/// A frame that comes after more than so many periods is late, and after so many seconds the clock was set.
+/// Number of periods without a frame after which the next one is late, and of seconds after which the clock must have been set.
 const LATE: f64 = 2.6;
 const JUMP: f64 = 2.0;
-/// Frames stamped earlier in a row, each later than the one before, after which the clock has been set back.
+/// Number of consecutive frames with early but increasing stamps after which the clock counts as set back.
 const SET_BACK: usize = 3;
-/// Mean difference of noisy pictures, metres, and how many tell a noisy camera.
+/// Mean difference between noisy clouds, metres, and the number of such differences that prove a noisy camera.
 const NOISE: f64 = 2e-5;
 const NOISY: usize = 3;
-/// A held tip that has gone this far must have changed the picture, metres.
+/// Distance that a holding tip can move without changing the cloud, metres.
 const CHANGES: f64 = 0.002;
-/// Points this near to the table may be of it, metres; points this far from the model, in spacings, are not of the object.
+/// Points this near to the table may lie on it, metres; points this far from the model, in spacings, do not belong to the object.
 const ON_TABLE: f64 = 0.002;
 const AWAY: f64 = 2.5;
 /// Length of a tool behind its tip, metres.
 const TOOL: f64 = 0.3;
 
-/// Judges frames one after the other.
+/// Checks frames one after the other.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub(super) struct Guard {
     spacing: f64,
     last_stamp: Option<f64>,
-    /// Latest of the frames stamped too early, and how many there were.
+    /// The latest of the frames with early stamps, and their number.
     early: Option<(f64, usize)>,
     cloud: Vec<Point3<f64>>,
-    /// Where the arms were when this cloud was first seen.
+    /// Poses of the arms when this cloud was first seen.
     since: Vec<ArmState>,
     noisy: bool,
-    /// Pictures of the resting object that differed as noise makes them differ.
+    /// Number of clouds of the resting object that differed by noise.
     differences: usize,
-    /// The arms where they were last known to be.
+    /// The last known states of the arms.
     arms: Vec<ArmState>,
 }
 
-/// A frame that was judged.
+/// A checked frame.
 pub(super) struct Judged {
-    /// What is left of it, with the arms where they are or were last known to be.
+    /// The usable part, with the present or the last known poses of the arms.
     pub observation: Observation,
-    /// What was wrong.
+    /// What was wrong with it.
     pub fault: Option<FrameFault>,
 }
 
@@ -176,12 +176,12 @@ impl Guard {
         }
     }
 
-    /// Time may pass without frames now: a jaw closes, a plan is made.
+    /// The next frame may come late: a jaw closes, or a plan is computed.
     pub fn pause(&mut self) {
         self.last_stamp = None;
     }
 
-    /// Judges a frame; `model` is the object as it was before.
+    /// Checks a frame; `model` is the object before it.
     pub fn judge(
         &mut self,
         mut observation: Observation,
@@ -202,7 +202,7 @@ impl Guard {
         Judged { observation, fault }
     }
 
-    /// Puts arms that do not say where they are to where they were.
+    /// Replaces poses that are not finite by the last known ones.
     fn known_arms(&mut self, observation: &mut Observation, info: &CellInfo) -> Option<FrameFault> {
         let (count, expected) = (observation.arms.len(), info.arms.len());
         if count != expected {
@@ -315,7 +315,7 @@ impl Guard {
         false
     }
 
-    /// Points on the table or on a tool that are well away from the model.
+    /// Removes points on the table or on a tool that are well away from the model.
     fn take_out(&self, observation: &mut Observation, model: &CanonicalModel, info: &CellInfo) {
         let tools: Vec<(Isometry3<f64>, f64)> = observation
             .arms
@@ -341,7 +341,7 @@ impl Guard {
     }
 }
 
-/// Whether points have moved to and fro, and not together as those of something that settles.
+/// Whether points have moved in different directions, unlike those of an object that settles.
 fn differ_by_noise(before: &[Point3<f64>], now: &[Point3<f64>]) -> bool {
     if before.is_empty() || before.len() != now.len() {
         return false;

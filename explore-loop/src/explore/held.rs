@@ -1,12 +1,12 @@
-//! Whether what is still hidden is held to the table.
+//! Decides whether the part that is still hidden is attached to the table.
 //!
 //! ```text
 //! moved(v)   = max over frames with a jaw closed of ‖live(v) − rest(v)‖
 //! reached    = 95th percentile of moved
-//! held       ⇔ next to at least half of the hidden area  moved ≤ 0.3 · reached,  reached ≥ 6 spacings,
-//!              at most a quarter of the surface is hidden, in one hole, and two manipulations in a row have shown less than 2 % of it
+//! held       ⇔ moved ≤ 0.3 · reached next to at least half of the hidden area,  reached ≥ 6 spacings,
+//!              at most a quarter of the surface is hidden, in one hole, and each of the last two manipulations revealed less than 2 %
 //! ```
-//! A free body is carried 8 to 15 cm when it is turned over, all of it in two turns; what is held stays, and tissue next to it is stretched.
+//! A free body is moved 8 to 15 cm when it is turned over, and all of it in two turns; an attached part stays in place, and tissue next to it is stretched.
 
 use super::Explorer;
 use crate::canonical::CanonicalModel;
@@ -15,22 +15,22 @@ use crate::canonical::topology::Topology;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// Share of the reach below which a place did not give way.
+/// Share of `reached` below which a vertex has stayed in place.
 const STAYED: f64 = 0.3;
-/// How far the body must have been moved, in spacings, for what stayed to mean anything.
+/// Least motion of the body, in spacings, for which this is significant.
 const REACHED: f64 = 6.0;
 /// Largest share of the surface that may be hidden.
 const HIDDEN: f64 = 0.25;
-/// Least share of the surface that a manipulation has to show.
+/// Least share of the surface that a successful manipulation reveals.
 const GAIN: f64 = 0.02;
-/// Manipulations in a row that showed less.
+/// Number of consecutive manipulations that revealed less.
 const IN_VAIN: usize = 2;
 
-/// A part of the surface that could not be seen because it is held to the table.
+/// A part of the surface that could not be seen because it is attached to the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Held {
-    /// Its middle at rest, camera frame, metres.
+    /// Its centroid at rest, camera frame, metres.
     pub middle: Point3<f64>,
     /// Its area, m².
     pub area: f64,
@@ -53,17 +53,17 @@ impl std::fmt::Display for Held {
     }
 }
 
-/// How far the surface was moved, and what that has shown.
+/// How far the surface was moved, and what was hidden.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Moves {
-    /// Rest place of each vertex, by identity, and the farthest it was from there.
+    /// Rest position of each vertex, by identity, and its largest distance from there.
     moved: BTreeMap<u64, (Point3<f64>, f64)>,
-    /// Share that was hidden before each decision.
+    /// Hidden share before each decision.
     hidden: Vec<f64>,
 }
 
 impl Moves {
-    /// Takes in a frame in which a jaw is closed.
+    /// Adds a frame in which a jaw is closed.
     pub fn add(&mut self, model: &CanonicalModel) {
         for ((id, rest), live) in model.ids().iter().zip(model.rest()).zip(model.live()) {
             let entry = self.moved.entry(*id).or_insert((*rest, 0.0));
@@ -72,12 +72,12 @@ impl Moves {
         }
     }
 
-    /// Takes in what is hidden before a decision.
+    /// Adds the hidden share before a decision.
     pub fn decide(&mut self, topology: &Topology) {
         self.hidden.push(topology.bare);
     }
 
-    /// Whether the last manipulations have shown next to nothing.
+    /// Whether the last manipulations revealed almost nothing.
     pub fn in_vain(&self) -> bool {
         let count = self.hidden.len();
         count > IN_VAIN
@@ -86,7 +86,7 @@ impl Moves {
                 .all(|w| w[0] - w[1] < GAIN)
     }
 
-    /// The 95th percentile of how far the vertices were moved, m, if that is far enough to tell anything.
+    /// The 95th percentile of the motions of the vertices, m, if it is large enough to be significant.
     fn reached(&self, spacing: f64) -> Option<f64> {
         let mut sorted: Vec<f64> = self.moved.values().map(|(_, far)| *far).collect();
         sorted.sort_by(f64::total_cmp);
@@ -94,13 +94,13 @@ impl Moves {
         (reached >= REACHED * spacing).then_some(reached)
     }
 
-    /// The hidden part, if it is held to the table.
+    /// The hidden part, if it is attached to the table.
     pub fn held(&self, topology: &Topology, model: &CanonicalModel, spacing: f64) -> Option<Held> {
         let [pieces, holes, cavities] = topology.persistent;
         if topology.hidden.is_empty() || topology.bare > HIDDEN || [pieces, cavities] != [1, 0] {
             return None;
         }
-        // One hole in a surface without handles leaves no loop; the few that noise leaves are no second one.
+        // One hole in a surface without handles adds no class of dimension 1; a few small ones caused by noise are not counted.
         if holes > 1 {
             return None;
         }
@@ -126,7 +126,7 @@ impl Moves {
 }
 
 impl Explorer<'_> {
-    /// The part of the surface that is hidden because it is held to the table, if that is so.
+    /// The hidden part, if it is attached to the table.
     pub(super) fn held(&self, topology: &Topology) -> Option<Held> {
         let model = self.reconstructor.model();
         self.moves.held(topology, model, self.options.spacing)

@@ -4,36 +4,36 @@
 //!   Home ─► Look ─► Decide ─┬─► Reach ─► Grasp ─► Manipulate ─► Lower ─► Release ─┐
 //!    ▲                      └─► done                                              │
 //!    ├────────────────────────────────────────────────────────────────────────────┘
-//!    └── trouble, anywhere: stop ─► lower from here ─► open
+//!    └── trouble, in any phase: stop ─► lower from here ─► open
 //! ```
-//! The arms go home so that nothing hides the object; the model is brought up to date; its topology decides
-//! whether to stop; otherwise a [`Plan`] is made and carried out frame by frame while the reconstruction follows: its checked way to
-//! the grips, its motion as fast as [`grip_planner::SpeedGovernor`] allows, and a checked way home.
+//! The arms go home so that nothing hides the object; the model is updated; its topology decides whether to stop; otherwise a [`Plan`]
+//! is made and executed frame by frame while the object is tracked: its checked path to the grips, its motion as fast as
+//! [`grip_planner::SpeedGovernor`] allows, and a checked path home.
 //!
 //! | file | question |
 //! |---|---|
-//! | `options` | what may the loop do, and how long does it bear what goes wrong? |
+//! | `options` | what may the loop do, and which failures does it tolerate? |
 //! | `decide` | is it closed, and if not, which plan is next? |
-//! | `drive` | how is a motion followed, and what is planned from here? |
+//! | `drive` | how is a motion followed, and what is planned from the present poses? |
 //! | `set_point` | which pose is next, and is it within the limits? |
-//! | `held` | is what is still hidden held to the table? |
+//! | `held` | is the hidden part attached to the table? |
 //! | `slips` | where have grips slipped? |
 //! | `guard` | what is wrong with a frame? |
-//! | `watch` | what is done with a frame, and who is told? |
-//! | `trouble` | what is given up, and what ends it all? |
-//! | `recover` | what is done about it? |
-//! | `resume` | what is written down between two manipulations? |
-//! | `set_down` | where do lifting tips let go? |
+//! | `watch` | how is a frame processed, and who is notified? |
+//! | `trouble` | what ends a manipulation, and what ends the exploration? |
+//! | `recover` | how does the loop recover? |
+//! | `resume` | what is saved between two manipulations? |
+//! | `set_down` | where do lifting tips release the body? |
 //!
 //! # What happens to the arms and the jaws
 //!
-//! | what ends a manipulation | the arms | the jaws |
+//! | end of a manipulation | the arms | the jaws |
 //! |---|---|---|
-//! | all went well | set down, withdraw, home | open on the table |
-//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, go down from where they are (back along the lift, or on along the lowering; else straight down), home | open when lowered |
-//! | an error or a panic in a stage, a planner or a watcher | the same, without asking the stages | open when lowered |
-//! | an arm that refuses, does not arrive, or is nowhere; no free way down | stop | stay as they are |
-//! | the cell fails | asked to stop | stay as they are |
+//! | success | set down, retreat, home | open on the table |
+//! | the body is lost, a grip slips, the camera fails, [`Explorer::interrupt`] | stop in the frame in which it is noticed, lower from their present poses (back along the lift, or on along the lowering; else straight down), home | open when lowered |
+//! | an error or a panic in a stage, a planner or a watcher | the same, without calling the stages | open when lowered |
+//! | an arm that refuses commands, does not arrive, or does not report its pose; no free path down | stop | are not moved |
+//! | the cell fails | asked to stop | are not moved |
 
 use crate::Error;
 use crate::canonical::CanonicalModel;
@@ -72,24 +72,24 @@ pub use set_point::{Bounds, Limits};
 pub use trouble::{Stop, Trouble};
 pub use watch::{Event, Watcher};
 
-/// Where the exploration is.
+/// The phase of an exploration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
     /// The arms leave the camera's view.
     Home,
-    /// The object at rest is looked at.
+    /// The resting object is observed.
     Look,
-    /// Topology, then stop or plan.
+    /// The topology is computed, then the loop stops or plans.
     Decide,
-    /// The arms go to their grips.
+    /// The arms move to their grips.
     Reach,
     /// The jaws close.
     Grasp,
     /// The object is moved.
     Manipulate,
-    /// What was lifted is put down.
+    /// The lifted object is put down.
     Lower,
-    /// The jaws open and withdraw.
+    /// The jaws open and retreat.
     Release,
 }
 
@@ -97,15 +97,15 @@ pub enum Phase {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Outcome {
-    /// Why.
+    /// The reason.
     pub stop: Stop,
-    /// Manipulations made.
+    /// Number of manipulations.
     pub manipulations: usize,
-    /// What was given up on the way, in order.
+    /// Manipulations that were given up, in order.
     pub troubles: Vec<Trouble>,
     /// Topology at the end.
     pub topology: Topology,
-    /// Stiffness over weight `E / (ρ g)` of the object as it was estimated from how it sags, m, once something was lifted.
+    /// Stiffness over weight `E / (ρ g)` of the object, m, estimated from its sag once something was lifted.
     pub stiffness_over_weight: Option<f64>,
 }
 
@@ -118,24 +118,24 @@ pub struct Explorer<'a> {
     reconstructor: Box<dyn Reconstruct + 'a>,
     guard: Guard,
     drive: Drive,
-    /// The arms where they are or were last known to be.
+    /// The present or last known states of the arms.
     arms: Vec<ArmState>,
     /// The jaws that were closed on something.
     closed: Vec<bool>,
-    /// The motion that is followed with the jaws closed, and how far it has been followed, seconds.
+    /// The motion that is followed with closed jaws, and the time on it, seconds.
     under_way: Option<(Motion, f64)>,
-    /// The last frame that could be used.
+    /// The last usable frame.
     latest: Option<Observation>,
-    /// Frames in a row for which the arms had to be stopped.
+    /// Number of consecutive frames for which the arms had to be stopped.
     bad_frames: usize,
     /// Whether the body may be elsewhere than the model.
     lost: bool,
     manipulations: usize,
     misses: usize,
     troubles: Vec<Trouble>,
-    /// How far the surface was moved, and what that has shown.
+    /// How far the surface was moved.
     moves: held::Moves,
-    /// Where grips have slipped.
+    /// Where grips slipped.
     slips: slips::Slips,
     asked_to_stop: Option<Arc<AtomicBool>>,
     mode: Mode,
@@ -152,18 +152,18 @@ impl std::fmt::Debug for Explorer<'_> {
     }
 }
 
-/// What a frame is good for.
+/// How frames are used.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Mode {
-    /// Everything.
+    /// For everything.
     Exploring,
-    /// Something is being put down: nothing interrupts it.
+    /// The body is being put down and this must not be interrupted.
     PuttingDown,
-    /// The same after a stage has failed: only the arms are looked at.
+    /// The same after a stage has failed: frames serve only to check the arms.
     ArmsOnly,
 }
 
-/// A plan, and where what it grips lies at rest: vertices are renumbered when the model is fused anew.
+/// A plan, and the rest positions of its grips: vertices are renumbered by a re-fusion.
 struct Manipulation {
     plan: Plan,
     at_rest: Vec<Point3<f64>>,
@@ -181,7 +181,7 @@ enum State {
     Done(Box<Outcome>),
 }
 
-/// What ends a state early.
+/// Why a state ends early.
 enum Halt {
     Trouble(Box<Trouble>),
     Error(Error),
@@ -201,14 +201,14 @@ impl<E: Into<Error>> From<E> for Halt {
 
 type Followed = Result<(), Halt>;
 
-/// A plan's own way home is taken when it begins this near to where the tips are, metres.
+/// The path home of a plan is used when it begins this near to the present poses of the tips, metres.
 const SAME_PLACE: f64 = 1e-3;
 
 impl<'a> Explorer<'a> {
-    /// An exploration of what lies in `cell`, with the default reconstruction.
+    /// An exploration of the object in `cell`, with the default reconstruction.
     ///
     /// # Errors
-    /// A spacing that is not a length.
+    /// A spacing that is not positive and finite.
     pub fn new(
         cell: &'a mut dyn Cell,
         planner: &'a mut dyn Planner,
@@ -225,7 +225,7 @@ impl<'a> Explorer<'a> {
         ))
     }
 
-    /// The same with a reconstruction of the caller's: a [`Reconstructor`] with other settings, or another [`Reconstruct`].
+    /// The same with another reconstruction: a [`Reconstructor`] with other settings, or another [`Reconstruct`].
     pub fn with_reconstructor(
         cell: &'a mut dyn Cell,
         planner: &'a mut dyn Planner,
@@ -264,8 +264,8 @@ impl<'a> Explorer<'a> {
         }
     }
 
-    /// A flag that ends the exploration when it is set, from a signal handler or another thread: arms are stopped, what they hold is lowered, and
-    /// they go home.
+    /// Sets a flag, set from a signal handler or another thread, that ends the exploration: arms are stopped, what they hold is lowered, and they go
+    /// home.
     #[must_use]
     pub fn interrupt(mut self, flag: Arc<AtomicBool>) -> Self {
         self.asked_to_stop = Some(flag);
@@ -277,20 +277,20 @@ impl<'a> Explorer<'a> {
         self.reconstructor.model()
     }
 
-    /// Explores until the surface is closed or nothing more can be done.
+    /// Explores until the surface is closed or no further progress is possible.
     ///
-    /// What goes wrong in the cell is answered or ends the exploration with its reason in [`Outcome::stop`]. Whatever ends it, the arms are stopped; what
-    /// the jaws do is said in [`crate::explore`].
+    /// Failures of the cell are recovered from, or end the exploration with the reason in [`Outcome::stop`]. In any case the arms are stopped; for the
+    /// jaws see [`crate::explore`].
     ///
     /// # Errors
-    /// Nothing was ever seen, a stage refuses its input, or the watcher cannot record.
+    /// The object was never seen, a stage rejects its input, or the watcher cannot record.
     ///
     /// # Panics
-    /// When a stage, planner or watcher panics: after the arms have been seen to, the panic goes on.
+    /// When a stage, planner or watcher panics: the panic is resumed after the arms have been secured.
     pub fn run(&mut self) -> Result<Outcome, Error> {
         let ended = catch_unwind(AssertUnwindSafe(|| self.explore()));
         let well = matches!(&ended, Ok(Ok(_)));
-        // Not even a second failure may keep the arms from being stopped.
+        // A second failure must not keep the arms from being stopped.
         let secured = catch_unwind(AssertUnwindSafe(|| self.secure(well)));
         let _nothing_left_to_do = secured;
         match ended {
@@ -335,7 +335,7 @@ impl<'a> Explorer<'a> {
             self.cell.home().map_err(refused)?;
             self.guard.pause();
         } else {
-            // Watched all the way, so that the model follows whatever the leaving arms stir.
+            // Frames are processed on the way, so that the model follows an object moved by the leaving arms.
             self.go_home_from_here()?;
         }
         Ok(State::Look)
@@ -356,7 +356,7 @@ impl<'a> Explorer<'a> {
         Ok(State::Decide)
     }
 
-    /// Looks at the object at rest; whether the last frame fitted.
+    /// Observes the resting object; returns whether the last frame fitted.
     fn watch(&mut self) -> Result<bool, Halt> {
         let (mut seen, mut fits) = (0, false);
         while seen < self.options.look_frames.max(1) {
@@ -368,7 +368,7 @@ impl<'a> Explorer<'a> {
         Ok(fits)
     }
 
-    /// The plan's own way from home: orientation first, high above the grip, then down along the approach.
+    /// The path of the plan from home: orientation first, high above the grip, then down along the approach direction.
     fn reach(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
         self.enter(Phase::Reach)?;
         let speed = self.options.limits.empty.speed;
@@ -391,7 +391,7 @@ impl<'a> Explorer<'a> {
         }
         self.guard.pause();
         self.frame()?;
-        // A supporting arm may miss; the arms that lift must all hold.
+        // A supporting arm may miss; all lifting arms must hold.
         if lifting_missed {
             self.misses += 1;
             self.open_all()?;
@@ -403,7 +403,7 @@ impl<'a> Explorer<'a> {
         Ok(State::Manipulate(manipulation))
     }
 
-    /// Arms that missed stay where they are meanwhile: their paths are those of tools that hold.
+    /// Arms that missed stay where they are: the planned paths are for tools that hold.
     fn without_missed(
         &mut self,
         mut manipulation: Box<Manipulation>,
@@ -421,7 +421,7 @@ impl<'a> Explorer<'a> {
         Ok(manipulation)
     }
 
-    /// Follows the planned paths; slows down while registration has trouble, and gives up when the body is lost.
+    /// Follows the planned paths; slows down while registration is poor, and gives up when the body is lost.
     fn manipulate(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
         self.enter(Phase::Manipulate)?;
         let plan = &manipulation.plan;
@@ -430,7 +430,7 @@ impl<'a> Explorer<'a> {
         self.slips
             .grip(places.map(|(arm, place)| (arm, *place)).collect());
         match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
-            // A firm body that is being lowered holds the tips back when it is on the table: it is down.
+            // A firm body that holds the tips back while it is lowered has reached the table: it is down.
             Err(Halt::Trouble(trouble))
                 if matches!(*trouble, Trouble::NotArriving { .. }) && self.lowers() =>
             {
@@ -443,7 +443,7 @@ impl<'a> Explorer<'a> {
         Ok(State::Lower(manipulation))
     }
 
-    /// Whether the motion under way is past its middle, where lifting ends.
+    /// Whether the current motion is past its middle, where lifting ends.
     fn lowers(&self) -> bool {
         let past = |(motion, time): &(grip_planner::Motion, f64)| *time > 0.5 * motion.duration;
         self.under_way.as_ref().is_some_and(past)
@@ -459,7 +459,7 @@ impl<'a> Explorer<'a> {
 
     fn release(&mut self, manipulation: &Manipulation) -> Result<State, Halt> {
         self.enter(Phase::Release)?;
-        // Let what still moves come to rest before the grips, the only landmarks, are given up.
+        // The body must come to rest before the grips, which are its only landmarks, are released.
         self.settle()?;
         self.open_all()?;
         self.settle()?;

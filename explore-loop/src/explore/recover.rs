@@ -1,26 +1,26 @@
-//! What is done about trouble.
+//! Recovery from trouble.
 //!
 //! ```text
-//! stop ─► stand for a frame ─► lower from here ─► open ─► (home, look) ─► does the last frame fit?
+//! stop ─► wait for a frame ─► lower from here ─► open ─► (home, look) ─► does the last frame fit?
 //!                                                                         │ no: argmax over rigid T of the overlap of T · model with the cloud
-//!                                                                         └► carry the model there, look again
+//!                                                                         └► move the model there, look again
 //! ```
 //!
-//! Aligned is first what was seen lately, then all of the model: the body may lie on another side.
+//! First the recently seen part is aligned, then the whole model: the body may lie on another side.
 
 use super::{Event, Explorer, Halt, Mode, State, Stop, Trouble};
 use crate::Error;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
-/// Share of the vertices that a body found again must have in the cloud: about half of a closed one faces the camera.
+/// Share of the vertices that must match the cloud when a body is found again: about half of a closed body faces the camera.
 const FOUND: f64 = 0.3;
-/// Frames before the last sight of the body in which what was seen counts as seen lately.
+/// Number of frames before the last sight of the body in which a vertex was seen recently.
 const LATELY: u32 = 5;
-/// Neighbours that the normals of a cloud are fitted to.
+/// Number of neighbours to which the normals of a cloud are fitted.
 const NEIGHBOURS: usize = 16;
 
 impl Explorer<'_> {
-    /// A cell that fails ends the exploration with what is known; anything else is an error.
+    /// A failure of the cell ends the exploration with the present model; anything else is an error.
     pub(super) fn failed(&mut self, error: Error) -> Result<State, Error> {
         match error {
             Error::Cell(cell) if !self.reconstructor.model().is_empty() => {
@@ -35,7 +35,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// Looks for the body in the cloud by rigid alignment, first with what was seen last and then with all of it, and carries the model there.
+    /// Searches for the body in the cloud by rigid alignment, first with the recently seen part and then with all of it, and moves the model there.
     pub(super) fn find_again(&mut self) -> Result<bool, Halt> {
         for all in [false, true] {
             let Some(pose) = self.aligned(all) else {
@@ -51,7 +51,7 @@ impl Explorer<'_> {
         Ok(false)
     }
 
-    /// Rigid motion of the live model, or of its part that was seen lately, to the latest cloud.
+    /// Rigid motion of the live model, or of its recently seen part, to the latest cloud.
     pub(super) fn aligned(&self, all: bool) -> Option<Isometry3<f64>> {
         let model = self.reconstructor.model();
         let latest = self.latest.as_ref()?;
@@ -74,13 +74,13 @@ impl Explorer<'_> {
         (found.overlap >= FOUND).then_some(found.target_from_source)
     }
 
-    /// Stops, puts down what is held, and says how to go on.
+    /// Stops, puts down the body, and decides how to continue.
     pub(super) fn recover(&mut self, trouble: Trouble) -> Result<State, Halt> {
         self.halt()?;
         self.tell(Event::Trouble(&trouble))?;
         self.troubles.push(trouble.clone());
         self.mode = Mode::PuttingDown;
-        // The arms stand for a frame before anything is done about it.
+        // The arms stand still for a frame before the recovery.
         let free = self.frame().and_then(|_| self.put_down(&trouble));
         self.mode = Mode::Exploring;
         let free = free?;
@@ -100,7 +100,7 @@ impl Explorer<'_> {
         Ok(State::Home)
     }
 
-    /// Whether the jaws are open afterwards.
+    /// Puts down the body; returns whether the jaws are open afterwards.
     pub(super) fn put_down(&mut self, trouble: &Trouble) -> Result<bool, Halt> {
         let held = self.closed.contains(&true);
         if held && !trouble.arms_obey() {
@@ -123,7 +123,7 @@ impl Explorer<'_> {
         }
     }
 
-    /// What is done with the arms at the end, whatever the end is.
+    /// Secures the arms at the end, however the exploration ended.
     pub(super) fn secure(&mut self, well: bool) {
         let stopped = self.halt();
         if !well && stopped.is_ok() {

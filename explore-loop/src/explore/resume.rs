@@ -1,4 +1,4 @@
-//! What the loop knows between two manipulations, to be written down and gone on from.
+//! The state of the loop between two manipulations, for checkpoints.
 
 use super::guard::Guard;
 use super::set_point::SetPoint;
@@ -6,7 +6,7 @@ use super::{Event, Explorer, Trouble};
 use crate::Error;
 use crate::cell::{ArmState, Observation};
 
-/// All that the loop knows between two manipulations. With a world in the same state an exploration goes on from it to the bit.
+/// The state of the loop between two manipulations. With a world in the same state an exploration continues from it, to the bit.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct SavedState {
     manipulations: usize,
@@ -26,7 +26,7 @@ pub struct SavedState {
 }
 
 impl Explorer<'_> {
-    /// All that the loop knows, between two manipulations.
+    /// The state of the loop between two manipulations.
     ///
     /// # Errors
     /// [`Error::Resume`]: the reconstruction cannot be saved.
@@ -53,23 +53,26 @@ impl Explorer<'_> {
         })
     }
 
-    /// Takes over what another exploration knew; [`Self::run`] then goes on from there. The world has to be as it was then. What was given up
-    /// before is listed as [`Trouble::Earlier`].
+    /// Restores the state of another exploration; [`Self::run`] then continues from there. The world must be in the same state as then. Earlier troubles
+    /// are listed as [`Trouble::Earlier`].
     ///
     /// # Errors
-    /// [`Error::Resume`] or [`Error::Filter`]: the state is not of such a reconstruction, planner or cell.
+    /// [`Error::Resume`] or [`Error::Filter`]: the state belongs to another kind of reconstruction, planner or cell.
     pub fn resume(&mut self, saved: SavedState) -> Result<(), Error> {
         let arms = self.arms.len();
         if saved.arms.len() != arms || saved.closed.len() != arms {
             return Err(Error::Resume {
-                reason: format!("it is of {} arms, the cell has {arms}", saved.arms.len()),
+                reason: format!(
+                    "it is for {} arms, but the cell has {arms}",
+                    saved.arms.len()
+                ),
             });
         }
         self.planner.restore(&saved.planner)?;
         self.reconstructor.restore(&saved.reconstruction)?;
         if !self.drive.restore(saved.set_points) {
             return Err(Error::Resume {
-                reason: "its set-points are not of these arms".into(),
+                reason: "its set-points are for other arms".into(),
             });
         }
         self.manipulations = saved.manipulations;
@@ -87,7 +90,7 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// Tells a watcher that wants it what to go on from.
+    /// Gives the state to a watcher that wants it.
     pub(super) fn tell_state(&mut self) -> Result<(), Error> {
         if self.watcher.wants_state() {
             let saved = self.save()?;

@@ -1,21 +1,21 @@
-//! Where lifting tips let go.
+//! Where lifting tips release the body.
 //!
 //! ```text
 //! goal = tip + across · (w_now − w_rest) − n · (h − h_release)
 //! ```
-//! with `across` the direction along the table from the line through both grips toward the body, `w` how far the
-//! body reaches in it, and `h` the height of the tip: out to the width of the body at rest, and down to the table.
-//! What is let go bunched up springs out, what is let go high falls, and both are too fast to follow.
+//! where `across` is the direction along the table from the line through both grips toward the body, `w` the extent of the body in that
+//! direction, and `h` the height of the tip: the tips move out to the width of the body at rest, and down to the table. A body that is released
+//! bunched up springs out, and one released high above the table falls; both motions are too fast to track.
 
 use super::Manipulation;
 use crate::cell::{Observation, Plane};
 use grip_planner::Role;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
-/// Farthest that tips go out, metres.
+/// Farthest that tips move outwards, metres.
 const MOST_OUTWARD: f64 = 0.06;
 
-/// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` in metres.
+/// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` is in metres.
 pub(super) fn goals(
     manipulation: &Manipulation,
     latest: &Observation,
@@ -36,7 +36,7 @@ pub(super) fn goals(
         .collect()
 }
 
-/// The lifting arms, and where what they hold lies at rest.
+/// The lifting arms, and the rest positions of what they hold.
 fn lifting(manipulation: &Manipulation) -> Vec<(usize, Point3<f64>)> {
     let grips = manipulation.plan.grips.iter().zip(&manipulation.at_rest);
     grips
@@ -45,7 +45,7 @@ fn lifting(manipulation: &Manipulation) -> Vec<(usize, Point3<f64>)> {
         .collect()
 }
 
-/// How far the tips must go away from the body for it to lie at its width at rest.
+/// How far the tips must move away from the body for it to have its width at rest.
 fn outward(
     lifting: &[(usize, Point3<f64>)],
     latest: &Observation,
@@ -61,7 +61,7 @@ fn outward(
     across * -(at_rest - now).clamp(0.0, MOST_OUTWARD)
 }
 
-/// Direction along the table from the line through `a` and `b` toward `points`, and how far they reach in it.
+/// Direction along the table from the line through `a` and `b` toward `points`, and their extent in it.
 fn extent(
     a: Vector3<f64>,
     b: Vector3<f64>,
@@ -77,7 +77,7 @@ fn extent(
     let across = unit(to - along * along.dot(&to));
     let mut reach: Vec<f64> = points.iter().map(|p| across.dot(&(p.coords - a))).collect();
     reach.sort_by(f64::total_cmp);
-    // A few stray points must not set the width.
+    // A few outliers must not determine the width.
     (
         across,
         reach.get(reach.len() * 99 / 100).copied().unwrap_or(0.0),

@@ -1,48 +1,48 @@
-//! Set-points: one for each arm and frame, none of them ever beyond the limits.
+//! Set-points: one for each arm and frame, always within the limits.
 //!
 //! ```text
 //! v = (p' − p)/T:    ‖p' − p‖ ≤ step,   ‖v‖ ≤ v_max,   ∠(q, q') ≤ ω_max T,   min over 0 ≤ s ≤ 1 of ‖v − s v_before‖ ≤ a T
 //! ```
 //!
-//! with `T` the time of a frame, `p, q` the last set-point (or where the arm is, once it was stopped) and `v_before` the velocity it was passed with. Braking
-//! is free: stopping must always be allowed. The set-points lie on the checked path: its clock runs as fast as the limits allow, for all
-//! arms alike. An arm that is off the path comes back to it in a straight line before the clock goes on.
+//! with `T` the frame period, `p, q` the last set-point (or the pose of the arm after a stop) and `v_before` the velocity at it. Braking is
+//! unlimited: stopping must always be possible. The set-points lie on the checked path, whose clock runs as fast as the limits allow, equally
+//! for all arms. An arm that is off the path returns to it in a straight line before the clock advances.
 
 use crate::cell::{ArmState, CellInfo};
 use grip_planner::Motion;
 use nalgebra::{Isometry3, Vector3};
 
-/// What a tip may do.
+/// Limits of a tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Largest speed, m/s.
     pub speed: f64,
-    /// How fast the velocity may grow or turn, m/s²; braking is not bounded.
+    /// Largest acceleration, m/s², of an increase or turn of the velocity; braking is not limited.
     pub acceleration: f64,
     /// Largest rotation rate, rad/s.
     pub turn_rate: f64,
 }
 
-/// What the arms may do.
+/// Limits of the arms.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Limits {
-    /// An arm that holds the object.
+    /// For an arm that holds the object.
     pub holding: Bounds,
-    /// An arm with an empty jaw.
+    /// For an arm with an empty jaw.
     pub empty: Bounds,
-    /// Farthest that a set-point is from the one before, metres.
+    /// Largest distance between consecutive set-points, metres.
     pub step: f64,
 }
 
-/// Distance from the tip at which a turn counts as motion, metres: the reach of the fingers.
+/// Distance from the tip at which rotation counts as motion, metres: the length of the fingers.
 const FINGER: f64 = 0.02;
-/// Least speed that is commanded, m/s.
+/// Least commanded speed, m/s.
 const CRAWL: f64 = 1e-3;
-/// Shares of a step that are tried.
+/// Fractions of a step that are tried.
 const SHARES: [f64; 10] = [1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.12, 0.06, 0.03, 0.01];
-/// Rounding in a comparison with a limit.
+/// Tolerance for rounding in a comparison with a limit.
 const ROUNDING: f64 = 1e-9;
-/// Where an arm was sent last, and how fast it was sent there.
+/// The last set-point of an arm, and the velocity at it.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct SetPoint {
     pub pose: Isometry3<f64>,
@@ -74,12 +74,12 @@ impl Drive {
         }
     }
 
-    /// The last set-points, to be written to a checkpoint.
+    /// The last set-points, for a checkpoint.
     pub fn last(&self) -> &[Option<SetPoint>] {
         &self.last
     }
 
-    /// Goes on from set-points that were written; false if they are not for these arms.
+    /// Restores set-points; false if they are for other arms.
     pub fn restore(&mut self, last: Vec<Option<SetPoint>>) -> bool {
         let fits = last.len() == self.last.len();
         if fits {
@@ -88,24 +88,24 @@ impl Drive {
         fits
     }
 
-    /// The arms were stopped: the next set-points begin where they are, at rest.
+    /// The arms were stopped: the next set-points begin at their poses, at rest.
     pub fn forget(&mut self) {
         self.last.fill(None);
     }
 
-    /// The arms have stood still for a frame.
+    /// The arms stood still for a frame.
     pub fn rest(&mut self) {
         for last in self.last.iter_mut().flatten() {
             last.velocity = Vector3::zeros();
         }
     }
 
-    /// Where an arm was sent last.
+    /// The last set-point of an arm.
     pub fn sent(&self, arm: usize) -> Option<Isometry3<f64>> {
         self.last.get(arm).copied().flatten().map(|l| l.pose)
     }
 
-    /// The next set-points on `motion`, at most `ahead` seconds after `time`, and the time of the motion that they are at.
+    /// The next set-points on `motion`, at most `ahead` seconds after `time`, and their time on the motion.
     pub fn advance(
         &mut self,
         motion: &Motion,
@@ -127,7 +127,7 @@ impl Drive {
             .map(|later| (later, at(later)))
             .find(|(_, goals)| fits(goals));
         let (time, goals) = on_path.unwrap_or_else(|| {
-            // Off the path, or about to turn a corner: toward where the path is now.
+            // The arm is off the path, or about to turn a corner: move toward the present point of the path.
             let here = at(time);
             let toward = |share: f64| -> Vec<(usize, Isometry3<f64>)> {
                 let part = |(arm, goal): &(usize, Isometry3<f64>)| {
@@ -145,7 +145,7 @@ impl Drive {
         (time, commands.collect())
     }
 
-    /// Where the next set-point of an arm begins.
+    /// The pose and velocity at which the next set-point of an arm begins.
     pub fn start(&self, arm: usize, now: &[ArmState]) -> SetPoint {
         let measured = || now.get(arm).map(|a| a.camera_from_tip);
         self.last.get(arm).copied().flatten().unwrap_or(SetPoint {
@@ -177,7 +177,7 @@ impl Drive {
                 <= bounds.acceleration * self.period + ROUNDING
     }
 
-    /// Notes the set-point; nothing is commanded to an arm that stays where it was sent.
+    /// Records the set-point; an arm that stays at its set-point gets no command.
     fn send(
         &mut self,
         arm: usize,
@@ -195,7 +195,7 @@ impl Drive {
         if known && from.pose == *goal {
             return None;
         }
-        // There at the next frame, also when the motion is mostly a turn.
+        // The speed is such that the pose is reached at the next frame, also by a motion that is mostly a rotation.
         let here = now.get(arm).map_or(from.pose, |a| a.camera_from_tip);
         let way = (goal.translation.vector - here.translation.vector).norm();
         let turn = FINGER * here.rotation.angle_to(&goal.rotation);
@@ -208,7 +208,7 @@ impl Drive {
     }
 }
 
-/// Distance of a velocity from the nearest that mere braking leads to.
+/// Distance of a velocity from the nearest one that can be reached by braking alone.
 fn beyond_braking(velocity: &Vector3<f64>, before: &Vector3<f64>) -> f64 {
     let square = before.norm_squared();
     let share = if square > 0.0 {
@@ -224,7 +224,7 @@ fn between(a: &Isometry3<f64>, b: &Isometry3<f64>, share: f64) -> Isometry3<f64>
         .unwrap_or(if share < 0.5 { *a } else { *b })
 }
 
-/// How far a tip goes from one pose to the other, its fingers counted, metres.
+/// Length of the motion of a tip between two poses, with rotation counted at the fingers, metres.
 pub(super) fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
     let way = (a.translation.vector - b.translation.vector).norm();
     way.max(FINGER * a.rotation.angle_to(&b.rotation))

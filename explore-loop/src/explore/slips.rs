@@ -1,35 +1,35 @@
-//! Where grips have slipped: nothing is gripped near such a place again if there are other places.
+//! Where grips slipped: places near them are gripped again only if there are no others.
 //!
-//! What slipped once slips again: it may be smooth, steep, or next to what is held to the table.
+//! A place where a grip slipped is likely to slip again: it may be smooth, steep, or next to a part attached to the table.
 
 use crate::canonical::CanonicalModel;
 use nalgebra::Point3;
 
-/// How near to a place where a grip slipped nothing is gripped, in spacings.
+/// Distance from a slip within which nothing is gripped, in spacings.
 const SLIPPERY: f64 = 10.0;
 
-/// What the jaws hold, and where that went wrong.
+/// What the jaws hold, and where grips slipped.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Slips {
-    /// What the jaws hold: arm, and place at rest.
+    /// What the jaws hold: arm, and position at rest.
     gripped: Vec<(usize, Point3<f64>)>,
-    /// Places at rest where a grip has slipped.
+    /// Rest positions at which a grip slipped.
     slipped: Vec<Point3<f64>>,
 }
 
 impl Slips {
-    /// Takes in where the jaws were closed.
+    /// Records where the jaws were closed.
     pub fn grip(&mut self, gripped: Vec<(usize, Point3<f64>)>) {
         self.gripped = gripped;
     }
 
-    /// Takes in that the grip of an arm has slipped.
+    /// Records that the grip of an arm slipped.
     pub fn slip(&mut self, arm: usize) {
         let of = self.gripped.iter().filter(|(held, _)| *held == arm);
         self.slipped.extend(of.map(|(_, place)| *place));
     }
 
-    /// The vertices next to where a grip has slipped.
+    /// The vertices near slips.
     pub fn slippery(&self, model: &CanonicalModel, spacing: f64) -> Vec<bool> {
         let near = |p: &Point3<f64>| {
             let mut places = self.slipped.iter();

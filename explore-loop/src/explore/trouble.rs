@@ -1,82 +1,82 @@
-//! What makes the loop give up what is under way, and how an exploration ends.
+//! Troubles that end a manipulation, and the ends of an exploration.
 //!
 //! ```text
-//! trouble ─► stop ─► lower from here ─► open ─► home ─► look ─┬─► go on
-//!              └ an arm that does not obey or does not say    └─► end: the body is not found again, or the same happened too often
-//!                where it is: jaws stay as they are ─► end
+//! trouble ─► stop ─► lower from here ─► open ─► home ─► look ─┬─► continue
+//!              └ an arm that does not obey or does not      └─► end: the body is not found again, or there were too many troubles
+//!                report its pose: jaws are not moved ─► end
 //! ```
 
 use super::{FrameFault, Held};
 use crate::plan::NoPlan;
 use grip_planner::Refusal;
 
-/// Why what was under way was given up.
+/// Why a manipulation was given up.
 #[derive(Debug, Clone, thiserror::Error)]
 #[non_exhaustive]
 pub enum Trouble {
-    /// Frames in a row could not be used.
+    /// Consecutive frames could not be used.
     #[error("{frames} frames in a row could not be used: {fault}")]
     Blind {
         /// How many.
         frames: usize,
-        /// What was wrong with the last.
+        /// What was wrong with the last one.
         fault: FrameFault,
     },
-    /// The body was not where it was followed to, frame after frame.
+    /// The body did not fit in consecutive frames.
     #[error("the body is lost: {frames} frames in a row did not fit")]
     Lost {
         /// How many.
         frames: usize,
     },
-    /// A jaw that lifts holds nothing any more.
+    /// A lifting jaw no longer holds anything.
     #[error("the grip of arm {arm} has slipped")]
     Slipped {
         /// The arm.
         arm: usize,
     },
-    /// An arm does not get where it was sent.
-    #[error("arm {arm} is still {distance:.3} m from where it was sent {seconds:.1} s ago")]
+    /// An arm does not reach its set-point.
+    #[error("arm {arm} is still {distance:.3} m from where it was to be {seconds:.1} s ago")]
     NotArriving {
         /// The arm.
         arm: usize,
-        /// How far it is, metres.
+        /// Its distance from the set-point, metres.
         distance: f64,
-        /// For how long it has lagged behind, seconds.
+        /// How long it has lagged behind, seconds.
         seconds: f64,
     },
     /// An arm refuses commands.
-    #[error("arm {arm} does not obey: {reason}")]
+    #[error("arm {arm} refuses commands: {reason}")]
     ArmFault {
         /// The arm.
         arm: usize,
-        /// What it said.
+        /// The reason it gave.
         reason: String,
     },
-    /// No checked way leads on from where the arms are.
-    #[error("no way from here: {reason}")]
+    /// There is no free path from the present poses.
+    #[error("there is no free path from the present poses: {reason}")]
     NoWay {
-        /// Why the best one was refused.
+        /// Why the best path was rejected.
         reason: Refusal,
     },
-    /// The world behind the cell failed.
+    /// The cell failed.
     #[error("{reason}")]
     CellFailed {
-        /// What it said.
+        /// The reason it gave.
         reason: String,
     },
-    /// Somebody asked for the end.
+    /// The end was requested.
     #[error("interrupted")]
     Interrupted,
-    /// It was given up before the exploration was [resumed](super::Explorer::resume).
+    /// It happened before the exploration was [resumed](super::Explorer::resume).
     #[error("{what}")]
     Earlier {
-        /// What it was.
+        /// Its description.
         what: String,
     },
 }
 
 impl Trouble {
-    /// One word for tables.
+    /// A keyword for tables.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Blind { .. } => "blind",
@@ -91,7 +91,7 @@ impl Trouble {
         }
     }
 
-    /// Whether all arms do as they are told, and it is known where they are.
+    /// Whether all arms execute commands and report their poses.
     pub(super) fn arms_obey(&self) -> bool {
         match self {
             Self::NotArriving { .. } | Self::ArmFault { .. } => false,
@@ -105,22 +105,22 @@ impl Trouble {
 #[derive(Debug, Clone)]
 #[non_exhaustive]
 pub enum Stop {
-    /// The surface is closed: all of it has been seen.
+    /// The surface is closed: all of it was seen.
     Closed,
-    /// All of it has been seen but a part that is held to the table.
+    /// All was seen except a part that is attached to the table.
     ClosedButAttached(Held),
-    /// The manipulations allowed were used up.
+    /// The largest number of manipulations was reached.
     TooManyManipulations,
     /// No grip was possible.
     NothingToGrip(NoPlan),
-    /// No jaw held anything in several attempts.
+    /// In several attempts no jaw held anything.
     GraspFailed,
-    /// Something happened that could not be recovered from.
+    /// A trouble that could not be recovered from.
     Trouble(Trouble),
 }
 
 impl Stop {
-    /// The word in `metrics.json`.
+    /// The keyword in `metrics.json`.
     pub fn word(&self) -> &'static str {
         match self {
             Self::Closed => "closed",
@@ -132,7 +132,7 @@ impl Stop {
         }
     }
 
-    /// The reason in `metrics.json`: a sentence where the word alone does not say it.
+    /// The reason in `metrics.json`: a sentence where the keyword alone does not say it.
     pub fn reason(&self) -> Option<String> {
         match self {
             Self::Closed | Self::TooManyManipulations | Self::GraspFailed => None,

@@ -1,11 +1,11 @@
-//! What is seen and what is told while an exploration runs.
+//! Processing of frames, and notification of watchers.
 //!
 //! ```text
-//! observe ─► judge ─┬─ usable ─► reconstruct ─► tell
-//!                   └─ not ─► stop the arms, tell; too often in a row: trouble
+//! observe ─► check ─┬─ usable ─► reconstruct ─► notify
+//!                   └─ not ─► stop the arms, notify; too often in a row: trouble
 //! ```
 //!
-//! A [`Watcher`] sees everything and changes nothing: progress, recording, measures. `()` watches nothing.
+//! A [`Watcher`] receives everything and changes nothing: progress, recording, measures. `()` ignores all events.
 
 use super::{Explorer, Followed, FrameFault, Halt, Mode, Phase, SavedState, Trouble};
 use crate::Error;
@@ -17,18 +17,18 @@ use grip_planner::Plan;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// What is told to a [`Watcher`].
+/// An event for a [`Watcher`].
 #[derive(Debug, Clone, Copy)]
 #[non_exhaustive]
 pub enum Event<'a> {
     /// A phase begins.
     Phase(Phase),
-    /// A frame came, as the cell gave it: what is to be recorded.
+    /// A frame arrived, as the cell gave it; this is what should be recorded.
     Observed(&'a Observation),
-    /// How well the places of the vertices are known after the frame that is told next: standard deviations, m, infinite where nothing is known. Told
-    /// only to a watcher that [wants](Watcher::wants_uncertainty) it, where the reconstruction estimates it.
+    /// Standard deviations of the positions of the vertices after the frame that follows, m, infinite where unknown. Only for a watcher that
+    /// [wants](Watcher::wants_uncertainty) it, if the reconstruction estimates it.
     Uncertainty(&'a [f64]),
-    /// A frame was processed: what was left of the observation when it was cleaned, and what became of it.
+    /// A frame was processed: the cleaned observation, and the result.
     Frame(&'a Observation, &'a FrameReport),
     /// Something was wrong with a frame.
     Fault(&'a FrameFault),
@@ -36,40 +36,40 @@ pub enum Event<'a> {
     Topology(&'a Topology),
     /// A manipulation was planned.
     Planned(&'a Plan),
-    /// An arm found nothing in its jaw.
+    /// A jaw closed on nothing.
     Missed(usize),
-    /// An arm is not where it was sent: all are stopped, and go on from where they are.
+    /// An arm is not at its set-point: all are stopped, and continue from their present poses.
     Waiting(usize),
-    /// What was under way is given up: the arms have been stopped.
+    /// The manipulation is given up: the arms have been stopped.
     Trouble(&'a Trouble),
-    /// A body that was lost has been found again, turned and moved.
+    /// A lost body was found again.
     Found,
-    /// A manipulation is over; how many there were.
+    /// A manipulation is over; the number of manipulations so far.
     Manipulated(usize),
-    /// All that the loop knows between two manipulations, for [`Explorer::resume`]; told only to a watcher that [wants](Watcher::wants_state) it.
+    /// The state of the loop between two manipulations, for [`Explorer::resume`]; only for a watcher that [wants](Watcher::wants_state) it.
     State(&'a SavedState),
 }
 
-/// Follows an exploration: progress, recording, measures. It sees everything and changes nothing.
+/// Follows an exploration: progress, recording, measures. It receives everything and changes nothing.
 pub trait Watcher {
-    /// Something happened.
+    /// Handles an event.
     ///
     /// # Errors
     /// What the watcher records cannot be written: the exploration ends.
     fn event(&mut self, event: Event<'_>, model: &CanonicalModel) -> Result<(), Error>;
 
-    /// Whether [`Event::State`] is to be told after every manipulation. By default not: it takes some milliseconds.
+    /// Whether to send [`Event::State`] after every manipulation. False by default: it takes some milliseconds.
     fn wants_state(&self) -> bool {
         false
     }
 
-    /// Whether [`Event::Uncertainty`] is to be told with every frame. By default not: it may take as long as the frame.
+    /// Whether to send [`Event::Uncertainty`] with every frame. False by default: it may take as long as the frame.
     fn wants_uncertainty(&self) -> bool {
         false
     }
 }
 
-/// Watches nothing.
+/// Ignores all events.
 impl Watcher for () {
     fn event(&mut self, _: Event<'_>, _: &CanonicalModel) -> Result<(), Error> {
         Ok(())
@@ -77,14 +77,14 @@ impl Watcher for () {
 }
 
 impl Explorer<'_> {
-    /// Waits for a frame, judges it and takes it into the model; `None` when it could not be used.
+    /// Waits for a frame, checks it and adds it to the model; `None` when it could not be used.
     pub(super) fn frame(&mut self) -> Result<Option<FrameReport>, Halt> {
         let asked = |flag: &Arc<AtomicBool>| flag.load(Ordering::Relaxed);
         if self.mode == Mode::Exploring && self.asked_to_stop.as_ref().is_some_and(asked) {
             return Err(Trouble::Interrupted.into());
         }
         let observation = self.cell.observe().map_err(refused)?;
-        // Where the arms are is taken in first, whatever a watcher says of the frame: they may have to be seen to.
+        // The poses of the arms are recorded before the watcher is called, which may fail: the arms may have to be secured then.
         let told = self.tell(Event::Observed(&observation));
         let (model, info) = (self.reconstructor.model(), self.cell.info());
         let judged = self.guard.judge(observation, model, info);
@@ -127,7 +127,7 @@ impl Explorer<'_> {
         Ok(report)
     }
 
-    /// Stops the arms for what is wrong with a frame, and gives up when that lasts.
+    /// Stops the arms because of a fault of a frame, and gives up when that lasts.
     pub(super) fn note(&mut self, fault: Option<FrameFault>) -> Followed {
         let Some(fault) = fault else {
             self.bad_frames = 0;
@@ -162,7 +162,7 @@ impl Explorer<'_> {
     }
 }
 
-/// What a command that was refused means.
+/// The consequence of a refused command.
 pub(super) fn refused(error: CellError) -> Halt {
     match error {
         CellError::ArmFault { arm, reason } | CellError::BadCommand { arm, reason } => {

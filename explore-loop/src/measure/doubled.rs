@@ -1,40 +1,39 @@
-//! Where a mesh has a sheet that the truth has not.
+//! Where a mesh has an additional sheet.
 //!
-//! From every sample `p` of the true surface, with outward normal `n`, a line is followed along `±n`:
+//! From every sample `p` of the true surface, with outward normal `n`, a line is cast along `±n`:
 //!
 //! ```text
 //! M(p) = sheets of the mesh that the line crosses within ±20 mm, facing n      (angle under 60°)
 //! T(p) = sheets of the truth that the line crosses within ±25 mm, facing n     (angle under 90°)
-//! O(p) = those of M(p) that no other sheet of the truth explains
+//! O(p) = those of M(p) that no other sheet of the true surface explains
 //! p is doubled  ⇔  M(p) > T(p)  and  O(p) ≥ 2
 //! ```
-//! A crossing `q` at `p + t n` is explained by another sheet if, of the truth within 5 mm of `q` that faces as the mesh does there,
-//! the nearest point `x` is on the far half of the way: `(x − p)·n / t > ½`.
+//! A crossing `q` at `p + t n` is explained by another sheet if, among the points of the true surface within 5 mm of `q` that face as the mesh does
+//! there, the nearest one, `x`, is in the far half: `(x − p)·n / t > ½`.
 //!
 //! A correct closed body has `M = T` however thin it is or close its parts come to each other: the far side of a
-//! sheet faces the other way and does not count, and the next finger or the other side of a fold is a sheet of the truth
-//! too. A second layer 15 mm beside the first, a blister, a flap that lies over the surface: each adds a sheet that faces
-//! `n` once more than the truth has, and that no other part of the truth can be taken for.
+//! sheet faces the other way and does not count, and the next finger or the other side of a fold is a sheet of the true
+//! surface too. A second layer 15 mm beside the first, or a flap over the surface, adds a sheet that faces `n` and that
+//! no part of the true surface explains.
 //!
-//! The truth is counted generously and the mesh strictly, so that errors of the mesh below 5 mm make no sheet: a true sheet at 21 mm that
-//! the mesh has at 19.5 mm stays a true sheet, and a finger that the line misses by 2 mm explains that it meets the mesh of the
-//! finger. For the same reason crossings of the mesh that are less than 1 mm apart are one sheet: a crease of a rough mesh, not a
-//! second layer.
+//! True sheets are counted generously and those of the mesh strictly, so that errors of the mesh below 5 mm make no sheet: a true sheet at 21 mm
+//! that the mesh has at 19.5 mm is counted, and a finger that the line misses by 2 mm explains a crossing with the mesh of that finger. For the
+//! same reason crossings of the mesh less than 1 mm apart are one sheet: a crease of a rough mesh, not a second layer.
 //!
-//! **Limits.** Where the truth has a fold within 25 mm and the mesh lacks one of its sheets but has another twice, the counts
-//! agree and nothing is reported; completeness reports the sheet that lacks. A layer within 1 mm of another is not seen.
+//! **Limits.** Where the true surface has a fold within 25 mm, and the mesh lacks one of its sheets but has another twice, the counts agree and
+//! nothing is reported; completeness reports the missing sheet. A layer within 1 mm of another is not detected.
 
 use super::{Crossing, Sample, Sampling, Surface};
 
-/// What counts as a second sheet.
+/// Options for counting sheets.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct DoubledOptions {
-    /// How far along the normal, on either side, sheets of the mesh are counted, metres. Default 0.02: strips that drifted apart behind
-    /// an object of a hand's size lie up to 15 mm from each other.
+    /// Distance along the normal, on either side, within which sheets of the mesh are counted, metres. Default 0.02: misplaced layers on an
+    /// object of a hand's size are up to 15 mm apart.
     pub reach: f64,
-    /// How much farther sheets of the truth are counted, and how far from a crossing a true sheet explains it, metres. Default
-    /// 0.005: the largest error of position that a mesh may have without a true sheet being taken for a second one.
+    /// How much farther true sheets are counted, and the distance at which a true sheet explains a crossing, metres. Default 0.005: the
+    /// largest error of position for which a true sheet is not counted as an additional one.
     pub margin: f64,
     /// Least distance between two sheets of the mesh, metres. Default 0.001: twice the depth noise of a common camera.
     pub apart: f64,
@@ -53,7 +52,7 @@ impl Default for DoubledOptions {
     }
 }
 
-/// Share of the true area over which the mesh has a sheet more than the truth, facing the same way: 0 to 1.
+/// Share of the true area over which the mesh has an additional sheet that faces the same way: 0 to 1.
 ///
 /// # Complexity
 /// `O(s (log n + c))` for `s` samples, `n` triangles and `c` triangles near a line.
@@ -75,7 +74,7 @@ fn is_doubled(mesh: &Surface, truth: &Surface, options: &DoubledOptions, at: &Sa
     let mut found = mesh.crossings(&at.point, &at.normal, options.reach);
     found.retain(|crossing| crossing.facing > options.facing);
     let count = sheets(&found, options.apart);
-    // Most lines cross one sheet and need no second look.
+    // Most lines cross one sheet and need no further test.
     if count < 2 {
         return false;
     }
@@ -88,7 +87,7 @@ fn is_doubled(mesh: &Surface, truth: &Surface, options: &DoubledOptions, at: &Sa
     sheets(&found, options.apart) >= 2
 }
 
-/// Whether another sheet of the truth than the one at the foot of the line is what the mesh means by a crossing.
+/// Whether a sheet of the true surface other than the one at the foot of the line explains a crossing.
 fn explained(crossing: &Crossing, truth: &Surface, options: &DoubledOptions, at: &Sample) -> bool {
     let place = at.point + at.normal.scale(crossing.along);
     truth
@@ -100,7 +99,7 @@ fn explained(crossing: &Crossing, truth: &Surface, options: &DoubledOptions, at:
         })
 }
 
-/// Sheets among crossings in order: each more than `apart` from the one before.
+/// Number of sheets among sorted crossings: each more than `apart` from the one before.
 fn sheets(crossings: &[Crossing], apart: f64) -> usize {
     let far = crossings
         .windows(2)

@@ -1,4 +1,4 @@
-//! A closed surface through the points of a truth that was recorded without triangles.
+//! A closed surface through the points of a ground truth without triangles.
 
 use super::{MeasureError, TrueSurface};
 use crate::canonical::graph;
@@ -6,23 +6,23 @@ use nalgebra::Point3;
 
 impl TrueSurface {
     /// A surface through the points of a true surface whose triangles were not recorded: normals by principal components,
-    /// oriented alike over the nearest neighbours from the point nearest to the camera on, local triangulation, and whatever that
-    /// leaves open filled with triangles of least area.
+    /// oriented consistently over nearest neighbours, starting at the point nearest to the camera; local triangulation; remaining
+    /// gaps filled with triangles of least area.
     ///
-    /// **Guarantees**: no edge has more than two triangles, and they turn the same way.
+    /// **Guarantees**: no edge has more than two triangles, and they have the same orientation.
     ///
-    /// **Limits**: the points must lie denser than the surface bends, and denser than its parts are apart. Whether the result is
-    /// closed, [`MeshReport`](super::MeshReport) says.
+    /// **Limits**: the points must be dense compared with the curvature of the surface and the distance of its parts. Whether the result
+    /// is closed can be seen from [`MeshReport`](super::MeshReport).
     ///
     /// # Errors
-    /// Fewer than four points, or points no surface can be laid through.
+    /// Fewer than four points, or points that do not define a surface.
     pub fn from_points(points: &[Point3<f64>]) -> Result<Self, MeasureError> {
         let normals = consistent_normals(points)?;
         let mut triangles =
             crate::canonical::surface::triangulate(points, &normals, 1.6 * median_spacing(points));
         super::gaps::close(points, &mut triangles);
         if triangles.is_empty() {
-            return Err(no_surface(points.len(), "no triangle fits"));
+            return Err(no_surface(points.len(), "no triangle can be formed"));
         }
         Ok(Self {
             vertices: points.to_vec(),
@@ -48,19 +48,19 @@ fn median_spacing(points: &[Point3<f64>]) -> f64 {
     distances.get(distances.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Principal-component normals, turned outward from the point nearest to the camera along the strongest links first.
+/// Principal-component normals, oriented outward from the point nearest to the camera along the strongest links first.
 fn consistent_normals(
     points: &[Point3<f64>],
 ) -> Result<Vec<nalgebra::UnitVector3<f64>>, MeasureError> {
     let mut normals = nonrigid_reg::estimate_normals(points, 9, &Point3::origin())
         .map_err(|e| no_surface(points.len(), &e.to_string()))?;
-    let tree = graph::tree(points).ok_or_else(|| no_surface(0, "there are none"))?;
+    let tree = graph::tree(points).ok_or_else(|| no_surface(0, "there are no points"))?;
     let root = (0..points.len())
         .min_by(|a, b| points[*a].z.total_cmp(&points[*b].z))
         .unwrap_or(0);
     let mut done = vec![false; points.len()];
     done[root] = true;
-    // A link is the stronger the more parallel its normals: crossing a rim comes last.
+    // A link is stronger the more parallel its normals are, so sharp edges are crossed last.
     let mut links = std::collections::BTreeSet::new();
     let leave = |i: usize,
                  done: &[bool],

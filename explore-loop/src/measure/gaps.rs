@@ -1,20 +1,20 @@
-//! Closes what is left open in a triangulation.
+//! Fills gaps in a triangulation.
 //!
-//! The open edges form loops; each is filled with the triangles over its own vertices that have the least area together (Barequet
-//! and Sharir 1995, section 3), by dynamic programming over the vertices in order:
+//! The open edges form loops; each is filled with the triangles over its own vertices that have the least total area (Barequet
+//! and Sharir 1995, section 3), by dynamic programming over the ordered vertices:
 //!
 //! ```text
 //! W(i, k) = min over i < j < k of  W(i, j) + W(j, k) + area(i, j, k),      W(i, i+1) = 0
 //! ```
-//! A diagonal that is an edge of the mesh already costs infinity, so that no edge gets a third triangle.
+//! A diagonal that is already an edge of the mesh has infinite cost, so that no edge gets a third triangle.
 
 use nalgebra::Point3;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Longest loop that is filled: the work grows with the cube of its length.
+/// Longest loop that is filled: the cost grows with the cube of its length.
 const LONGEST: usize = 200;
 
-/// Adds triangles, turned like those around them, until every loop of open edges that can be filled is.
+/// Adds triangles, oriented like those around them, until every loop of open edges that can be filled is filled.
 pub(super) fn close(points: &[Point3<f64>], triangles: &mut Vec<[u32; 3]>) {
     let mut edges: BTreeSet<[u32; 2]> = triangles.iter().flat_map(sides).collect();
     for gap in loops(&edges) {
@@ -28,7 +28,7 @@ fn sides(&[a, b, c]: &[u32; 3]) -> [[u32; 2]; 3] {
     [[a, b], [b, c], [c, a]]
 }
 
-/// Loops of the edges that lack a twin, in the direction of the triangles that would fill them; each visits a vertex once.
+/// Loops of the open edges, in the direction of the triangles that would fill them; each visits a vertex once.
 fn loops(edges: &BTreeSet<[u32; 2]>) -> Vec<Vec<u32>> {
     let mut next: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
     for [a, b] in edges {
@@ -57,7 +57,7 @@ fn loops(edges: &BTreeSet<[u32; 2]>) -> Vec<Vec<u32>> {
     loops
 }
 
-/// The triangles of least area over a loop, or none where every way needs an edge that is taken.
+/// The triangles of least area over a loop, or none if every choice needs an edge that is taken.
 fn filling(points: &[Point3<f64>], gap: &[u32], edges: &BTreeSet<[u32; 2]>) -> Vec<[u32; 3]> {
     let n = gap.len();
     if !(3..=LONGEST).contains(&n) {
@@ -65,7 +65,7 @@ fn filling(points: &[Point3<f64>], gap: &[u32], edges: &BTreeSet<[u32; 2]>) -> V
     }
     let taken = |i: usize, k: usize| {
         let (a, b) = (gap[i], gap[k]);
-        // The side that closes the loop, from its last vertex to its first, is open and wants its triangle.
+        // The side from the last vertex to the first closes the loop: it is open and needs its triangle.
         (i, k) != (0, n - 1) && (edges.contains(&[a, b]) || edges.contains(&[b, a]))
     };
     let mut best = vec![vec![(0.0, 0); n]; n];

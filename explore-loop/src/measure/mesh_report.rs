@@ -1,4 +1,4 @@
-//! What any mesh tool says of a mesh.
+//! Counts that describe a mesh, as mesh tools report them.
 //!
 //! ```text
 //! open edge           one triangle          non-manifold edge    more than two
@@ -6,8 +6,7 @@
 //! Euler number        V − E + F over the vertices that triangles use:  2 for a sphere, 0 for a torus
 //! components          triangles joined over edges
 //! ```
-//! Vertices that coincide in the file (0.1 µm) are one, as mesh tools read them; triangles that are then no triangles are left
-//! out.
+//! Vertices that coincide in the file (0.1 µm) are merged, as mesh tools do; triangles that become degenerate are dropped.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
@@ -16,7 +15,7 @@ use std::collections::BTreeMap;
 /// Vertices nearer than this, metres, coincide: the precision of the files.
 const SAME: f64 = 1e-7;
 
-/// Counts of what makes a mesh closed, manifold and one piece.
+/// Counts that tell whether a mesh is closed, manifold and in one piece.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshReport {
     /// Whether every edge has exactly two triangles; an empty mesh is not watertight.
@@ -27,14 +26,14 @@ pub struct MeshReport {
     pub open_edges: usize,
     /// Edges with more than two triangles.
     pub non_manifold_edges: usize,
-    /// Edges with two triangles that turn against each other.
+    /// Edges with two triangles of opposite orientations.
     pub misoriented_edges: usize,
-    /// Pieces that triangles joined over edges make.
+    /// Number of components of triangles joined over edges.
     pub components: usize,
 }
 
 impl MeshReport {
-    /// Counts; triangles with an index out of range are left out.
+    /// Counts; triangles with an index out of range are ignored.
     ///
     /// # Complexity
     /// `O(n log n)`.
@@ -43,7 +42,7 @@ impl MeshReport {
         let mut used: Vec<u32> = triangles.as_flattened().to_vec();
         used.sort_unstable();
         used.dedup();
-        // The triangles at each edge, and whether each runs along it upward.
+        // The triangles at each edge, and whether each traverses it upward.
         let mut edges: BTreeMap<[u32; 2], Vec<(usize, bool)>> = BTreeMap::new();
         for (index, t) in triangles.iter().enumerate() {
             for k in 0..3 {
@@ -68,12 +67,12 @@ impl MeshReport {
     }
 }
 
-/// A count as a number that can be subtracted; indices are 32 bits, so that it always fits.
+/// A count as a signed number; indices have 32 bits, so it always fits.
 fn signed(count: usize) -> i64 {
     i64::try_from(count).unwrap_or(i64::MAX)
 }
 
-/// The triangles over vertices of which those that coincide are one.
+/// The triangles after coincident vertices are merged.
 fn welded(vertices: &[Point3<f64>], triangles: &[[u32; 3]]) -> Vec<[u32; 3]> {
     let mut first: BTreeMap<[i64; 3], u32> = BTreeMap::new();
     let same: Vec<u32> = vertices

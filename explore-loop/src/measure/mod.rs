@@ -1,5 +1,4 @@
-//! What a user would see: measures of a finished mesh and of the tracking that led to it, against a ground truth that only
-//! this module sees.
+//! Measures of a finished mesh and of the tracking that led to it, against a ground truth to which only this module has access.
 //!
 //! ```text
 //! accuracy           distance mesh → true surface: mean, 95 %, maximum
@@ -7,7 +6,7 @@
 //! F-score at d       harmonic mean of the shares of both that lie within d
 //! explored           share of the true area within one spacing of the model's points (within two: explored_2eps)
 //! shape difference   mean distance, point of the model → true surface
-//! doubled            share of the true area over which the mesh has a sheet more than the truth, facing the same way
+//! doubled            share of the true area over which the mesh has an additional sheet that faces the same way
 //! unsupported        share of the mesh's area farther than one spacing from every observed point
 //! mesh report        watertight, Euler number, open and non-manifold edges, components
 //! prediction error   mean distance, live position of an unseen vertex → where its material point is
@@ -34,14 +33,14 @@
 //! | `surface` | a checked mesh: area, distance, crossings with a line |
 //! | `sampling` | points evenly by area |
 //! | `shape` | how far is the mesh from the truth, and the truth from the mesh? |
-//! | `doubled` | where has the mesh a sheet that the truth has not? |
-//! | `support` | which of its area did nobody see? |
+//! | `doubled` | where does the mesh have an additional sheet? |
+//! | `support` | which share of its area was never seen? |
 //! | `mesh_report` | is it closed, manifold, one piece? |
-//! | `tracking` | do the vertices follow the material? |
-//! | `tracks` | do they follow a tracker of pixels? |
+//! | `tracking` | do the vertices follow the material, according to the truth? |
+//! | `tracks` | do they follow the material, according to a pixel tracker? |
 //! | `truth` | the true surface |
-//! | `from_points` | a closed surface through the points of a truth that was recorded without triangles |
-//! | `gaps` | triangles for what is left open |
+//! | `from_points` | a closed surface through the points of a ground truth without triangles |
+//! | `gaps` | triangles that fill gaps |
 
 mod doubled;
 mod from_points;
@@ -71,26 +70,26 @@ pub use truth::TrueSurface;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MeasureError {
-    /// There is no triangle with an area.
+    /// No triangle has an area.
     #[error("a surface cannot be measured: it has no triangle with an area")]
     NoArea,
     /// Pixel tracks that cannot be used.
     #[error("pixel tracks: {reason}")]
     BadTracks {
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// What was gathered belongs to another object.
-    #[error("what was measured before was measured of another object")]
+    /// The saved measures belong to another object.
+    #[error("the saved measures belong to another object")]
     OtherObject,
-    /// A triangle names a vertex that does not exist.
+    /// A triangle refers to a vertex that does not exist.
     #[error(
-        "a surface cannot be measured: triangle {triangle} names vertex {vertex}, there are {count}"
+        "a surface cannot be measured: triangle {triangle} refers to vertex {vertex}, but there are {count}"
     )]
     NoSuchVertex {
         /// Index of the triangle.
         triangle: usize,
-        /// The vertex it names.
+        /// The vertex it refers to.
         vertex: u32,
         /// Number of vertices.
         count: usize,
@@ -102,19 +101,19 @@ pub enum MeasureError {
         vertex: usize,
     },
     /// The true surface changed its number of vertices.
-    #[error("the true surface has {found} vertices now and had {expected} at first")]
+    #[error("the true surface has {found} vertices, but had {expected} at first")]
     TruthChanged {
         /// Vertices at first.
         expected: usize,
         /// Vertices now.
         found: usize,
     },
-    /// No surface can be laid through the points.
-    #[error("no closed surface can be laid through {count} points: {reason}")]
+    /// No surface can be computed through the points.
+    #[error("no closed surface can be computed through {count} points: {reason}")]
     NoSurface {
         /// Number of points.
         count: usize,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
     /// The search tree over the triangles could not be built.

@@ -1,17 +1,17 @@
-//! Points evenly by area, the same for the same seed.
+//! Points sampled evenly by area, the same for the same seed.
 //!
 //! ```text
 //! k-th sample:  triangle where the cumulative area passes (k + u₀)/n of the whole,
 //!               place in it from the R₂ sequence  r_k = frac(s + k · (1/φ₂, 1/φ₂²)),  φ₂³ = φ₂ + 1
 //! ```
-//! Every triangle gets its share of the samples to within one, and within a triangle the places cover it evenly: the error of
-//! a mean falls nearly as 1/n and not as 1/√n. The seed sets `u₀` and `s`.
+//! Every triangle gets its share of the samples to within one, and within a triangle the samples cover it evenly: the error of
+//! a mean falls nearly as 1/n instead of 1/√n. The seed sets `u₀` and `s`.
 
-/// How many samples a measure takes, and which.
+/// The number of samples, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Sampling {
-    /// Number of samples on each surface. Default 6,000: a share of the area is then good to a few parts in ten thousand.
+    /// Number of samples on each surface. Default 6,000, with an error of a few parts in ten thousand for a share of the area.
     pub count: usize,
     /// Seed of the sequence. Default 0.
     pub seed: u64,
@@ -27,7 +27,7 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// The same with another number of samples; at least one is taken.
+    /// The same with this number of samples; at least one is taken.
     #[must_use]
     pub fn with_count(self, count: usize) -> Self {
         Self { count, ..self }
@@ -39,9 +39,9 @@ impl Sampling {
         Self { seed, ..self }
     }
 
-    /// The positions of the samples: where in the cumulative area, and where in the triangle (both in 0..1).
+    /// The positions of the samples: in the cumulative area, and in the triangle (both in 0..1).
     pub(super) fn positions(self) -> impl Iterator<Item = (f64, [f64; 2])> {
-        /// The plastic number: the R₂ sequence's golden ratio.
+        /// The plastic number, which the R₂ sequence is based on.
         const PLASTIC: f64 = 1.324_717_957_244_746;
         let count = self.count.max(1);
         let mut state = self.seed;

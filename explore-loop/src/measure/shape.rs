@@ -1,4 +1,4 @@
-//! How far a mesh is from the truth, both ways.
+//! Distances between a mesh and the true surface, in both directions.
 //!
 //! ```text
 //! accuracy      d(x, truth),  x sampled evenly on the mesh
@@ -24,7 +24,7 @@ pub struct Spread {
     pub max: f64,
 }
 
-/// F-scores at the two distances that are reported.
+/// F-scores at the two reported distances.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct FScore {
     /// At 2 mm.
@@ -35,7 +35,7 @@ pub struct FScore {
     pub at_5mm: f64,
 }
 
-/// Distances between two surfaces, both ways.
+/// Distances between two surfaces, in both directions.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Comparison {
     /// Mesh to truth, ascending.
@@ -44,7 +44,7 @@ pub struct Comparison {
     to_mesh: Vec<f64>,
 }
 
-/// Compares a mesh with the truth at as many samples on each.
+/// Compares a mesh with the truth, with the same number of samples on each.
 ///
 /// # Complexity
 /// `O(s log n)` for `s` samples and `n` triangles; about 20 ms at 6,000 samples.
@@ -111,7 +111,7 @@ fn share_within(ascending: &[f64], distance: f64) -> f64 {
 
 /// Share of the true area within `distance` of a point of the model, 0 to 1.
 ///
-/// Points and not the mesh, because a mesh may close over what was never seen.
+/// Points are used instead of the mesh, because a mesh may close over unseen parts.
 pub fn explored(points: &[Point3<f64>], truth: &Surface, distance: f64, sampling: Sampling) -> f64 {
     share_within(&to_points(points, truth, sampling), distance)
 }
@@ -137,21 +137,21 @@ pub fn shape_difference(points: &[Point3<f64>], truth: &Surface) -> f64 {
     sum / points.len().max(1) as f64
 }
 
-/// What the model's points say of its shape.
+/// Measures of the shape of the model's points.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ShapeMeasures {
     /// Share of the true area within one spacing of the model's points, 0 to 1.
     pub explored: f64,
-    /// The same within two spacings, as the paper counts it.
+    /// Share of the true area within two spacings, as the paper counts it.
     pub explored_2eps: f64,
     /// Mean distance from a point of the model to the true surface, metres.
     pub difference: f64,
-    /// The same as a share of the object's size.
+    /// That distance as a share of the object's size.
     pub relative: f64,
 }
 
 impl ShapeMeasures {
-    /// Of the points of a model at `spacing`; zeros when there are none.
+    /// For the points of a model at `spacing`; zeros when there are none.
     pub fn of(points: &[Point3<f64>], truth: &Surface, spacing: f64, sampling: Sampling) -> Self {
         if points.is_empty() {
             return Self::default();

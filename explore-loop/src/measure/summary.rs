@@ -6,18 +6,18 @@ use super::{
 };
 use nalgebra::Point3;
 
-/// What can be said of a mesh.
+/// Measures of a mesh.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MeshMeasures {
-    /// What a mesh tool says.
+    /// Counts of edges, components and so on.
     pub report: MeshReport,
     /// Share of its area that no observation supports; `None` for an empty mesh.
     pub unsupported: Option<f64>,
-    /// What the truth says; `None` without one, or for an empty mesh.
+    /// Comparison with the truth; `None` without one, or for an empty mesh.
     pub truth: Option<TruthMeasures>,
 }
 
-/// What the truth says of a mesh.
+/// Comparison of a mesh with the truth.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TruthMeasures {
     /// Distance mesh to truth.
@@ -26,12 +26,12 @@ pub struct TruthMeasures {
     pub completeness: Spread,
     /// Shares within 2 and 5 mm.
     pub f_score: FScore,
-    /// Share of the true area with a sheet too many.
+    /// Share of the true area with an additional sheet.
     pub doubled: f64,
 }
 
 impl MeshMeasures {
-    /// Measures a mesh at `spacing` that was fused from `points`, against the true surface where there is one.
+    /// Measures a mesh at `spacing` that was fused from `points`, and compares it with the true surface where there is one.
     ///
     /// # Errors
     /// An index out of range, or a vertex that is not finite.

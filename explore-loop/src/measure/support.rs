@@ -1,4 +1,4 @@
-//! Which of a mesh's area nobody saw.
+//! The share of a mesh that was never observed.
 
 use super::shape::to_points;
 use super::{Sampling, Surface};
@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 /// Share of the mesh's area farther than `distance` from every one of `points` (the fused observations), 0 to 1.
 ///
-/// A mesh can be watertight because something closed it; this says how much of it rests on observations.
+/// A mesh can be watertight only because it was closed artificially; this tells how much of it rests on observations.
 pub fn unsupported(
     mesh: &Surface,
     points: &[Point3<f64>],

@@ -1,4 +1,4 @@
-//! A triangle mesh that was checked once: area, nearest point, crossings with a line.
+//! A validated triangle mesh: area, nearest point, crossings with a line.
 
 use super::{MeasureError, Sampling};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -7,21 +7,21 @@ use parry3d_f64::math::Vector as ParryVector;
 use parry3d_f64::query::{PointQuery, PointQueryWithLocation};
 use parry3d_f64::shape::TriMesh;
 
-/// Triangles with less than this area, m², are not measured: they have no normal (edges under a thousandth of a millimetre).
+/// Triangles with less area than this, m², are ignored because they have no normal (edges below a thousandth of a millimetre).
 const FLAT: f64 = 1e-14;
-/// Crossings nearer to each other than this, metres, are the same point on a common edge of two triangles.
+/// Crossings closer than this, metres, are the same point on a common edge of two triangles.
 const SAME: f64 = 1e-7;
-/// How far outside its triangle, as a share of it, a crossing still counts, so that a line through an edge misses neither side.
+/// Tolerance in barycentric coordinates, so that a line through an edge misses neither side.
 const EDGE: f64 = 1e-9;
 
-/// A surface that can be measured: finite, with an area. Triangles without area are left out.
+/// A surface that can be measured: finite, with an area. Triangles without area are dropped.
 #[derive(Clone)]
 pub struct Surface {
     corners: Vec<[Point3<f64>; 3]>,
     normals: Vec<UnitVector3<f64>>,
-    /// Number of each triangle in the mesh that was given.
+    /// Index of each triangle in the input mesh.
     given: Vec<u32>,
-    /// Area of the triangles up to and with each.
+    /// Cumulative area up to and including each triangle.
     cumulative: Vec<f64>,
     tree: TriMesh,
 }
@@ -37,9 +37,9 @@ impl std::fmt::Debug for Surface {
 /// A point on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Where.
+    /// Its position.
     pub point: Point3<f64>,
-    /// Normal of the triangle there.
+    /// Normal of its triangle.
     pub normal: UnitVector3<f64>,
 }
 
@@ -48,24 +48,24 @@ pub struct Sample {
 pub struct Crossing {
     /// Signed distance along the line, metres.
     pub along: f64,
-    /// Cosine between the line's direction and the surface's normal there.
+    /// Cosine between the line's direction and the surface normal there.
     pub facing: f64,
     /// Normal of the surface there.
     pub normal: UnitVector3<f64>,
 }
 
-/// The nearest place on a surface.
+/// The nearest point on a surface.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Nearest {
     pub distance: f64,
-    /// Triangle in the mesh that was given.
+    /// Triangle in the input mesh.
     pub triangle: u32,
-    /// Barycentric coordinates in it.
+    /// Barycentric coordinates of the point in it.
     pub weights: [f64; 3],
 }
 
 impl Surface {
-    /// Checks a mesh, counter-clockwise seen from outside, in metres.
+    /// Validates a mesh, counter-clockwise seen from outside, in metres.
     ///
     /// # Errors
     /// An index out of range, a vertex that is not finite, no triangle with an area.
@@ -121,7 +121,7 @@ impl Surface {
         (bounds.maxs - bounds.mins).length()
     }
 
-    /// Points evenly by area.
+    /// Points sampled evenly by area.
     pub fn samples(&self, sampling: Sampling) -> Vec<Sample> {
         sampling
             .positions()
@@ -148,7 +148,7 @@ impl Surface {
         self.nearest(point).distance
     }
 
-    /// The nearest place to `point`.
+    /// The point of the surface nearest to `point`.
     pub(super) fn nearest(&self, point: &Point3<f64>) -> Nearest {
         let query = parry(point);
         let (projection, (triangle, location)) =
@@ -161,7 +161,7 @@ impl Surface {
         }
     }
 
-    /// The point nearest to `point` among the triangles whose normals make a cosine of more than `facing` with `normal`, if there is one
+    /// The point nearest to `point` among the triangles whose normals have a cosine of more than `facing` with `normal`, if there is one
     /// within `reach`.
     pub(super) fn nearest_facing(
         &self,
@@ -189,7 +189,7 @@ impl Surface {
             .map(|(x, _)| x)
     }
 
-    /// Where the line through `point` along `direction` crosses the surface within `reach` on either side, in order. A crossing
+    /// The crossings of the line through `point` along `direction` with the surface within `reach` on either side, in order. A crossing
     /// on a common edge of two triangles that face the same side of the line counts once.
     pub fn crossings(
         &self,
@@ -225,7 +225,7 @@ impl Surface {
                 .cmp(&(b.facing < 0.0))
                 .then(a.along.total_cmp(&b.along))
         });
-        // Of the triangles at an edge, the one that faces the line most stands for it.
+        // Of the triangles at an edge, the one most nearly perpendicular to the line is kept.
         found.dedup_by(|next, kept| {
             let same =
                 (next.facing < 0.0) == (kept.facing < 0.0) && next.along - kept.along <= SAME;
@@ -239,7 +239,7 @@ impl Surface {
     }
 }
 
-/// Where a line crosses a triangle (Möller and Trumbore 1997), if it does.
+/// Position on a line of its crossing with a triangle (Möller and Trumbore 1997), if there is one.
 fn along(
     [a, b, c]: &[Point3<f64>; 3],
     point: &Point3<f64>,

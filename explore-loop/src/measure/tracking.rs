@@ -1,30 +1,30 @@
-//! Whether the vertices follow the material.
+//! Measures whether the vertices follow the material.
 //!
-//! Each vertex is tied to the material under it in the frame in which it enters the model: a triangle of the true surface
-//! and a place in it. Wherever the triangle goes, that place is where the vertex ought to be.
+//! Each vertex is anchored to the material in the frame in which it is added to the model: to a triangle of the true surface
+//! and barycentric coordinates in it. These define where the vertex ought to be in every later frame.
 //!
 //! ```text
-//! e_i               true place of vertex i now − its live position
+//! e_i               true position of vertex i − its live position
 //! prediction error  mean ‖e_i‖ over the unseen vertices of a frame, then over the frames
-//!   while held      the same over the frames in which an arm holds: the object moves, and the filter earns its keep
+//!   while held      the same over the frames in which an arm holds, when the object moves and the prediction matters
 //! slide             mean ‖e_i − (n_i·e_i) n_i‖ over the seen vertices of a frame, then over the frames; n_i the true normal
 //! ```
-//! A seen vertex cannot be far from the surface, but it can creep along it: only the tangential part shows that.
-//! The part along the normal at birth is the noise of one measurement, and is in every later error of the vertex.
+//! A seen vertex cannot be far from the surface, but it can slide along it; only the tangential part shows that.
+//! The normal part when the vertex is added is the noise of one measurement, and is contained in every later error of the vertex.
 
 use super::{MeasureError, Sampling, ShapeMeasures, Surface, TrueSurface};
 use crate::canonical::CanonicalModel;
 use nalgebra::{Point3, Vector3};
 use std::collections::BTreeMap;
 
-/// A place on a triangle of the true surface: follows the material.
+/// A point on a triangle of the true surface, which follows the material.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Anchor {
     triangle: u32,
     weights: [f64; 3],
 }
 
-/// Keeps the ground truth and compares models with it.
+/// Holds the ground truth and compares models with it.
 pub struct Measurer {
     rest: TrueSurface,
     surface: Surface,
@@ -47,7 +47,7 @@ impl std::fmt::Debug for Measurer {
 pub struct TrackingMeasures {
     /// Mean distance of unseen vertices to their material points.
     pub prediction_error: Option<f64>,
-    /// The same over the frames in which an arm held.
+    /// The same over the frames in which an arm held the object.
     pub prediction_error_held: Option<f64>,
     /// Mean tangential error of seen vertices.
     pub slide: Option<f64>,
@@ -72,7 +72,7 @@ impl Mean {
     }
 }
 
-/// What a [`Measurer`] has gathered so far.
+/// What a [`Measurer`] has accumulated.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 pub struct MeasurerState {
     anchors: BTreeMap<u64, Anchor>,
@@ -82,7 +82,7 @@ pub struct MeasurerState {
 }
 
 impl Measurer {
-    /// What was gathered so far.
+    /// What was accumulated so far.
     pub fn save(&self) -> MeasurerState {
         MeasurerState {
             anchors: self.anchors.clone(),
@@ -92,10 +92,10 @@ impl Measurer {
         }
     }
 
-    /// Goes on from what another one of the same object had gathered.
+    /// Continues from the state of another measurer of the same object.
     ///
     /// # Errors
-    /// [`MeasureError::OtherObject`]: it names triangles that the true surface does not have.
+    /// [`MeasureError::OtherObject`]: the state refers to triangles that the true surface does not have.
     pub fn restore(&mut self, saved: MeasurerState) -> Result<(), MeasureError> {
         let triangles = self.rest.triangles.len();
         let known = |anchor: &Anchor| (anchor.triangle as usize) < triangles;
@@ -109,7 +109,7 @@ impl Measurer {
         Ok(())
     }
 
-    /// Takes the true surface at the moment of the first observation.
+    /// Creates a measurer from the true surface at the first observation.
     ///
     /// # Errors
     /// Those of [`Surface::new`].
@@ -130,7 +130,7 @@ impl Measurer {
         &self.rest
     }
 
-    /// The same as it is measured.
+    /// The same surface, validated.
     pub fn surface(&self) -> &Surface {
         &self.surface
     }
@@ -140,11 +140,11 @@ impl Measurer {
         ShapeMeasures::of(model.rest(), &self.surface, spacing, Sampling::default())
     }
 
-    /// Takes a frame into the means of the run: the model after it, which vertices it measured, whether an arm held, and the true
-    /// surface then. Returns the distance of each vertex to its material point, metres.
+    /// Adds a frame to the means of the run: the model after it, which vertices it measured, whether an arm held the object, and the true
+    /// surface then. Returns the distance of each vertex from its material point, metres.
     ///
     /// # Errors
-    /// A true surface with another number of vertices than at first, or one that cannot be measured.
+    /// A true surface with another number of vertices than at first, or an invalid one.
     pub fn frame(
         &mut self,
         model: &CanonicalModel,
@@ -171,10 +171,10 @@ impl Measurer {
         }
     }
 
-    /// Ties vertices that are new in `model` to the material under them, given the true surface now.
+    /// Anchors vertices that are new in `model` to the true surface `now`.
     ///
     /// # Errors
-    /// A true surface with another number of vertices than at first, or one that cannot be measured.
+    /// A true surface with another number of vertices than at first, or an invalid one.
     pub fn anchor(
         &mut self,
         model: &CanonicalModel,
@@ -202,7 +202,7 @@ impl Measurer {
         Ok(())
     }
 
-    /// Distance of each vertex's live position to where its material point is, metres.
+    /// Distance of each vertex's live position from its material point, metres.
     pub fn live_errors(&self, model: &CanonicalModel, now: &TrueSurface) -> Vec<f64> {
         model
             .ids()
@@ -253,7 +253,7 @@ impl Measurer {
         )
     }
 
-    /// The corners, now, of the triangle a vertex is tied to, and the place in it.
+    /// The present corners of the triangle a vertex is anchored to, and its coordinates in it.
     fn corners(&self, id: u64, now: &TrueSurface) -> Option<([Point3<f64>; 3], [f64; 3])> {
         let anchor = self.anchors.get(&id)?;
         let [a, b, c] = self.rest.triangles[anchor.triangle as usize]

@@ -1,16 +1,16 @@
-//! Whether the model follows a tracker of pixels: a reference for real recordings, where nobody knows where the material is.
+//! Measures whether the model follows a pixel tracker: a reference for real recordings, which have no ground truth.
 //!
-//! Any tracker of points in videos gives, for every frame, the pixel of each of its points; with the depth of the frame that is a place of the surface.
-//! It knows nothing of the model, of the arms or of elasticity.
+//! Any tracker of points in videos gives the pixel of each of its points in every frame; with the depth of the frame this is a point of the surface.
+//! The tracker is independent of the model, the arms and elasticity.
 //!
 //! ```text
 //! q_k(t) = z (u − cx)/fx, z (v − cy)/fy, z           z: depth of the cloud along the ray of pixel (u, v) of track k in frame t
-//! tied     once, in the first frame in which q_k lies within a spacing of a vertex i measured in it:  x_k = R_iᵀ (q_k − p_i)
+//! anchored once, in the first frame in which q_k lies within a spacing of a vertex i measured in it:  x_k = R_iᵀ (q_k − p_i)
 //! e_k(t) = q_k − (p_i + R_i x_k)                     afterwards
 //! tracking error  ‖e_k(t)‖ over all tracks and frames: mean, 95 %, maximum;     slide  mean of its part along the surface
 //! ```
-//! The tracker errs as well: what is measured is how far the two differ. Source of the comparison: the paper, its validation on real tissue, where dense
-//! pixel tracks and depth are the reference.
+//! The tracker has errors too: this measures how far the two disagree. Source: the validation of the paper on real tissue, where dense pixel
+//! tracks and depth are the reference.
 
 use super::{MeasureError, Spread};
 use crate::Error;
@@ -24,17 +24,17 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Pixels of many points in many frames.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PixelTracks {
-    /// By the number of the frame: tracks that were seen in it, with column and row.
+    /// By frame number: the tracks visible in it, with column and row.
     frames: BTreeMap<usize, Vec<(usize, [f64; 2])>>,
 }
 
 impl PixelTracks {
-    /// Reads a file of NumPy with an array of the shape (frames, tracks, 2) or (frames, tracks, 3): column, row and, in the third place, whether it was
-    /// seen (more than one half); NaN where it was not. Or, if it is none, a table with the columns `frame, track, column, row`, counted from 0, with a
-    /// line for each track and frame in which it was seen.
+    /// Reads a NumPy file with an array of the shape (frames, tracks, 2) or (frames, tracks, 3): column, row and optionally visibility (visible above
+    /// 0.5); NaN where not visible. Any other file is read as a table with the columns `frame, track, column, row`, counted from 0, with a line for
+    /// each track and frame in which it was visible.
     ///
     /// # Errors
-    /// Neither of the two; an array of another shape; frames or tracks that are no whole numbers.
+    /// Neither of the two; an array of another shape; frames or tracks that are not whole numbers.
     pub fn parse(bytes: &[u8]) -> Result<Self, MeasureError> {
         let bad = |reason: String| MeasureError::BadTracks { reason };
         if bytes.starts_with(b"\x93NUMPY") {
@@ -48,7 +48,7 @@ impl PixelTracks {
         for (line, [frame, track, column, row]) in table.lines.iter().zip(&table.rows) {
             let (Some(frame), Some(track)) = (whole(*frame), whole(*track)) else {
                 return Err(bad(format!(
-                    "line {line}: frame {frame} and track {track} must be whole numbers from 0 on"
+                    "line {line}: frame {frame} and track {track} must be whole numbers, counted from 0"
                 )));
             };
             let seen = tracks.frames.entry(frame).or_default();
@@ -57,7 +57,7 @@ impl PixelTracks {
         Ok(tracks)
     }
 
-    /// Number of tracks that were ever seen.
+    /// Number of tracks that were visible in some frame.
     pub fn count(&self) -> usize {
         let seen = self.frames.values().flatten();
         seen.map(|(track, _)| *track)
@@ -69,7 +69,7 @@ impl PixelTracks {
         let &[_, tracks, numbers @ (2 | 3)] = &array.shape[..] else {
             return Err(MeasureError::BadTracks {
                 reason: format!(
-                    "an array of the shape {:?}: (frames, tracks, 2) or (frames, tracks, 3) is wanted",
+                    "an array of the shape {:?}, but it must be (frames, tracks, 2) or (frames, tracks, 3)",
                     array.shape
                 ),
             });
@@ -86,37 +86,37 @@ impl PixelTracks {
     }
 }
 
-/// A number that counts something.
+/// A non-negative whole number.
 fn whole(number: f64) -> Option<usize> {
     const MOST: f64 = 9e15;
     let counts = (0.0..MOST).contains(&number) && number.fract() == 0.0;
     counts.then_some(number as usize)
 }
 
-/// Focal lengths and centre of a camera, pixels: fx, fy, cx, cy; the middle of the first pixel is at 0, 0.
+/// Focal lengths and principal point of a camera, pixels: fx, fy, cx, cy; the centre of the first pixel is at 0, 0.
 pub type Pinhole = [f64; 4];
 
-/// A track tied to a vertex.
+/// A track anchored to a vertex.
 #[derive(Debug, Clone, Copy)]
 struct Tie {
     id: u64,
-    /// From the vertex, at rest.
+    /// Offset from the vertex, at rest.
     offset: Vector3<f64>,
 }
 
-/// How far model and tracker differ.
+/// Disagreement of model and tracker.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct TrackErrors {
     /// Tracks in the file.
     pub tracks: usize,
-    /// Tracks that were tied to the model.
+    /// Tracks that were anchored to the model.
     pub tied: usize,
-    /// Places that were compared: tracks times frames.
+    /// Number of comparisons: tracks times frames.
     pub compared: usize,
     /// Distance between them, metres.
     pub error_m: Spread,
-    /// Mean of its part along the surface, metres.
+    /// Mean of the part of the distance along the surface, metres.
     pub slide_m: f64,
 }
 
@@ -127,23 +127,23 @@ pub struct TrackComparison {
     camera: Pinhole,
     spacing: f64,
     ties: BTreeMap<usize, Tie>,
-    /// Single precision: there are as many as tracks times frames.
+    /// In single precision: there are as many as tracks times frames.
     errors: Vec<f32>,
     slide: f64,
 }
 
 impl TrackComparison {
-    /// Of tracks in the images of a camera, with a model of this spacing, metres.
+    /// For tracks in the images of a camera, and a model of this spacing, metres.
     ///
     /// # Errors
-    /// Focal lengths that are not positive, a centre that is not finite.
+    /// Focal lengths that are not positive, or a principal point that is not finite.
     pub fn new(tracks: PixelTracks, camera: Pinhole, spacing: f64) -> Result<Self, MeasureError> {
         let [fx, fy, cx, cy] = camera;
         let sound = fx > 0.0 && fy > 0.0 && camera.iter().all(|x| x.is_finite());
         if !sound {
             return Err(MeasureError::BadTracks {
                 reason: format!(
-                    "no camera has the focal lengths {fx} and {fy} and the centre {cx}, {cy}"
+                    "the focal lengths {fx} and {fy} must be positive, and the principal point {cx}, {cy} finite"
                 ),
             });
         }
@@ -157,10 +157,10 @@ impl TrackComparison {
         })
     }
 
-    /// Takes in a frame, by its number, after the model was brought to it.
+    /// Adds a frame, by its number, after the model was registered to it.
     ///
     /// # Errors
-    /// A cloud of which no depth map can be made.
+    /// A cloud from which no depth map can be computed.
     pub fn frame(
         &mut self,
         number: usize,
@@ -194,7 +194,7 @@ impl TrackComparison {
                 fresh.push((track, point));
                 continue;
             };
-            // A vertex that was removed has no successor that is the same material.
+            // If the vertex was removed, no other vertex is the same material.
             if let Some(&i) = vertices.get(&tie.id) {
                 let error = point - (model.live()[i] + model.rotations()[i] * tie.offset);
                 self.errors.push(error.norm() as f32);
@@ -205,7 +205,7 @@ impl TrackComparison {
         Ok(())
     }
 
-    /// Ties places of tracks to the nearest vertices that were measured.
+    /// Anchors tracks to the nearest measured vertices.
     fn tie(&mut self, fresh: &[(usize, Point3<f64>)], measured: &[bool], model: &CanonicalModel) {
         let measured: Vec<usize> = (0..model.len())
             .filter(|&i| measured.get(i) == Some(&true))
@@ -225,7 +225,7 @@ impl TrackComparison {
         }
     }
 
-    /// What came of it; `None` if nothing could be compared.
+    /// The errors; `None` if nothing could be compared.
     pub fn errors(&self) -> Option<TrackErrors> {
         let count = self.errors.len();
         if count == 0 {

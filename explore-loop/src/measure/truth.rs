@@ -3,12 +3,12 @@
 use super::{MeasureError, Surface};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// A true surface at one moment: the same vertices in the same order at every moment.
+/// A true surface at one moment; vertices have the same order at every moment.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct TrueSurface {
     /// Vertices, camera frame, metres.
     pub vertices: Vec<Point3<f64>>,
-    /// Triangles, outward.
+    /// Triangles, oriented outward.
     pub triangles: Vec<[u32; 3]>,
 }
 
@@ -47,7 +47,7 @@ impl TrueSurface {
             .collect()
     }
 
-    /// The surface as it is measured.
+    /// The surface, validated for measuring.
     ///
     /// # Errors
     /// Those of [`Surface::new`].

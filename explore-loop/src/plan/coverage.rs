@@ -1,26 +1,26 @@
-//! The best grips for what is to be done.
+//! Chooses the best grips and action.
 //!
-//! Holes that the camera looks into come first: they are opened, during a turn when more than they is missing. Then the sets for turning over,
-//! best first, with one exception: turned about its shorter side a long soft body stands upright on its end and buckles, so sets that
-//! do that come after those that do not, unless the latter are worth less than nine tenths of them.
+//! Holes that the camera looks into come first: they are stretched open, during a turn if more than the holes is missing. Then come the sets for turning
+//! over, best first. Exception: a long soft body turned about its shorter side stands upright on its end and buckles, so sets that do this come
+//! after the others, unless the others score less than nine tenths of them.
 
 use super::hole::{self, Hole};
 use super::{NoPlan, PlanInput, Planner, arms, model, paced, refused_set, scene};
 use crate::Error;
 use grip_planner::{Action, GripSet, Model, Plan, PlanOptions, Ranked, Refusal, RefusedSet, Scene};
 
-/// Best null-space coverage whose motion can be done.
+/// Chooses the grips of best null-space coverage whose motion is feasible.
 #[derive(Debug, Clone)]
 pub struct CoveragePlanner {
-    /// Settings of `grip-planner`; speeds and frame rate are those of the loop and the cell.
+    /// Settings of `grip-planner`; speeds and frame rate are taken from the loop and the cell.
     pub options: PlanOptions,
-    /// Sets that would lift the body over more than this times its length along the axis come last.
+    /// Sets that would lift the body higher than this multiple of its length along the axis come last.
     pub upright: f64,
-    /// Holes inside the outline that are tried for stretching, largest first; with 0 the body is only turned over. Default 3.
+    /// Number of holes inside the outline that are tried for stretching, largest first; with 0 the body is only turned over. Default 3.
     pub holes: usize,
 }
 
-/// Sets that keep a body flat come first unless they are worth less than this share of the best one that does not.
+/// Sets that keep a body flat come first unless they score less than this share of the best one that does not.
 const POOR: f64 = 0.9;
 
 impl Default for CoveragePlanner {
@@ -44,7 +44,7 @@ impl Planner for CoveragePlanner {
                 match grip_planner::plan(&model, &scene, action, &options) {
                     Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),
                     Err(Refusal::AllRefused { refused: more }) => refused.extend(more),
-                    // This hole cannot be opened; the body may be turned over all the same.
+                    // This hole cannot be opened; turning the body over may still be possible.
                     Err(
                         Refusal::NoGrips { .. }
                         | Refusal::NotAHole { .. }
@@ -58,7 +58,7 @@ impl Planner for CoveragePlanner {
     }
 }
 
-/// What can be done about a hole, best first.
+/// Actions for a hole, best first.
 fn actions(hole: &Hole) -> Vec<Action<'_>> {
     let stretch = Action::Stretch { hole: &hole.rim };
     if hole.alone {
@@ -109,7 +109,7 @@ impl CoveragePlanner {
     fn in_order<'s>(&self, sets: &'s [GripSet]) -> impl Iterator<Item = &'s GripSet> {
         let flat = |set: &&GripSet| set.turn.span <= self.upright * set.turn.length;
         let (flat, upright): (Vec<&GripSet>, Vec<&GripSet>) = sets.iter().partition(flat);
-        // What only standing it up can show must be shown at last.
+        // Parts that only standing the body up can reveal must be shown in the end.
         let most = upright.iter().map(|s| s.score).fold(0.0, f64::max);
         let (flat, poor): (Vec<&GripSet>, Vec<&GripSet>) =
             flat.into_iter().partition(|s| s.score >= POOR * most);

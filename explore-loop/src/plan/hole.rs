@@ -1,28 +1,28 @@
-//! Holes inside the outline: loops of the boundary that the camera looks into, the mouths of folds and pockets.
+//! Holes inside the outline: loops of the boundary that the camera looks into, such as the openings of folds and pockets.
 //!
 //! ```text
-//! hole  ⇔  β₁ persists,  most of the loop is seen,  and beside the loop the surface lies outside of it
+//! hole  ⇔  β₁ persists,  most of the loop is visible,  and the surface next to the loop lies outside of it
 //! ```
 //!
-//! *Outside* is judged in the image, on the rays `(x/z, y/z)` in the frame of the camera: round the outer rim of what was seen, the surface lies inside of the loop. What of a pocket's floor is seen
-//! through its mouth is not beside the loop, since the surface between is not seen.
+//! *Outside* is decided in the image, by the rays `(x/z, y/z)` in the frame of the camera: along the outer boundary of the seen part, the surface
+//! lies inside the loop. The floor of a pocket, seen through its opening, is not next to the loop, since the surface between is not seen.
 
 use super::PlanInput;
 use std::collections::BTreeSet;
 
-/// A mouth.
+/// A hole.
 pub(super) struct Hole {
     /// Vertices of the loop, in order.
     pub rim: Vec<u32>,
-    /// Whether next to nothing else of the boundary is left.
+    /// Whether almost no other boundary is left.
     pub alone: bool,
     /// Area in the image, on the plane `z = 1`.
     area: f64,
 }
 
-/// Fewest different vertices of a loop that spans a mouth.
+/// Fewest different vertices of the loop of a hole.
 const FEWEST: usize = 6;
-/// Share of the loop that the camera has to see, and of its neighbours that have to lie outside.
+/// Least share of the loop that must be visible, and of its neighbours that must lie outside.
 const SEEN: f64 = 0.7;
 const OUTSIDE: f64 = 0.65;
 /// A hole is alone when at most this share of the boundary belongs to other loops.
@@ -36,7 +36,7 @@ pub(super) fn seen_inside(input: &PlanInput<'_>) -> Vec<Hole> {
     let loops = &input.topology.loops;
     let total: usize = loops.iter().map(Vec::len).sum();
     let mut holes: Vec<Hole> = loops.iter().filter_map(|l| hole(input, l)).collect();
-    // What is left of the boundary when all holes are opened decides whether there is something to turn for.
+    // The boundary that is left when all holes are opened decides whether a turn is useful.
     let inside: usize = holes.iter().map(|h| h.rim.len()).sum();
     let others = total.saturating_sub(inside) as f64;
     for hole in &mut holes {

@@ -1,4 +1,4 @@
-//! Planning a manipulation: from what is known of the object to a [`Plan`] of `grip-planner`.
+//! Plans a manipulation: from the model and its topology to a [`Plan`] of `grip-planner`.
 //!
 //! ```text
 //! model, topology ─► holes inside the outline? ─┬─ none ───► turn over
@@ -6,14 +6,14 @@
 //!                                               └─ both ───► turn over and stretch; else stretch; else turn over
 //! ```
 //!
-//! [`Planner`] is the seam; [`CoveragePlanner`] takes the set with the best null-space coverage whose motions can all be done,
-//! [`RandomPlanner`] draws feasible grips at random on the boundary and moves them the same way: the paper's baseline.
+//! [`Planner`] is the trait; [`CoveragePlanner`] takes the set with the best null-space coverage whose motions are all feasible;
+//! [`RandomPlanner`], the paper's baseline, draws feasible grips at random on the boundary and moves them in the same way.
 //!
 //! | file | question |
 //! |---|---|
 //! | `coverage` | which action with which grips is best? |
-//! | `hole` | which loops are mouths that the camera looks into? |
-//! | `random` | what is planning worth? |
+//! | `hole` | which loops are holes that the camera looks into? |
+//! | `random` | the baseline without grip planning |
 
 use crate::Error;
 use crate::canonical::topology::Topology;
@@ -33,7 +33,7 @@ mod random;
 pub use coverage::CoveragePlanner;
 pub use random::RandomPlanner;
 
-/// What a planner may know.
+/// The input of a planner.
 #[derive(Debug, Clone, Copy)]
 pub struct PlanInput<'a> {
     /// Live points of the model, camera frame.
@@ -46,17 +46,17 @@ pub struct PlanInput<'a> {
     pub edges: &'a [[u32; 2]],
     /// Boundary and loops.
     pub topology: &'a Topology,
-    /// What the camera sees now.
+    /// Which points the camera sees now.
     pub visible: &'a [bool],
-    /// Vector areas of the pieces of surface that were never seen, as they face now, m².
+    /// Vector areas of the surface that was never seen, in the present orientation, m².
     pub hidden: &'a [Vector3<f64>],
-    /// Pose of the camera: the identity where it stands still.
+    /// Pose of the camera: the identity if it does not move.
     pub camera: Isometry3<f64>,
     /// The arms and the table.
     pub cell: &'a CellInfo,
-    /// How fast the arms may go.
+    /// Speed limits of the arms.
     pub limits: Limits,
-    /// How many manipulations and missed grasps there were before.
+    /// Number of manipulations and missed grasps before.
     pub attempt: usize,
 }
 
@@ -66,22 +66,22 @@ pub struct PlanInput<'a> {
 pub enum NoPlan {
     /// No set of vertices can be gripped.
     #[error(
-        "no grips: {accepted} vertices can be gripped, {} were rejected, and no set of the former can be used",
+        "no grips: {accepted} vertices can be gripped and {} were rejected, but no set of grips is feasible",
         rejected.len()
     )]
     NoGrips {
         /// Vertices that can be gripped.
         accepted: usize,
-        /// The others that were looked at, with their reasons.
+        /// The other vertices that were tested, with the reasons.
         rejected: Vec<(u32, Reason)>,
     },
-    /// The motion of every set was refused.
-    #[error("all {} motions were refused, the best one because {}", refused.len(), first_reason(refused))]
+    /// The motion of every set was rejected.
+    #[error("all {} motions were rejected, the best one because {}", refused.len(), first_reason(refused))]
     AllRefused {
         /// Each set with the reason, best first.
         refused: Vec<RefusedSet>,
     },
-    /// A planner of one's own has none, for a reason of its own.
+    /// A user's own planner has no plan, for this reason.
     #[error("{0}")]
     Other(String),
 }
@@ -91,23 +91,23 @@ fn first_reason(refused: &[RefusedSet]) -> String {
     first.unwrap_or_else(|| "none was tried".into())
 }
 
-/// Decides where to grip and how to move.
+/// Chooses grips and motions.
 pub trait Planner {
     /// A plan, or the reason why there is none (which ends the exploration).
     ///
     /// # Errors
-    /// Input that cannot be planned with.
+    /// Invalid input.
     fn plan(&mut self, input: &PlanInput<'_>) -> Result<Result<Plan, NoPlan>, Error>;
 
-    /// What the planner remembers, to be written to a checkpoint. Nothing by default.
+    /// The state of the planner, for a checkpoint. Empty by default.
     fn save(&self) -> Vec<u8> {
         Vec::new()
     }
 
-    /// Goes on from what [`Self::save`] gave. Remembers nothing by default.
+    /// Restores the state from [`Self::save`]. Ignores it by default.
     ///
     /// # Errors
-    /// [`Error::Resume`]: the bytes are none of this planner.
+    /// [`Error::Resume`]: the bytes are from another planner.
     fn restore(&mut self, saved: &[u8]) -> Result<(), Error> {
         if saved.is_empty() {
             return Ok(());
@@ -156,7 +156,7 @@ fn model<'a>(input: &PlanInput<'a>) -> Model<'a> {
     }
 }
 
-/// The arms of a cell as the planner sees them.
+/// The arms of a cell in the form that the planner uses.
 pub(crate) fn arms(cell: &CellInfo) -> Vec<Arm> {
     cell.arms
         .iter()
@@ -180,7 +180,7 @@ fn workspace(arm: &ArmInfo) -> Workspace {
     }
 }
 
-/// Table, arms and camera as the planner sees them.
+/// Table, arms and camera in the form that the planner uses.
 pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: &Isometry3<f64>) -> Scene<'a> {
     let table = grip_planner::Plane {
         normal: cell.table.normal,

@@ -1,4 +1,4 @@
-//! The paper's baseline: grips drawn at random, moved by the same planner.
+//! The paper's baseline: grips drawn at random, with the motions of the same planner.
 
 use super::{NoPlan, PlanInput, Planner, arms, model, paced, refused_set, scene};
 use crate::Error;
@@ -9,22 +9,22 @@ use rand::SeedableRng;
 use rand::seq::IndexedRandom;
 use rand_chacha::ChaCha8Rng;
 
-/// Random grips on the boundary: what planning the grips is worth is measured against them.
+/// Random grips on the boundary, against which planned grips are compared.
 ///
-/// Everything but the choice is that of [`CoveragePlanner`](super::CoveragePlanner): the candidates are vertices that an arm can take hold of (on the boundary, or
-/// on the visible outline when fewer than two are on the boundary), the arms do not cross, the motion is the same turn with the same
-/// checks, about the side of the box away from the grips that shows most. A third arm holds a random candidate near the pivot.
+/// Everything but the choice of grips is as in [`CoveragePlanner`](super::CoveragePlanner): the candidates are vertices that an arm can grip (on the boundary, or
+/// on the visible outline when fewer than two are on the boundary), the arms do not cross, and the motion is the same turn with the same
+/// checks, about the side of the bounding box away from the grips that reveals most. A third arm holds a random candidate near the pivot.
 #[derive(Debug, Clone)]
 pub struct RandomPlanner {
     options: PlanOptions,
     random: ChaCha8Rng,
 }
 
-/// Draws of grips before a random planner gives up.
+/// Most draws of grips.
 const DRAWS: usize = 500;
 
 impl RandomPlanner {
-    /// Draws from `seed`.
+    /// A planner with this seed.
     pub fn new(seed: u64) -> Self {
         Self {
             options: PlanOptions::default(),
@@ -32,7 +32,7 @@ impl RandomPlanner {
         }
     }
 
-    /// The boundary, or the outline too when the boundary gives no pair.
+    /// The boundary, and the outline too when the boundary gives no pair.
     fn candidates(
         &self,
         model: &Model<'_>,
@@ -47,7 +47,7 @@ impl RandomPlanner {
         Ok(grip_planner::candidates(model, scene, &self.options.grips)?.accepted)
     }
 
-    /// A random pair of candidates, and a random third that can hold the body meanwhile.
+    /// A random pair of candidates, and a random third that can support the body meanwhile.
     fn draw(
         &mut self,
         found: &[Candidate],
@@ -62,7 +62,7 @@ impl RandomPlanner {
         if (a.point - b.point).norm() < scene.jaw_separation {
             return None;
         }
-        // The pivot lies away from the grips, on the side that shows most.
+        // The pivot is on a side away from the grips, the one that reveals most.
         let shows = |t: &Turn| {
             let lever = t.local(&a.point).y.min(t.local(&b.point).y) / t.span;
             t.gain * lever
@@ -79,7 +79,7 @@ impl RandomPlanner {
 }
 
 impl Planner for RandomPlanner {
-    /// Seed and place of the stream of random numbers.
+    /// Seed and position of the random number stream.
     fn save(&self) -> Vec<u8> {
         let place = self.random.get_word_pos().to_le_bytes();
         [&self.random.get_seed()[..], &place].concat()

@@ -1,16 +1,16 @@
-//! What lies under the seen surface: material down to the table, as far as anyone can tell.
+//! Assumed material under the seen surface, down to the table.
 //!
 //! ```text
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
-//! outline    at height z the surface turns under; the hidden side is taken to mirror the seen one there, and not to be blunter than a circle:
+//! outline    the surface turns under at height z; the hidden side is assumed to mirror the seen one there, and not to be blunter than a circle:
 //!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
-//! later      steep surface that comes into view has material behind it; where it turns out to be a wall, z is where that turns under, and
-//!            the sides that nobody saw yet are taken to be like most of those that were seen
+//! later      steep surface that comes into view has material behind it; where it is a wall, z is where the wall turns under, and
+//!            sides that were not seen yet are assumed to be like most of the seen ones
 //! cell       fill = share of its volume that lies in columns
-//! feet       columns whose bottom is on the table, each bearing its own weight
+//! feet       columns whose bottom is on the table, each carrying its own weight
 //! ```
-//! It is the paper's assumption of a solid object, for as long as nobody has seen the other side; once the surface is closed, the columns
-//! come from it ([`Columns::of_mesh`]).
+//! This is the paper's assumption of a solid object, used until the other side has been seen; once the surface is closed, the columns
+//! are computed from it ([`Columns::of_mesh`]).
 
 use crate::canonical::graph;
 use nalgebra::{Point3, UnitVector3};
@@ -19,33 +19,33 @@ use topo_ekf::body::{Embedding, Foot, Lattice};
 
 /// Columns along the edge of a cell.
 pub(crate) const ALONG: i32 = 4;
-/// A column is under the seen surface when a point of the cloud lies this close beside it, in spacings.
+/// A column is under the seen surface when a point of the cloud is this close to it horizontally, in spacings.
 const BESIDE: f64 = 0.85;
-/// Steepest slope that a point of the cloud continues with: rise over run.
+/// Steepest slope with which the surface is extrapolated from a point: rise over run.
 const STEEPEST: f64 = 1.5;
-/// Surface whose normal rises or falls by less than this is upright, and by less than that steep.
+/// Surface whose normal has a smaller vertical component than this is upright, or steep.
 const UPRIGHT: f64 = 0.25;
 const STEEP: f64 = 0.7;
-/// How deep behind steep surface that came into view the cell is taken to be filled, in columns.
+/// Depth, in columns, to which a cell is filled behind steep surface that came into view.
 const SKIN: i32 = 2;
-/// How far beside a column at the outline the side of the body is looked for, in spacings, at how many points most, and how many must be upright.
+/// Radius around a column at the outline in which the side of the body is searched for, in spacings; most points used, and fewest upright ones.
 const SIDE: f64 = 1.5;
 const SIDE_POINTS: usize = 40;
 const SIDE_LEAST: usize = 3;
-/// A side is a wall when it is upright this far below the rim of the first view, metres.
+/// A side is a wall when it is upright this far below the boundary of the first view, metres.
 const WALL: f64 = 0.02;
-/// Columns at the outline whose side must have been seen before it says what the others are like.
+/// Number of columns at the outline with known sides, from which on the other sides are assumed to be alike.
 const FEWEST_SIDES: usize = 8;
 /// Columns whose bottom is lower than this stand on the table, metres.
 const STANDS: f64 = 0.0012;
-/// Fill of a cell of which nothing is known but that surface is in it.
+/// Fill of a cell of which only a part of the surface is known.
 pub(crate) const LEAST: f64 = 0.12;
-/// Share that every part of a cell holds at least: the nodes of an empty cell must stay where something holds them.
+/// Least share in every part of a cell: the nodes of an empty cell must be constrained.
 pub(crate) const EMPTY: f64 = 0.05;
-/// Cells with less material than this, and no surface, are left out.
+/// Cells with less material than this, and without surface, are left out.
 pub(crate) const SKIPPED: f64 = 0.02;
 
-/// Spans of material above places on the table, in cells.
+/// Vertical spans of material over the table, in cells.
 pub(crate) struct Columns {
     /// Size of a cell, metres.
     size: f64,
@@ -53,7 +53,7 @@ pub(crate) struct Columns {
 }
 
 impl Columns {
-    /// Under what was seen: `first` are points and normals of the first view, `later` those that the surface has grown by, at rest.
+    /// Under the seen surface: `first` are points and normals of the first view, `later` those added since, at rest.
     pub fn under(first: Seen<'_>, later: Seen<'_>, lattice: &Lattice, spacing: f64) -> Self {
         let size = lattice.size();
         let (first, later) = (Local::new(first, lattice), Local::new(later, lattice));
@@ -72,13 +72,13 @@ impl Columns {
         Self { size, spans }
     }
 
-    /// Inside a closed mesh: every column is cut by the triangles over it.
+    /// Inside a closed mesh: every column is intersected with the triangles over it.
     pub fn of_mesh(vertices: &[Point3<f64>], triangles: &[[u32; 3]], lattice: &Lattice) -> Self {
         let size = lattice.size();
         let along = f64::from(ALONG);
         let into = |p: &Point3<f64>| {
             let (place, xi) = lattice.locate(p);
-            // Off the grid of columns by an irrational share, so that no column meets an edge exactly.
+            // Shifted off the grid of columns by an irrational share, so that no column meets an edge exactly.
             let at = [0, 1, 2].map(|a| f64::from(place[a]) + xi[a]);
             [at[0] * along + 1.37e-7, at[1] * along + 2.11e-7, at[2]]
         };
@@ -130,7 +130,7 @@ impl Columns {
         heights.sum::<f64>() / f64::from(ALONG * ALONG)
     }
 
-    /// Where the body stands on the table: the bottoms of the columns that reach it; the lowest when none does.
+    /// Where the body stands on the table: the bottoms of the columns that reach it; if none does, the lowest.
     pub fn feet(&self, lattice: &Lattice) -> Vec<Foot> {
         let lowest = self
             .spans
@@ -156,7 +156,7 @@ impl Columns {
                 at[1] - f64::from(place[1]),
                 bottom - f64::from(place[2]),
             ];
-            // The copy whose material stands there.
+            // The copy of the node whose material stands there.
             let gap = |cell: u32| lattice.away(cell, &xi);
             let copies = lattice.copies(place).iter().copied();
             let Some(cell) = copies.min_by(|&a, &b| gap(a).total_cmp(&gap(b)).then(a.cmp(&b)))
@@ -181,14 +181,14 @@ pub(crate) struct Seen<'a> {
 }
 
 impl Seen<'_> {
-    /// Nothing.
+    /// No surface.
     pub const NOTHING: Self = Self {
         points: &[],
         normals: &[],
     };
 }
 
-/// The same in the frame of the lattice, metres.
+/// The points in the frame of the lattice, metres.
 struct Local {
     points: Vec<Point3<f64>>,
     normals: Vec<UnitVector3<f64>>,
@@ -250,7 +250,7 @@ impl Local {
         heights
     }
 
-    /// Lowers the bottoms of the columns behind steep surface to where that is.
+    /// Lowers the bottoms of the columns behind steep surface to its height.
     fn fill_behind(&self, bottoms: &mut BTreeMap<[i32; 2], f64>, pitch: f64) {
         let steep = |n: &UnitVector3<f64>| n.z.abs() < STEEP;
         for (p, n) in self.points.iter().zip(&self.normals).filter(|s| steep(s.1)) {
@@ -275,12 +275,12 @@ impl Local {
             .filter(|(i, _)| self.normals[*i].z.abs() < UPRIGHT);
         let mut heights: Vec<f64> = upright.map(|(i, _)| self.points[i].z.max(0.0)).collect();
         heights.sort_by(f64::total_cmp);
-        // A fifth from below: normals are noisy, and the very lowest point may have turned under already.
+        // The lowest fifth is skipped: normals are noisy, and the lowest points may have turned under already.
         (heights.len() >= SIDE_LEAST).then(|| heights[heights.len() / 5])
     }
 }
 
-/// Columns at the outline, and the height at which the surface turns under there, as far down as it was seen, metres.
+/// Columns at the outline, and the heights at which the surface turns under there, as far down as it was seen, metres.
 fn rim(
     tops: &BTreeMap<[i32; 2], f64>,
     later: &Local,
@@ -297,7 +297,7 @@ fn rim(
         .filter(|(key, _)| ends(key))
         .map(|(key, top)| (*key, *top))
         .collect();
-    // How high the side turns under, relative to the rim, where it is a wall.
+    // The height at which the side turns under, relative to the boundary of the first view, where it is a wall.
     let turned: Vec<Option<f64>> = outline
         .iter()
         .map(|(key, top)| later.turning_height(*key, pitch, spacing).map(|z| (z, top)))
@@ -305,7 +305,7 @@ fn rim(
         .collect();
     let mut known: Vec<f64> = turned.iter().flatten().copied().collect();
     known.sort_by(f64::total_cmp);
-    // The sides that nobody has seen yet turn under as those do that came into view.
+    // Sides that have not been seen are assumed to turn under as those that have.
     let typical = if known.len() < FEWEST_SIDES {
         1.0
     } else {

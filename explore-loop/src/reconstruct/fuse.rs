@@ -1,13 +1,13 @@
-//! Re-fusion: the rest shape from all keyframes together.
+//! Re-fusion: computes the rest shape from all keyframes.
 //!
 //! ```text
-//! samples   every point of every keyframe, carried to rest; weight facing² · (first view 10, at rest 3) · (rim 0.2)
-//! vertex    start at the heaviest free sample; along its normal, the window of ± 2.5 mm that holds most weight: mean place, mean
-//!           normal; three times. Refused where another vertex of the sheet is near, or before or behind
-//! evidence  a vertex through which keyframes look, or that sticks out of their outline, goes; so do small pieces
+//! samples   every point of every keyframe, moved to rest; weight facing² · (first view 10, at rest 3) · (boundary of a view 0.2)
+//! vertex    start at the heaviest free sample; along its normal, the window of ± 2.5 mm that holds most weight: mean position, mean
+//!           normal; three iterations. Rejected where another vertex of the sheet is near, or in front or behind
+//! evidence  a vertex through which keyframes see, or that lies outside of their outline, is removed; so are small pieces
 //! ```
-//! The window, not the mean: one view that was tracked out of place makes a second peak, not a compromise. What is the same
-//! material as an old vertex keeps its identity and history.
+//! The densest window is used instead of the mean: a view that was tracked wrongly makes a second peak and does not shift the first. A vertex of the
+//! same material as an old one inherits its identity and history.
 
 use super::ReconstructOptions;
 use super::fill::Columns;
@@ -25,22 +25,22 @@ use std::collections::BTreeMap;
 const FIRST: f64 = 10.0;
 const AT_REST: f64 = 3.0;
 const RIM: f64 = 0.2;
-/// Least facing of a sample, and how far outside of the lattice it may lie, in cells.
+/// Least facing of a sample, and its largest distance outside of the lattice, in cells.
 const FACING: f64 = 0.25;
 const OUTSIDE: f64 = 0.3;
 /// Half the height of the window, metres.
 const WINDOW: f64 = 0.0025;
-/// Most samples looked at for one vertex.
+/// Most samples used for one vertex.
 const SAMPLES: usize = 160;
-/// Fewest keyframes that a vertex needs, unless its weight is as much as [`SURE`].
+/// Fewest keyframes of a vertex, unless its weight is at least [`SURE`].
 const KEYFRAMES: u32 = 2;
 const SURE: f64 = 3.0;
-/// Deepest a vertex may lie under the table, metres.
+/// Largest depth of a vertex below the table, metres.
 const SUNK: f64 = 0.004;
-/// Evidence below which a vertex goes.
+/// Evidence below which a vertex is removed.
 const REFUTED: f64 = -1.5;
 
-/// A point of a keyframe at rest.
+/// A point of a keyframe, moved to rest.
 struct Sample {
     place: Point3<f64>,
     normal: UnitVector3<f64>,
@@ -53,11 +53,11 @@ struct Sample {
 struct Fused {
     place: Point3<f64>,
     normal: UnitVector3<f64>,
-    /// Weight of the samples behind it.
+    /// Weight of its samples.
     weight: f64,
 }
 
-/// Fuses the rest shape of a track anew: once from the poses as they were tracked, and in every further round from poses fitted to that shape.
+/// Fuses the rest shape of a track: first with the tracked poses, and in every further round with poses fitted to the new shape.
 pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOptions) {
     for round in 0..options.fusion_rounds {
         if round > 0 {
@@ -71,7 +71,7 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOpti
     track.lift_out();
 }
 
-/// One round; false when too little came of it.
+/// One round; false when the result has too few vertices.
 fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -> bool {
     let spacing = options.spacing;
     track.keyframes.extend(track.body.lattice());
@@ -89,7 +89,7 @@ fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -
     true
 }
 
-/// Fills the lattice anew from the closed surface through the fused vertices, if one can be drawn.
+/// Fills the lattice anew from the closed surface through the fused vertices, if there is one.
 fn refill(track: &mut Track, options: &ReconstructOptions) {
     let weights = vec![1.0; track.model.len()];
     let drawing = ClosedSurfaceOptions::new(options.spacing);
@@ -101,7 +101,7 @@ fn refill(track: &mut Track, options: &ReconstructOptions) {
     track.refill(&columns, 1.0, options.material);
 }
 
-/// All points of all keyframes at rest.
+/// All points of all keyframes, moved to rest.
 fn samples(track: &Track) -> Vec<Sample> {
     let lattice = track.body.lattice();
     let mut samples = Vec::new();
@@ -137,7 +137,7 @@ fn samples(track: &Track) -> Vec<Sample> {
     samples
 }
 
-/// Vertices at a spacing from the samples, heaviest first.
+/// Vertices about one spacing apart from the samples, heaviest first.
 fn fuse(samples: &[Sample], table: &Plane, spacing: f64) -> Vec<Fused> {
     let places: Vec<Point3<f64>> = samples.iter().map(|s| s.place).collect();
     let Some(tree) = graph::tree(&places) else {
@@ -167,7 +167,7 @@ fn fuse(samples: &[Sample], table: &Plane, spacing: f64) -> Vec<Fused> {
     shape.vertices
 }
 
-/// The heaviest window along the normal, found three times; and from how many keyframes it comes.
+/// The heaviest window along the normal, after three iterations, and the number of its keyframes.
 fn peak(
     start: &Sample,
     samples: &[Sample],
@@ -216,7 +216,7 @@ fn peak(
     Some((vertex, keyframes.count_ones()))
 }
 
-/// Vertices so far, in bins of three spacings.
+/// The vertices so far, in bins of three spacings.
 struct Shape {
     spacing: f64,
     vertices: Vec<Fused>,
@@ -242,7 +242,7 @@ impl Shape {
         self.vertices.push(vertex);
     }
 
-    /// Whether a vertex of the same sheet is near, or right before or behind.
+    /// Whether a vertex of the same sheet is near, or directly in front or behind.
     fn clashes(&self, place: &Point3<f64>, normal: &UnitVector3<f64>) -> bool {
         let eps = self.spacing;
         let [x, y, z] = self.bin(place);
@@ -263,7 +263,7 @@ impl Shape {
     }
 }
 
-/// Puts the fused vertices into the model; the nearest old vertex of the same sheet hands on its identity and history.
+/// Puts the fused vertices into the model; each inherits identity and history from the nearest old vertex of its sheet.
 fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     let old = std::mem::take(&mut track.model);
     let tree = graph::tree(old.rest());
@@ -278,9 +278,9 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
         let from = heir(vertex).filter(|&i| !std::mem::replace(&mut taken[i], true));
         heirs.push((k, from));
     }
-    // Identities ascend along the model: heirs in their order, then the new ones.
+    // Identities ascend along the model: inheriting vertices in the old order, then the new ones.
     heirs.sort_by_key(|(k, from)| (from.map_or(usize::MAX, |i| i), *k));
-    // Surface that was known is not new because its vertices stand elsewhere.
+    // Known surface is not new because its vertices have moved.
     let first_seen = |vertex: &Fused| -> u32 {
         let near = tree.as_ref().map_or_else(Vec::new, |tree| {
             graph::near(tree, &vertex.place, 1.5 * spacing, 12)
@@ -311,7 +311,7 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     track.seen = vec![false; track.model.len()];
 }
 
-/// Which vertices the keyframes do not refute, without small pieces.
+/// Which vertices are consistent with the keyframes, without small pieces.
 fn supported(track: &Track, spacing: f64) -> Vec<bool> {
     let mut evidence = vec![0.0_f64; track.model.len()];
     for keyframe in track.keyframes.all() {
@@ -324,7 +324,7 @@ fn supported(track: &Track, spacing: f64) -> Vec<bool> {
         .collect()
 }
 
-/// What a keyframe says of every vertex: seen where it lies, looked through, or outside of the outline.
+/// The evidence of a keyframe for every vertex: seen at its position, seen through, or outside of the outline.
 fn weigh_evidence(track: &Track, keyframe: &Keyframe, spacing: f64, evidence: &mut [f64]) {
     let lattice = track.body.lattice();
     let mut pose = keyframe.pose.clone();
@@ -347,7 +347,7 @@ fn weigh_evidence(track: &Track, keyframe: &Keyframe, spacing: f64, evidence: &m
     }
 }
 
-/// Connected pieces of the surface.
+/// Connected components of the surface.
 struct Pieces {
     of: Vec<usize>,
     sizes: Vec<usize>,

@@ -1,8 +1,8 @@
-//! Growth in the rest frame: points that no vertex accounts for, carried back to rest.
+//! Growth of the model at rest, by points that no vertex explains.
 //!
-//! A point of the cloud enters when no vertex of its sheet is near it, measured surface is, and its place at rest is free: no vertex of
-//! the same sheet beside it, and none before or behind it along its normal (that would be known surface, tracked out of
-//! place). Points under the table, or where the first view saw through, are refused.
+//! A point of the cloud is added when no vertex of its sheet is near it but measured surface is, and its position at rest is free: no vertex of
+//! the same sheet beside it, and none in front or behind it along its normal (that would be known surface, tracked wrongly). Points below the
+//! table, or where the first view saw through, are rejected.
 
 use super::track::Track;
 use super::view::FrameView;
@@ -11,25 +11,25 @@ use crate::cell::Plane;
 use crate::visibility::{DepthGrid, facing};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// Least facing of a point that enters.
+/// Least facing of an added point.
 const FACING: f64 = 0.3;
-/// A vertex of the sheet this close accounts for a point, in spacings.
+/// A vertex of the sheet this close explains a point, in spacings.
 const EXPLAINS: f64 = 0.7;
-/// Least distance between vertices that enter, in spacings.
+/// Least distance between added vertices, in spacings.
 const APART: f64 = 0.85;
-/// The same where the sheet surrounds the place already.
+/// The same where the sheet already surrounds the position.
 const APART_WITHIN: f64 = 1.4;
-/// Widest gap between neighbours of a place within the sheet, radians.
+/// Widest angle between neighbours of a position in the interior of the sheet, radians.
 const WITHIN: f64 = 140.0 / 180.0 * std::f64::consts::PI;
-/// A vertex of the same sheet less than [`BESIDE`] aside and [`BEFORE`] before or behind is the same surface, in spacings.
+/// A vertex of the same sheet less than [`BESIDE`] to the side and [`BEFORE`] in front or behind is the same surface, in spacings.
 const BESIDE: f64 = 0.7;
 const BEFORE: f64 = 3.0;
-/// Farthest a point may lie outside of the lattice, in cells.
+/// Largest distance of a point outside of the lattice, in cells.
 const OUTSIDE: f64 = 0.5;
-/// Deepest under the table that is still put down on it, metres.
+/// Largest depth below the table from which a point is moved onto it, metres.
 const SUNK: f64 = 0.008;
 
-/// New vertices of a frame.
+/// The new vertices of a frame.
 pub(crate) fn grown(
     track: &Track,
     view: &FrameView,
@@ -102,7 +102,7 @@ pub(crate) fn grown(
     fresh
 }
 
-/// Whether surface of the same sheet is known at a place at rest, or right before or behind it.
+/// Whether surface of the same sheet is known at a position at rest, or directly in front or behind.
 fn known(
     track: &Track,
     rest: &graph::Tree,

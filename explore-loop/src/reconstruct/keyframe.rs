@@ -1,4 +1,4 @@
-//! Frames kept for later: the cloud and the body's pose, from which the rest shape is fused anew whenever the object rests.
+//! Keyframes: clouds with the body's poses, from which the rest shape is fused anew whenever the object rests.
 
 use super::landmark::Sighting;
 use super::view::FrameView;
@@ -7,18 +7,18 @@ use nalgebra::Point3;
 use std::sync::Arc;
 use topo_ekf::body::{Embedding, Lattice, Pose};
 
-/// Most keyframes kept.
+/// Most keyframes.
 const MOST: usize = 26;
 
-/// A frame that was kept.
+/// A keyframe.
 #[derive(Clone, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Keyframe {
     pub view: Arc<FrameView>,
     pub pose: Pose,
     pub arms: Vec<ArmState>,
-    /// Places held, and where they were.
+    /// The held points, and their positions.
     pub grips: Vec<(Embedding, Point3<f64>)>,
-    /// Landmarks recognised in it.
+    /// Landmarks recognised in the frame.
     pub sightings: Vec<Sighting>,
     /// Whether the object rested.
     pub at_rest: bool,
@@ -33,13 +33,13 @@ pub(crate) struct Keyframes {
 }
 
 impl Keyframes {
-    /// Adds up how far the body moved since the last keyframe, metres.
+    /// Adds the motion of the body to that since the last keyframe, and returns the sum, metres.
     pub fn travel(&mut self, moved: f64) -> f64 {
         self.travelled += moved;
         self.travelled
     }
 
-    /// Keeps a frame. When there are too many, the moving one that lies closest between its neighbours in time goes.
+    /// Stores a keyframe. If there are too many, the moving one closest in time to its neighbours is dropped.
     pub fn keep(&mut self, keyframe: Keyframe) {
         self.travelled = 0.0;
         self.kept.push(keyframe);
@@ -58,12 +58,12 @@ impl Keyframes {
         &self.kept
     }
 
-    /// All of them, to be changed.
+    /// All of them, mutable.
     pub fn all_mut(&mut self) -> &mut [Keyframe] {
         &mut self.kept
     }
 
-    /// Brings the poses up to a lattice that has grown.
+    /// Extends the poses to a lattice that has grown.
     pub fn extend(&mut self, lattice: &Lattice) {
         for keyframe in &mut self.kept {
             keyframe.pose.extend(lattice);

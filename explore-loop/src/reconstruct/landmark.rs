@@ -1,13 +1,13 @@
-//! Places of the material that are recognised by their colours.
+//! Landmarks: points of the material that are recognised by colour features.
 //!
 //! ```text
-//! planted   where a feature was seen first, carried to rest by the vertex it is nearest to: X = X_v + R_vᵀ (y − x_v)
-//! met       in later frames: the same feature from frame to frame, or found again near where the body last had it
-//! costs     Σ_t (t · (x(X) − y))² / σ²          two directions t along the surface; across it the cloud knows better
-//! counts    confidence · Tukey (1 − r²/c²)²₊     r the distance along the surface, c as for matches
+//! created   where a feature was first seen, moved to rest with the nearest vertex: X = X_v + R_vᵀ (y − x_v)
+//! matched   in later frames: from frame to frame, or found again near its last predicted position
+//! cost      Σ_t (t · (x(X) − y))² / σ²          two directions t along the surface; across it the cloud is more accurate
+//! weight    confidence · Tukey (1 − r²/c²)²₊     r the distance along the surface, c as for matches
 //! ```
-//! A landmark stays where it was planted, so that the errors of frames do not add up: this is what holds a surface whose shape does not tell
-//! where along itself it is.
+//! A landmark keeps its position at rest, so that the errors of frames do not accumulate. It holds a surface whose shape does not determine how it
+//! slides along itself.
 
 use super::matching::Gates;
 use super::recognise::Recognised;
@@ -18,41 +18,41 @@ use dvrk_io::features::{Descriptor, Feature, FeatureOptions, match_features};
 use nalgebra::{Point3, UnitVector3};
 use topo_ekf::body::{Embedding, Lattice, Pose, Row};
 
-/// Standard deviation of a landmark along the surface, metres: corners shift by a pixel or two as they are seen from elsewhere.
+/// Standard deviation of a landmark along the surface, metres: corners shift by a pixel or two between views.
 const SIGMA: f64 = 0.001;
-/// Farthest from where the body last had it that a landmark is found again, metres, with how few different bits, and how clearly.
+/// Largest distance from its predicted position at which a landmark is found again, metres; largest Hamming distance, and ratio to the second best.
 const AGAIN: f64 = 0.010;
 const AGAIN_BITS: (u32, f64) = (45, 0.75);
-/// Least facing of a landmark that may be seen.
+/// Least facing of a visible landmark.
 const FACING: f64 = 0.3;
-/// A landmark this far along the surface from where the body has it, metres, so many frames in a row, is not what it was taken for.
+/// A landmark at least this far along the surface from its prediction, metres, in this many consecutive frames, is a wrong match.
 const ASTRAY: f64 = 0.006;
 const STRIKES: u8 = 3;
-/// Nothing is planted this near to a landmark that was seen in so many frames before, metres: what is older is less astray.
+/// No landmark is created this near to one that was recently seen, metres: older landmarks have drifted less.
 const CROWDED: f64 = 0.004;
 const LATELY: u32 = 20;
-/// Most landmarks; the ones not seen for longest go.
+/// Most landmarks; those not seen for longest are removed.
 const MOST: usize = 1500;
 
 /// A feature of the last frame that is a landmark.
 #[derive(Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Seen {
-    /// Which feature.
+    /// Index of the feature.
     feature: usize,
-    /// Where it is.
+    /// Its position.
     point: Point3<f64>,
     confidence: f64,
 }
 
-/// A place of the material.
+/// A point of the material.
 #[derive(Clone, serde::Serialize, serde::Deserialize)]
 struct Landmark {
     rest: Point3<f64>,
     normal: UnitVector3<f64>,
-    /// As it looked last.
+    /// Its latest appearance.
     descriptor: Descriptor,
     seen: Option<Seen>,
-    /// Frames in which it was met.
+    /// Number of frames in which it was matched.
     times: u32,
     last: u32,
     strikes: u8,
@@ -63,7 +63,7 @@ struct Landmark {
 pub(crate) struct Sighting {
     rest: Point3<f64>,
     normal: UnitVector3<f64>,
-    /// Where it is.
+    /// Its position.
     point: Point3<f64>,
     confidence: f64,
 }
@@ -75,7 +75,7 @@ pub(crate) struct Landmarks {
 }
 
 impl Landmarks {
-    /// Those recognised in the last frame that were planted before it.
+    /// The landmarks recognised in the last frame that were created before it.
     pub fn sighted(&self) -> Vec<Sighting> {
         let known = self.all.iter().filter(|l| l.times > 0);
         let sighted =
@@ -83,12 +83,12 @@ impl Landmarks {
         sighted.collect()
     }
 
-    /// The chain from frame to frame is broken.
+    /// Breaks the chain of matches from frame to frame.
     pub fn lose(&mut self) {
         self.all.iter_mut().for_each(|l| l.seen = None);
     }
 
-    /// Recognises landmarks in a frame in which the body is not posed yet: `pose` is that of the frame before.
+    /// Recognises landmarks in a frame before the body is registered: `pose` is that of the previous frame.
     pub fn recognise(&mut self, frame: &Recognised, lattice: &Lattice, pose: &Pose, number: u32) {
         for landmark in &mut self.all {
             let gone = went(landmark, frame);
@@ -101,7 +101,7 @@ impl Landmarks {
         self.find_again(frame, lattice, pose, number);
     }
 
-    /// Judges the landmarks by the pose that was found: those that stay astray go.
+    /// Checks the landmarks with the registered pose; those that are repeatedly off are removed.
     pub fn judge(&mut self, lattice: &Lattice, pose: &Pose) {
         for landmark in &mut self.all {
             let Some((seen, (at, normal))) = landmark.seen.zip(landmark.posed(lattice, pose))
@@ -114,7 +114,7 @@ impl Landmarks {
         self.all.retain(|l| l.strikes < STRIKES);
     }
 
-    /// Looks for the landmarks that were lost, where the body has them, among the features that are none yet.
+    /// Searches for lost landmarks near their predicted positions, among the features that are not matched.
     fn find_again(&mut self, frame: &Recognised, lattice: &Lattice, pose: &Pose, number: u32) {
         let free = self.free(frame);
         let lost: Vec<(usize, Feature)> = (0..self.all.len())
@@ -140,7 +140,7 @@ impl Landmarks {
         }
     }
 
-    /// Features of a frame that are no landmarks.
+    /// Features of a frame that are not landmarks.
     fn free(&self, frame: &Recognised) -> Vec<(usize, Feature)> {
         let mut taken = vec![false; frame.features.len()];
         for seen in self.all.iter().filter_map(|l| l.seen) {
@@ -150,7 +150,7 @@ impl Landmarks {
         all.filter(|(k, _)| !taken[*k]).collect()
     }
 
-    /// Plants a landmark at every feature that is none, where the surface was measured and no other was seen lately.
+    /// Creates a landmark at every other feature where the surface was measured and no landmark was recently seen.
     pub fn plant(
         &mut self,
         frame: &Recognised,
@@ -202,7 +202,7 @@ impl Landmarks {
     }
 }
 
-/// Which feature of a frame a landmark that was seen in the one before is.
+/// The feature of a frame that continues a landmark of the previous frame.
 fn went(landmark: &Landmark, frame: &Recognised) -> Option<(usize, f64)> {
     let (feature, confidence) = (*frame.from.get(landmark.seen?.feature)?)?;
     (feature < frame.features.len()).then_some((feature, confidence))
@@ -236,7 +236,7 @@ impl Landmark {
     }
 }
 
-/// Sightings with the place of each in the lattice.
+/// Sightings with the coordinates of each in the lattice.
 pub(crate) fn embedded(sightings: &[Sighting], lattice: &Lattice) -> Vec<(Embedding, Sighting)> {
     let place = |s: &Sighting| {
         let at = embed_beside(lattice, &s.rest, &s.normal)?;
@@ -245,7 +245,7 @@ pub(crate) fn embedded(sightings: &[Sighting], lattice: &Lattice) -> Vec<(Embedd
     sightings.iter().filter_map(place).collect()
 }
 
-/// What landmarks say of a pose: rows on the body.
+/// The landmarks as rows of the fit of a pose.
 pub(crate) fn rows(
     met: &[(Embedding, Sighting)],
     lattice: &Lattice,

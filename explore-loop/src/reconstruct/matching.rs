@@ -1,9 +1,9 @@
-//! Which point of the cloud each visible vertex meets, and how much that counts.
+//! Matches visible vertices with points of the cloud, and weights the matches.
 //!
 //! ```text
-//! meets    the nearest point whose normal agrees, within the gate
-//! costs    (n · (x − q))² / σ²,        n halfway between the two normals
-//! counts   Tukey (1 − r²/c²)²₊, less where the cloud ends or the vertex is young
+//! match    the nearest point whose normal agrees, within the gate
+//! cost     (n · (x − q))² / σ²,        n halfway between the two normals
+//! weight   Tukey (1 − r²/c²)²₊, less where the cloud ends or the vertex is new
 //! ```
 //! Gate and Tukey's constant shrink from the first step of a frame to its last.
 
@@ -23,10 +23,10 @@ const RIM: f64 = 0.1;
 /// Weight of a vertex seen in fewer than [`YOUNG`] frames.
 const YOUNG_WEIGHT: f64 = 0.3;
 const YOUNG: u32 = 3;
-/// Points of the cloud that are tried for a match.
+/// Number of points of the cloud that are tried for a match.
 const TRIED: usize = 6;
 
-/// How far matches reach in a step, metres.
+/// Gates of the matches in a step, metres.
 #[derive(Clone, Copy)]
 pub(crate) struct Gates {
     pub gate: f64,
@@ -57,19 +57,19 @@ impl Gates {
         }
     }
 
-    /// For judging a finished frame.
+    /// For the evaluation of a finished frame.
     pub const JUDGE: Self = Self {
         gate: 0.008,
         tukey: 0.006,
     };
-    /// For judging a prediction that has seen no data.
+    /// For the evaluation of a prediction that has not used the frame.
     pub const PREDICTION: Self = Self {
         gate: 0.020,
         tukey: 0.050,
     };
 }
 
-/// A vertex and the point it meets.
+/// A vertex and its matched point.
 #[derive(Clone, Copy)]
 pub(crate) struct Match {
     pub vertex: usize,
@@ -77,12 +77,12 @@ pub(crate) struct Match {
     pub normal: UnitVector3<f64>,
     /// Signed distance along the normal, metres.
     pub residual: f64,
-    /// Distance across it, metres.
+    /// Distance perpendicular to the normal, metres.
     pub aside: f64,
     pub weight: f64,
 }
 
-/// The live surface as it is posed at one step.
+/// The live surface at one step.
 pub(crate) struct Posed {
     pub points: Vec<Point3<f64>>,
     pub normals: Vec<UnitVector3<f64>>,
@@ -109,7 +109,7 @@ impl Posed {
     }
 }
 
-/// What a frame is looked at with.
+/// The data of a frame against which poses are fitted.
 pub(crate) struct Look<'a> {
     model: &'a CanonicalModel,
     embeddings: &'a [Embedding],
@@ -145,7 +145,7 @@ impl<'a> Look<'a> {
             .collect()
     }
 
-    /// What a vertex meets, if it can be seen.
+    /// The match of a vertex, if it is visible.
     fn meet(
         &self,
         vertex: usize,
@@ -188,7 +188,7 @@ impl<'a> Look<'a> {
         })
     }
 
-    /// The same as rows on the body.
+    /// The same matches as rows of the fit.
     pub fn rows(&self, lattice: &Lattice, pose: &Pose, gates: Gates) -> Vec<Row> {
         let row = |m: &Match| {
             let (at, meets) = (self.embeddings[m.vertex], self.view.points[m.point]);

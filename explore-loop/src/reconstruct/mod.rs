@@ -1,29 +1,29 @@
 //! The canonical model from a stream of frames.
 //!
 //! ```text
-//! cloud ─► view ─► body from rest to frame ─► judge ─► grow at rest ─► keyframes ─► at rest: fuse all of them anew
+//! cloud ─► view ─► registration of the body ─► evaluation ─► growth at rest ─► keyframes ─► whenever at rest: re-fusion
 //! ```
-//! The object is an elastic body on a table. Every frame bends it, always from its rest shape, until it meets the cloud; what the
-//! cloud shows beyond the known surface is carried back to rest and extends it; whenever the object has come to rest, and before it is
+//! The object is an elastic body on a table. In every frame it is deformed, always from its rest shape, until it fits the cloud; points of
+//! the cloud beyond the known surface are moved back to rest and extend it; whenever the object has come to rest, and before it is
 //! gripped again, the rest shape is fused anew from all keyframes.
 //!
 //! | file | question |
 //! |---|---|
 //! | `options` | what can be set, and what left out? |
 //! | `view` | what does the frame show? |
-//! | `matching` | which point does each vertex meet? |
-//! | `fill` | where is its material? |
-//! | `pieces` | what of it is connected within a cell? |
+//! | `matching` | which point does each vertex match? |
+//! | `fill` | where is material assumed? |
+//! | `pieces` | which parts are connected within a cell? |
 //! | `recognise` | which colour features were in the frame before? |
-//! | `landmark` | which places of the material are they? |
-//! | `track` | where is the body now? |
-//! | `grow` | which points extend it, and where do they lie at rest? |
+//! | `landmark` | which points of the material are they? |
+//! | `track` | what is the body's pose? |
+//! | `grow` | which points extend it, and where are they at rest? |
 //! | `keyframe` | which frames are kept? |
-//! | `relocate` | what if it was lost and found again? |
-//! | `fuse` | what do all of them say of the rest shape? |
-//! | `uncertainty` | how well is each place known? |
+//! | `relocate` | how does a lost body continue after it was found again? |
+//! | `fuse` | what rest shape do all of them give? |
+//! | `uncertainty` | how accurately is each position known? |
 //! | `report` | what happened in the frame? |
-//! | `stage` | what does the loop ask of any reconstruction? |
+//! | `stage` | what does the loop require of any reconstruction? |
 
 use crate::Error;
 use crate::canonical::CanonicalModel;
@@ -54,20 +54,21 @@ mod track;
 mod uncertainty;
 mod view;
 
-/// Frames of rest after which the shape is fused.
+/// Number of frames at rest after which the shape is fused.
 const STILL: usize = 3;
 /// Residual above which the body counts as lost in this frame, metres, and the least share of it that must be seen.
 const LOST: f64 = 0.004;
 const LOST_SHARE: f64 = 0.3;
 
-/// Held frames and motion, metres, that tell the hypotheses apart at the end of a manipulation, and the motion from which they may before it.
+/// Number of held frames and amount of motion, metres, after which the hypotheses are compared at the end of a manipulation; and the motion from which they
+/// may be compared before it.
 const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
 const DECIDE_EARLY: f64 = 0.1;
-/// Innovation of the hollow hypothesis over that of the solid one: below the first, the body is hollow. In the middle of a lift it may pass through
-/// 0.6 for a solid body whose shape underneath is not known yet; `frames.csv` of a run has it in `hollow_over_solid`.
+/// Largest ratio of the innovation of the hollow hypothesis to that of the solid one for a hollow body. During a lift the ratio may fall to
+/// 0.6 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`.
 const HOLLOW_BELOW: f64 = 0.7;
-/// The same where it is clear before the end: hollow below, solid above.
+/// Ratios that decide before the end of a manipulation: hollow below the first, solid above the second.
 const CLEARLY: [f64; 2] = [0.4, 1.5];
 
 /// Builds the canonical model frame by frame.
@@ -76,13 +77,13 @@ pub struct Reconstructor {
     options: ReconstructOptions,
     empty: CanonicalModel,
     track: Option<Track>,
-    /// The same frames followed as a hollow body, until one of the two has predicted them better.
+    /// The same frames tracked as a hollow body, until one of the two has predicted them better.
     rival: Option<Track>,
     first: Option<DepthGrid>,
-    /// The last frame, where it had colour features.
+    /// The last frame, if it had colour features.
     before: Option<Before>,
     frame: u32,
-    /// Whether the body was held since the shape was last fused.
+    /// Whether the body was held since the last fusion.
     handled: bool,
     /// Whether the shape was ever fused.
     fused: bool,
@@ -100,7 +101,7 @@ impl std::fmt::Debug for Reconstructor {
 }
 
 impl Reconstructor {
-    /// Nothing seen yet.
+    /// An empty model.
     ///
     /// # Errors
     /// A spacing that is not positive and finite.
@@ -137,13 +138,13 @@ impl Reconstructor {
         ))
     }
 
-    /// Stiffness over weight `E / (ρ g)` of the object, m, as estimated from how it sags; `None` before it was lifted.
+    /// Stiffness over weight `E / (ρ g)` of the object, m, estimated from its sag; `None` before it was lifted.
     pub fn stiffness_over_weight(&self) -> Option<f64> {
         let body = &self.track.as_ref().filter(|t| t.held_frames() > 0)?.body;
         Some(1.0 / body.weight_over_stiffness())
     }
 
-    /// Volume of the material that is taken to be there, m³: filled under the first view, and from the closed surface since that is known.
+    /// Volume of the assumed material, m³: filled under the first view, and later from the closed surface.
     pub fn volume(&self) -> f64 {
         self.track.as_ref().map_or(0.0, |t| {
             let lattice = t.body.lattice();
@@ -152,10 +153,10 @@ impl Reconstructor {
         })
     }
 
-    /// Takes one frame.
+    /// Processes one frame.
     ///
     /// # Errors
-    /// A stage refuses its input.
+    /// A stage rejects its input.
     pub fn process(
         &mut self,
         observation: &Observation,
@@ -202,8 +203,8 @@ impl Reconstructor {
         Ok(report)
     }
 
-    /// Fuses the rest shape anew if the object was handled since that was last done: before a decision, and at the end of a recording. A fusion
-    /// that cannot be made leaves the model as it was.
+    /// Fuses the rest shape anew if the object was handled since the last fusion: before a decision, and at the end of a recording. A fusion
+    /// that fails leaves the model unchanged.
     pub fn consolidate(&mut self, table: &Plane) {
         let Some(mut track) = self.track.take() else {
             return;
@@ -217,12 +218,12 @@ impl Reconstructor {
         self.track = Some(track);
     }
 
-    /// Vertices that the camera can see now, judged by the model alone (for planning).
+    /// Vertices that the camera can see now, by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
         visible(self.model(), observation, self.options.spacing)
     }
 
-    /// Refuses a state that was read and does not fit together.
+    /// Rejects a loaded state that is inconsistent.
     fn check_read(&self) -> Result<(), Error> {
         let tracks = self.track.iter().chain(&self.rival);
         tracks.into_iter().try_for_each(Track::check_read)
@@ -252,7 +253,7 @@ impl Reconstructor {
         Ok(track)
     }
 
-    /// Every later frame: both hypotheses, for as long as there are two.
+    /// Every later frame, with both hypotheses as long as there are two.
     fn follow(
         &mut self,
         track: &mut Track,
@@ -291,7 +292,7 @@ impl Reconstructor {
         Ok(())
     }
 
-    /// Brings the hypotheses to a frame; how many vertices were added to the first.
+    /// Registers the hypotheses to a frame; returns how many vertices were added to the first.
     fn follow_all(
         &mut self,
         track: &mut Track,
@@ -311,7 +312,7 @@ impl Reconstructor {
             options: &self.options,
         };
         let rival = &mut self.rival;
-        // Two hypotheses, two threads: each sees only its own, so the bits do not depend on it.
+        // Each hypothesis runs on its own thread with its own data, so the bits do not depend on the threads.
         let (own, other) = std::thread::scope(|scope| {
             let other = rival
                 .as_mut()
@@ -320,21 +321,21 @@ impl Reconstructor {
             let other = other.map(std::thread::ScopedJoinHandle::join);
             (own, other)
         });
-        // A hypothesis that cannot follow is refuted, and one that went on alone is a frame ahead.
+        // A hypothesis that cannot follow is rejected, and one that continued alone is a frame ahead.
         if own.is_err() || !matches!(other, Some(Ok(Ok(_)))) {
             self.rival = None;
         }
         own
     }
 
-    /// Whether the shape is to be fused anew: the object was handled, and has come to rest or is taken hold of again.
+    /// Whether the shape is to be fused anew: the object was handled, and has come to rest or is gripped again.
     fn is_due(&self, track: &Track, arms: &[ArmState]) -> bool {
         let rests = track.still == STILL;
         let again = self.free && track.takes_hold(arms);
         self.handled && (rests || again) && track.keyframes.all().len() > 3
     }
 
-    /// The colour features of a frame, if it has any and they are asked for, and where those of the last frame went.
+    /// The colour features of a frame, if it has any and they are requested, matched with those of the last frame.
     fn recognise(&mut self, view: &Arc<FrameView>, now: &Observation) -> Option<Recognised> {
         let used = self.options.features == ColourFeatures::Landmarks;
         let features = now.features.as_ref().filter(|_| used);
@@ -351,14 +352,14 @@ impl Reconstructor {
         Some(recognised)
     }
 
-    /// Prediction error of the hollow hypothesis over that of the solid one.
+    /// Ratio of the prediction error of the hollow hypothesis to that of the solid one.
     fn hollow_over_solid(&self, track: &Track) -> Option<f64> {
         let rival = self.rival.as_ref()?;
         let ratio = rival.mean_innovation() / track.mean_innovation();
         ratio.is_finite().then_some(ratio)
     }
 
-    /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, before it where one
+    /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, or earlier if one
     /// is clearly better.
     fn decide(&mut self, track: &mut Track, end: bool) {
         let Some(ratio) = self.hollow_over_solid(track) else {
@@ -382,13 +383,13 @@ impl Reconstructor {
     }
 }
 
-/// Why a frame cannot be used, if so.
+/// Why a frame cannot be used, if it cannot.
 fn failure(track: &Track) -> Option<String> {
     let lost = track.residual > LOST || track.share < LOST_SHARE;
     track.refused.clone().or_else(|| {
         lost.then(|| {
             format!(
-                "lost: {:.1} mm off, {:.0} % of what should be seen is",
+                "lost: {:.1} mm off, {:.0} % of the expected part is seen",
                 1e3 * track.residual,
                 100.0 * track.share
             )
@@ -396,19 +397,19 @@ fn failure(track: &Track) -> Option<String> {
     })
 }
 
-/// What both hypotheses are given.
+/// The input of both hypotheses.
 struct Frame<'a> {
     view: &'a Arc<FrameView>,
     recognised: Option<&'a Recognised>,
     observation: &'a Observation,
     table: &'a Plane,
     first: Option<&'a DepthGrid>,
-    /// Whether the body is filled from a closed surface already.
+    /// Whether the body was filled from a closed surface.
     fused: bool,
     options: &'a ReconstructOptions,
 }
 
-/// Brings one hypothesis to a frame, grows it, keeps the frame if it is worth it; how many vertices were added.
+/// Registers one hypothesis to a frame, grows it, and stores a keyframe if it is due; returns how many vertices were added.
 fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let (options, arms) = (frame.options, &frame.observation.arms);
     let spent = track.body.spent();

@@ -1,65 +1,65 @@
-//! Settings of the reconstruction.
+//! Options of the reconstruction.
 
 use topo_ekf::body::{BodyOptions, Limits};
 
-/// Settings of the reconstruction; the defaults follow from the spacing.
+/// Options of the reconstruction; the defaults follow from the spacing.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 #[derive(serde::Serialize, serde::Deserialize)]
 pub struct ReconstructOptions {
     /// Spacing ε of the model, metres.
     pub spacing: f64,
-    /// Edge of the cells that carry the body, metres; larger for a body of more than 300 cells.
+    /// Edge of the lattice cells that carry the body, metres; larger for a body of more than 300 cells.
     pub cell: f64,
     /// Vertices within this distance of a tip when its jaw closes move with it, metres.
     pub grip_radius: f64,
     /// Least cosine between normal and camera for a vertex to be matched.
     pub min_facing: f64,
-    /// Mean motion a frame below which the object rests, metres.
+    /// Mean motion between frames below which the object rests, metres.
     pub rest_motion: f64,
     /// Mean motion between keyframes, metres.
     pub keyframe_motion: f64,
-    /// What is believed of a frame: how far the surface moves between two frames (ξ), how far it falls between two frames when it was
-    /// let go, and how hard grips pull before one must be slipping.
+    /// Limits of a plausible frame: how far the surface moves between two frames (ξ), how far it falls between two frames after it was
+    /// released, and how hard grips pull before one of them must be slipping.
     pub limits: Limits,
     /// The elastic body.
     pub body: BodyOptions,
-    /// How near two parts of the surface may come to each other, metres; `None` lets them pass through each other.
+    /// Least distance between two parts of the surface, metres; `None` lets them pass through each other.
     pub separation: Option<f64>,
-    /// What of the material within a cell hangs together.
+    /// Which material within a cell is connected.
     pub material: Material,
-    /// Share of the inside that a hollow body is filled with: that hypothesis is followed beside the solid one until one of them has predicted the
-    /// frames better. `None` for a body that is known to be solid.
+    /// Fill of the interior of a hollow body. That hypothesis is tracked beside the solid one until one of them has predicted the frames better.
+    /// `None` for a body that is known to be solid.
     pub hollow: Option<f64>,
-    /// Rounds of the re-fusion at rest: one from the poses as they were tracked, each further one after the poses have been fitted anew. 0 leaves the
-    /// rest shape as it grew.
+    /// Rounds of the re-fusion at rest: the first uses the tracked poses, each further one poses that were fitted anew. With 0 the rest shape
+    /// stays as it grew.
     pub fusion_rounds: usize,
-    /// What colour features are for, where a camera sends them.
+    /// Use of colour features, if the camera has them.
     pub features: ColourFeatures,
 }
 
-/// What the colour features of an observation are for.
+/// Use of the colour features of an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum ColourFeatures {
     /// Nothing.
     Ignored,
-    /// Landmarks that hold the body where its shape does not tell how it slides along itself.
+    /// They are landmarks that hold the body where its shape does not determine how it slides along itself.
     #[default]
     Landmarks,
 }
 
-/// What of the material within a cell of the body hangs together.
+/// Which material within a cell of the body is connected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum Material {
-    /// What is connected there: fingers and folds nearer to each other than a cell are pieces of their own.
+    /// Only what touches: fingers and folds closer to each other than a cell are separate pieces.
     Connected,
-    /// All that is in a cell, and in cells that touch: as a plain grid has it.
+    /// Everything in a cell and in adjacent cells, as in a plain grid.
     Whole,
 }
 
 impl ReconstructOptions {
-    /// The same options with colour features used for this.
+    /// The same options with this use of colour features.
     #[must_use]
     pub fn with_features(self, features: ColourFeatures) -> Self {
         Self { features, ..self }

@@ -1,31 +1,31 @@
-//! Which material in a cell is connected there, and with what in the cells around.
+//! Connected pieces of material in each cell, and their connections to neighbouring cells.
 //!
 //! ```text
 //! segment    the part of a column's span that lies in one cell
-//! linked     segments of one span above each other; segments of neighbouring columns that overlap in height
+//! linked     consecutive segments of one span; segments of neighbouring columns that overlap in height
 //! piece      segments of one cell that are linked within it
 //! ```
-//! Fingers and folds nearer to each other than a cell are different pieces of it, with nodes of their own. A cell with surface but without
-//! material belongs to the neighbour with most material, and to others as far as they hang together around it.
+//! Fingers and folds closer to each other than a cell are different pieces of it, with separate nodes. A cell with surface but without
+//! material is joined to the neighbour with most material, and to other neighbours that are connected with that one.
 
 use super::Material;
 use super::fill::{ALONG, Columns, EMPTY, SKIPPED};
 use std::collections::{BTreeMap, BTreeSet};
 use topo_ekf::body::{Lattice, Occupancy, PARTS, Piece};
 
-/// Least overlap in height of neighbouring columns that are one material, in cells.
+/// Least overlap in height, in cells, of neighbouring columns that are connected.
 const OVERLAP: f64 = 0.02;
 
-/// The pieces in all cells of a lattice, and which of them are joined.
+/// The pieces in all cells of a lattice, and which of them are connected.
 pub(crate) struct Pieces {
     pub pieces: Vec<Piece>,
     pub joined: Vec<[usize; 2]>,
 }
 
-/// Part of a span within a cell.
+/// The part of a span within a cell.
 struct Segment {
     key: [i32; 2],
-    /// Number of its span in the column.
+    /// Index of its span in the column.
     span: usize,
     level: i32,
     low: f64,
@@ -40,7 +40,7 @@ impl Segment {
 }
 
 impl Pieces {
-    /// Of columns, for the cells that have material, those in `surface` and those of `lattice`. Cells without surface are filled with `inner` times
+    /// From columns, for the cells that have material, those in `surface` and those of `lattice`. Cells without surface get `inner` times
     /// their material.
     pub fn new(
         columns: &Columns,
@@ -61,7 +61,7 @@ impl Pieces {
         }
         let known = lattice.cells().iter().map(|c| c.place);
         let needed: BTreeSet<[i32; 3]> = surface.iter().copied().chain(known).collect();
-        // Pieces of some volume, in the order of their first segment.
+        // Pieces with enough volume, in the order of their first segment.
         let mut pieces = Vec::new();
         let mut index = BTreeMap::new();
         for (part, occupancy) in &parts {
@@ -139,7 +139,7 @@ fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
     links
 }
 
-/// For every segment the first one of its piece.
+/// The first segment of the piece of every segment.
 fn within_cells(segments: &[Segment], links: &[[usize; 2]]) -> Vec<usize> {
     let mut roots: Vec<usize> = (0..segments.len()).collect();
     let find = |roots: &[usize], mut i: usize| {
@@ -157,14 +157,14 @@ fn within_cells(segments: &[Segment], links: &[[usize; 2]]) -> Vec<usize> {
     (0..segments.len()).map(|i| find(&roots, i)).collect()
 }
 
-/// For every segment the first one of its cell.
+/// The first segment of the cell of every segment.
 fn by_cell(segments: &[Segment]) -> Vec<usize> {
     let mut first = BTreeMap::new();
     let of = |(i, s): (usize, &Segment)| *first.entry(s.place()).or_insert(i);
     segments.iter().enumerate().map(of).collect()
 }
 
-/// Pairs of pieces in cells that touch, where every cell has one.
+/// Pairs of pieces in adjacent cells, for one piece in every cell.
 fn neighbours(pieces: &[Piece]) -> Vec<[usize; 2]> {
     let at: BTreeMap<[i32; 3], usize> = pieces.iter().map(|p| p.place).zip(0..).collect();
     let steps = (0..27).map(|k| [k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1]);
@@ -179,7 +179,7 @@ fn neighbours(pieces: &[Piece]) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Adds a segment to the parts of its cell.
+/// Adds a segment to the occupancy of its cell.
 fn add(segment: &Segment, occupancy: &mut Occupancy) {
     let [x, y] = segment.key.map(|k| k.rem_euclid(ALONG));
     let part = 1.0 / f64::from(ALONG);
@@ -190,11 +190,11 @@ fn add(segment: &Segment, occupancy: &mut Occupancy) {
     }
 }
 
-/// Which pieces are joined to which.
+/// Which pieces are connected to which.
 struct Joins(Vec<BTreeSet<usize>>);
 
 impl Joins {
-    /// From links that leave a cell; what is too little to be a piece still joins those that it touches.
+    /// From links between cells; material too small to be a piece still connects the pieces that it touches.
     fn of_links(
         links: &[[usize; 2]],
         part_of: &[usize],
@@ -228,12 +228,12 @@ impl Joins {
         }
     }
 
-    /// Whether two pieces hang together directly or through one other.
+    /// Whether two pieces are connected directly or through one other.
     fn near(&self, a: usize, b: usize) -> bool {
         self.0[a].contains(&b) || !self.0[a].is_disjoint(&self.0[b])
     }
 
-    /// Pairs whose cells touch.
+    /// Connected pairs whose cells are adjacent.
     fn pairs(&self, pieces: &[Piece]) -> Vec<[usize; 2]> {
         let touch = |a: usize, b: usize| {
             let (a, b) = (pieces[a].place, pieces[b].place);
@@ -251,7 +251,7 @@ impl Joins {
     }
 }
 
-/// Adds cells without material where cells are needed.
+/// Adds cells without material where they are needed.
 fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32; 3]>) {
     const FACES: [[i32; 3]; 6] = [
         [0, 0, -1],

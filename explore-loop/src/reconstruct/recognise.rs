@@ -1,11 +1,11 @@
-//! Which colour features of a frame were in the one before, and how far that can be believed.
+//! Matches colour features with those of the previous frame, with a confidence for each match.
 //!
 //! ```text
-//! pairs        features that are each other's best among those within the motion that is believed      dvrk_io::features
-//! confidence   of the registration of the two clouds that is given the pairs: how far each agrees      nonrigid_reg
-//!              with the motion that clouds and pairs together have
+//! pairs        mutually best features within the largest plausible motion                              dvrk_io::features
+//! confidence   from a registration of the two clouds that uses the pairs: how well each agrees      nonrigid_reg
+//!              with the motion found from clouds and pairs together
 //! ```
-//! Both hypotheses of the body are given the same.
+//! Both hypotheses of the body use the same matches.
 
 use super::view::FrameView;
 use dvrk_io::features::{Feature, FeatureOptions, match_features};
@@ -15,27 +15,27 @@ use std::sync::Arc;
 
 /// Confidence below which a pair is dropped.
 const BELIEVED: f64 = 0.3;
-/// Fewest pairs that are worth a registration.
+/// Fewest pairs for which a registration is computed.
 const FEWEST: usize = 6;
 
-/// The last frame, as far as the next one needs it.
+/// The data of the last frame that the next one needs.
 #[derive(serde::Serialize, serde::Deserialize)]
 pub(super) struct Before {
     pub view: Arc<FrameView>,
     pub features: Vec<Feature>,
 }
 
-/// The features of a frame, and where those of the one before went.
+/// The features of a frame, and their matches with the previous one.
 pub(super) struct Recognised {
-    /// Where the camera was.
+    /// Position of the camera.
     pub eye: Point3<f64>,
     pub features: Vec<Feature>,
-    /// For each feature of the frame before: which it is now, and the confidence in that.
+    /// For each feature of the previous frame: its index in this one, and the confidence of the match.
     pub from: Vec<Option<(usize, f64)>>,
 }
 
 impl Recognised {
-    /// A frame after none.
+    /// A frame without a predecessor.
     pub fn first(view: &FrameView, features: &[Feature]) -> Self {
         Self {
             eye: view.eye(),
@@ -44,7 +44,7 @@ impl Recognised {
         }
     }
 
-    /// A frame after another; `motion`: how far features may have moved, metres.
+    /// A frame after another; `motion` is the largest motion of a feature, metres.
     pub fn after(
         before: &Before,
         view: &FrameView,
@@ -74,7 +74,7 @@ impl Recognised {
     }
 }
 
-/// How far each pair agrees with the motion from one view to the other; nothing when no such motion is found.
+/// How well each pair agrees with the motion from one view to the other; `None` when no such motion is found.
 fn confidence(
     before: &FrameView,
     now: &FrameView,

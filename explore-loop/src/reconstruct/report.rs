@@ -1,6 +1,6 @@
-//! What happened in a frame.
+//! The result of a frame.
 
-/// What happened in a frame.
+/// The result of a frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FrameReport {
     /// Number of the frame, from 0.
@@ -11,7 +11,7 @@ pub struct FrameReport {
     pub added: usize,
     /// Whether the rest shape was fused anew.
     pub fused: bool,
-    /// Edges cut because they glued places that only touched.
+    /// Number of cut edges, which joined parts that only touched.
     pub cut: usize,
     /// Mean distance of the measured vertices from the cloud along the normals, metres.
     pub residual: f64,
@@ -19,51 +19,51 @@ pub struct FrameReport {
     pub overlap: f64,
     /// Mean motion of the body since the last frame, metres.
     pub moved: f64,
-    /// Prediction error of the hollow hypothesis over that of the solid one so far, while both are followed and the body was held.
+    /// Ratio of the prediction error of the hollow hypothesis to that of the solid one so far, while both are tracked and the body was held.
     pub hollow_over_solid: Option<f64>,
-    /// How the constraints on the body ended.
+    /// Outcome of the constraints on the body.
     pub constraints: Constraints,
-    /// Why the frame was not used, if so.
+    /// Why the frame was not used, if it was not.
     pub failure: Option<String>,
-    /// Time to bring the body to the frame, ms.
+    /// Time to register the body to the frame, ms.
     pub registration_ms: f64,
-    /// Time of the whole frame, re-fusion left out, ms.
+    /// Time of the whole frame without re-fusion, ms.
     pub frame_ms: f64,
     /// Time of the re-fusion, ms.
     pub fusion_ms: f64,
-    /// Where the time of the frame went.
+    /// Times of the parts of the frame.
     pub parts: FrameParts,
 }
 
-/// Times of the parts of a frame, ms. Of two hypotheses that are followed side by side they are those of the one whose model is given. What is missing
-/// to the time of the frame went into prediction and constraints, judging the fit, landmarks, colours and keyframes.
+/// Times of the parts of a frame, ms; with two hypotheses, those of the one whose model is returned. The rest of the frame time is prediction,
+/// constraints, evaluation, landmarks, colours and keyframes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[non_exhaustive]
 pub struct FrameParts {
-    /// The cloud: filtered, thinned, oriented, its depth and its tree.
+    /// Preparing the cloud: filtering, thinning, normals, depth image and search tree.
     pub prepare: f64,
-    /// Finding what each vertex meets, in all steps.
+    /// Matching the vertices, in all steps.
     pub matching: f64,
-    /// Putting the normal equations together, in all steps.
+    /// Assembling the normal equations, in all steps.
     pub assemble: f64,
-    /// Factorising them, in all steps.
+    /// Factorising the normal equations, in all steps.
     pub factor: f64,
-    /// Adding what is new to the model, and filling the body under it.
+    /// Adding vertices to the model, and filling the body under them.
     pub grow: f64,
 }
 
 /// Table and self-contact in a frame.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Constraints {
-    /// Constraints that push: points of the body on the table, and vertices kept on their side of other surface.
+    /// Active constraints: points of the body on the table, and vertices at other parts of the surface.
     pub active: usize,
-    /// Vertices that were near another part of the surface and had to stay on their side of it.
+    /// Vertices that were near another part of the surface and were constrained to stay on their side of it.
     pub near_itself: usize,
-    /// Whether they contradicted each other; they are then violated as little as possible.
+    /// Whether they were infeasible; they are then violated as little as possible.
     pub infeasible: bool,
-    /// Largest violation left, metres.
+    /// Largest remaining violation, metres.
     pub violation: f64,
-    /// How far the deepest vertex of the model lies under the table after the frame, metres; 0 when none does.
+    /// Largest depth of a vertex of the model below the table after the frame, metres; 0 if none is below.
     pub below_table: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The seam between the loop and a reconstruction.
+//! The interface between the loop and a reconstruction.
 
 use super::{FrameReport, Reconstructor};
 use crate::Error;
@@ -7,46 +7,46 @@ use crate::cell::{Observation, Plane};
 use crate::visibility::visible;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
-/// A surface at rest as triangles: vertices in metres with outward normals, counter-clockwise seen from outside.
+/// A triangle mesh at rest: vertices in metres with outward normals, counter-clockwise seen from outside.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RestSurface {
     /// Vertices, m.
     pub vertices: Vec<Point3<f64>>,
     /// Outward normal of each vertex.
     pub normals: Vec<UnitVector3<f64>>,
-    /// Triangles, by index of vertices.
+    /// Triangles, as indices of vertices.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// Builds the canonical model from frames: what [`Explorer`](crate::explore::Explorer) drives. [`Reconstructor`] is the default, the example
-/// `custom_pipeline` another one.
+/// Builds the canonical model from frames, for [`Explorer`](crate::explore::Explorer). [`Reconstructor`] is the default; the example
+/// `custom_pipeline` has another one.
 ///
 /// Everything is in the camera frame, in metres.
 pub trait Reconstruct {
-    /// Takes one frame. A frame that cannot be used is no error: [`FrameReport::failure`] says why, and the model stays as it was.
+    /// Processes one frame. An unusable frame is no error: [`FrameReport::failure`] gives the reason, and the model is unchanged.
     ///
     /// # Errors
-    /// Input that no later frame can mend: the exploration ends.
+    /// Input from which later frames cannot recover: the exploration ends.
     fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error>;
 
     /// The model so far; empty before anything was seen.
     fn model(&self) -> &CanonicalModel;
 
-    /// The surface at rest as this reconstruction itself draws it; `None` (the default) if it is to be drawn through the points of the model.
+    /// The surface at rest, if this reconstruction extracts one itself; with `None` (the default) it is computed through the points of the model.
     fn surface(&self) -> Option<RestSurface> {
         None
     }
 
-    /// Brings the model up to date before a decision is made on it. Nothing by default.
+    /// Updates the model before a decision is based on it. Nothing by default.
     fn consolidate(&mut self, _table: &Plane) {}
 
-    /// For every vertex of the model, whether the camera sees it now; `spacing` is that of the model, metres. By default: it faces
-    /// the camera, and the cloud passes within two spacings of it.
+    /// Whether the camera sees each vertex of the model now; `spacing` is that of the model, metres. By default: it faces the camera, and
+    /// the cloud passes within two spacings of it.
     fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
         visible(self.model(), observation, spacing)
     }
 
-    /// Standard deviation of the place of every vertex of the model now, metres, infinite where nothing is known of it; `None` (the default) if it is
+    /// Standard deviation of the present position of every vertex of the model, metres, infinite where unknown; `None` (the default) if it is
     /// not estimated.
     fn uncertainty(&self) -> Option<Vec<f64>> {
         None
@@ -57,18 +57,18 @@ pub trait Reconstruct {
         None
     }
 
-    /// Carries the body, as it is bent now, by a rigid motion of the camera frame: it was lost, and found again there. Nothing by default.
+    /// Moves the deformed body by a rigid motion of the camera frame, after it was lost and found again. Nothing by default.
     fn relocate(&mut self, _found_from_lost: &Isometry3<f64>) {}
 
-    /// Everything that is known, to be written to a checkpoint; `None` (the default) if this reconstruction cannot be resumed.
+    /// The complete state, for a checkpoint; `None` (the default) if this reconstruction cannot be resumed.
     fn save(&self) -> Option<Vec<u8>> {
         None
     }
 
-    /// Goes on from what [`Self::save`] gave, to the bit.
+    /// Restores the state from [`Self::save`], to the bit.
     ///
     /// # Errors
-    /// [`Error::Resume`]: the bytes are none of this reconstruction; it is then as before.
+    /// [`Error::Resume`]: the bytes are not from this reconstruction, which is then unchanged.
     fn restore(&mut self, _saved: &[u8]) -> Result<(), Error> {
         Err(Error::Resume {
             reason: "this reconstruction cannot be resumed".into(),
@@ -76,7 +76,7 @@ pub trait Reconstruct {
     }
 }
 
-/// What is chosen at run time.
+/// For reconstructions chosen at run time.
 impl<R: Reconstruct + ?Sized> Reconstruct for Box<R> {
     fn process(&mut self, observation: &Observation, table: &Plane) -> Result<FrameReport, Error> {
         (**self).process(observation, table)

@@ -1,4 +1,4 @@
-//! One hypothesis of the body, followed frame by frame: the model, the elastic body that carries it, and what it was seen to do.
+//! One hypothesis of the body, tracked frame by frame: the model, the elastic body that carries it, and what was observed.
 
 use super::keyframe::Keyframes;
 use super::landmark::{self, Landmarks};
@@ -30,9 +30,9 @@ use own_contact::OwnContact;
 /// A vertex is seen when its match is this close along the normal, metres, and this close across it, in spacings.
 const SEEN: f64 = 0.0025;
 const SEEN_ASIDE: f64 = 1.2;
-/// Frames between two looks at the weight while something is held.
+/// Number of frames between two estimates of the weight while something is held.
 const WEIGH_EVERY: u32 = 4;
-/// Cells whose inverse map is tried for a point.
+/// Number of cells whose inverse map is tried for a point.
 const CELLS_TRIED: usize = 24;
 
 /// One hypothesis.
@@ -40,10 +40,10 @@ const CELLS_TRIED: usize = 24;
 pub(crate) struct Track {
     pub model: CanonicalModel,
     pub body: BodyFilter,
-    /// Where each vertex lies in the lattice.
+    /// Coordinates of each vertex in the lattice.
     pub embeddings: Vec<Embedding>,
     pub keyframes: Keyframes,
-    /// Places recognised by their colours; none where no colours are used.
+    /// Landmarks recognised by colour; `None` where colours are not used.
     landmarks: Landmarks,
     /// Vertices measured in the last frame.
     pub seen: Vec<bool>,
@@ -51,18 +51,18 @@ pub(crate) struct Track {
     pub residual: f64,
     /// Share of the vertices that face the camera and are seen.
     pub share: f64,
-    /// Mean move of the nodes in the last frame, metres.
+    /// Mean motion of the nodes in the last frame, metres.
     pub moved: f64,
-    /// Frames in a row without motion and without grips.
+    /// Number of consecutive frames without motion and without grips.
     pub still: usize,
-    /// How the constraints of the last frame ended.
+    /// Outcome of the constraints in the last frame.
     pub constraints: Constraints,
-    /// Where the time of the last frame went.
+    /// Times of the parts of the last frame.
     #[serde(skip)]
     pub parts: FrameParts,
-    /// Why the last frame was not taken, if so.
+    /// Why the last frame was rejected, if it was.
     pub refused: Option<String>,
-    /// Frames in a row that were not taken.
+    /// Number of consecutive rejected frames.
     missed: usize,
     grips: Vec<Option<Grip>>,
     frame: u32,
@@ -71,12 +71,12 @@ pub(crate) struct Track {
     carried: f64,
     fill: Fill,
     own_contact: OwnContact,
-    /// Vertices beyond the first view when the body was filled last.
+    /// Number of vertices beyond the first view when the body was last filled.
     filled_with: usize,
 }
 
 impl Track {
-    /// The first frame: rest is where things are now.
+    /// The first frame: the live positions are the rest positions.
     pub fn begin(
         view: &FrameView,
         table: &Plane,
@@ -131,7 +131,7 @@ impl Track {
         Ok(track)
     }
 
-    /// Refuses a state that was read and does not fit together.
+    /// Rejects a loaded state that is inconsistent.
     pub fn check_read(&self) -> Result<(), Error> {
         self.body.check_read()?;
         let (vertices, cells) = (self.model.len(), self.body.lattice().cells().len());
@@ -152,7 +152,7 @@ impl Track {
         }
     }
 
-    /// Adds a vertex and the cell it lies in.
+    /// Adds a vertex and its cell.
     pub fn push(&mut self, vertex: NewVertex) {
         let at = self.embed(&vertex.rest, &vertex.rest_normal);
         self.model.push(vertex, self.frame);
@@ -160,7 +160,7 @@ impl Track {
         self.seen.push(true);
     }
 
-    /// Moves the body to a frame and judges the fit; a frame that is not believed leaves everything as it was.
+    /// Registers the body to a frame and evaluates the fit; an implausible frame leaves everything unchanged.
     pub fn follow(
         &mut self,
         view: &FrameView,
@@ -202,7 +202,7 @@ impl Track {
         Ok(())
     }
 
-    /// Recognises landmarks in a frame in which the body is not posed yet.
+    /// Recognises landmarks before the body is registered.
     fn recognise(&mut self, recognised: Option<&Recognised>) {
         let (lattice, pose) = (self.body.lattice(), self.body.pose());
         match recognised {
@@ -211,8 +211,8 @@ impl Track {
         }
     }
 
-    /// Bends the body until it meets the cloud and the landmarks, within what grips, contacts and limits allow. Where it is held, what these predicted
-    /// without the cloud is compared with the cloud first.
+    /// Deforms the body until it fits the cloud and the landmarks, subject to grips, contacts and limits. While it is held, the prediction from
+    /// these without the cloud is compared with the cloud first.
     fn step(
         &mut self,
         grips: &[(Embedding, Point3<f64>)],
@@ -254,7 +254,7 @@ impl Track {
         Ok(report)
     }
 
-    /// Plants landmarks where the surface was measured in this frame.
+    /// Creates landmarks where the surface was measured in this frame.
     pub fn plant(&mut self, frame: &Recognised, spacing: f64) {
         let body = (self.body.lattice(), self.body.pose());
         let surface = (&self.model, &self.seen[..]);
@@ -262,7 +262,7 @@ impl Track {
         self.landmarks.plant(frame, body, surface, spacing, number);
     }
 
-    /// Looks at the weight, now and then and where the frame fits.
+    /// Updates the estimate of the weight, in some of the frames that fit.
     fn weigh(&mut self, grips: &[(Embedding, Point3<f64>)]) {
         if self.frame.is_multiple_of(WEIGH_EVERY) && self.share > 0.6 && self.residual < 0.002 {
             let seen: Vec<(Embedding, UnitVector3<f64>)> = (0..self.model.len())
@@ -270,7 +270,7 @@ impl Track {
                 .map(|i| (self.embeddings[i], self.model.live_normal(i)))
                 .collect();
             let frame = BodyFrame::new(grips, &self.embeddings);
-            // A look that cannot be weighed says nothing of the weight; the frame stands.
+            // If the weight cannot be estimated from it, the frame itself is still valid.
             let _unweighed = self.body.weigh(&frame, &seen);
         }
     }
@@ -282,7 +282,7 @@ impl Track {
             self.model.live_mut()[i] = pose.position(lattice, at);
             let normal = pose.normal(lattice, at, &self.model.rest_normals()[i]);
             let turn = pose.turns[at.cell as usize];
-            // The rotation that carries the rest normal to the live one and is otherwise the cell's.
+            // The rotation that maps the rest normal to the live one and is otherwise that of the cell.
             let correction =
                 Rotation3::rotation_between(&(turn * self.model.rest_normals()[i]), &normal)
                     .unwrap_or_else(Rotation3::identity);
@@ -290,7 +290,7 @@ impl Track {
         }
     }
 
-    /// Which vertices this frame measured, and how well the whole fits.
+    /// Which vertices this frame measured, and how well it fits.
     fn judge(&mut self, view: &FrameView, options: &ReconstructOptions) {
         let (lattice, pose) = (self.body.lattice(), self.body.pose());
         let look = Look::new(&self.model, &self.embeddings, view, options);
@@ -315,23 +315,23 @@ impl Track {
         self.model.measured(&self.seen, self.frame);
     }
 
-    /// Whether the frame fits well enough to learn from.
+    /// Whether the frame fits well enough to update the model.
     pub fn fits(&self) -> bool {
         self.residual < 0.0012 && self.share > 0.75
     }
 
-    /// Frames in which the body was held, so that grips, table and weight alone predicted it.
+    /// Number of frames in which the body was held, so that it was predicted by grips, table and weight alone.
     pub fn held_frames(&self) -> usize {
         self.innovations.len()
     }
 
-    /// Mean innovation over the later half of the held frames, metres.
+    /// Mean innovation over the second half of the held frames, metres.
     pub fn mean_innovation(&self) -> f64 {
         let late = &self.innovations[self.innovations.len() / 2..];
         late.iter().sum::<f64>() / late.len().max(1) as f64
     }
 
-    /// How far the body has moved while held, metres.
+    /// How far the body was moved while held, metres.
     pub fn carried(&self) -> f64 {
         self.carried
     }
@@ -351,30 +351,30 @@ impl Track {
         to_rest(self.body.lattice(), self.body.pose(), point, cells)
     }
 
-    /// Moves the body as little as it takes until none of its surface, some of which is new to it, is under the table.
+    /// Moves the body as little as necessary to bring its surface, some of which is new, above the table.
     pub fn lift_out(&mut self) {
         let frame = BodyFrame::new(&[], &self.embeddings);
-        // What cannot be projected stays; the next frame brings it up or fails.
+        // If the projection fails the body is unchanged, and the next frame lifts it or fails.
         if self.body.project(&frame).is_ok() {
             self.pose();
         }
     }
 
-    /// Gives the vertices identities that `other` never used, but for those of the first frame, which are the same vertices; and the colours that
-    /// `other` has gathered, which are of places at rest.
+    /// Gives the vertices identities that `other` has never used, except for those of the first frame, which are the same; and takes the colours
+    /// that `other` has gathered at rest.
     pub fn renamed_after(&mut self, other: &Self) {
         self.model.rename_after(&other.model);
         self.model.take_colours_of(&other.model);
     }
 
-    /// Keeps the vertices marked.
+    /// Keeps the marked vertices.
     pub fn retain(&mut self, keep: &[bool]) {
         let stays = self.model.retain(keep);
         self.embeddings = stays.iter().map(|&i| self.embeddings[i as usize]).collect();
         self.seen = stays.iter().map(|&i| self.seen[i as usize]).collect();
     }
 
-    /// The surface graph of the vertices as they are.
+    /// Recomputes the surface graph of the present vertices.
     pub fn settle_edges(&mut self, spacing: f64) {
         self.model.join(spacing);
     }
@@ -388,7 +388,7 @@ pub(crate) fn cell_tree(lattice: &Lattice, live: &[Point3<f64>]) -> Option<graph
     graph::tree(&centres)
 }
 
-/// Carries a live point to rest through the nearest cells that are stiff enough to be trusted.
+/// Maps a live point to rest through the nearest cells that are stiff enough.
 pub(crate) fn to_rest(
     lattice: &Lattice,
     pose: &topo_ekf::body::Pose,

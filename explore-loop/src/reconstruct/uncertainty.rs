@@ -1,11 +1,11 @@
-//! How well the place of every vertex is known now: the standard deviations of the body filter, `σ = √(tr cov x / 3)`.
+//! Uncertainty of the present position of every vertex: standard deviations of the body filter, `σ = √(tr cov x / 3)`.
 
 use super::Reconstructor;
 use super::track::Track;
 use topo_ekf::body::Embedding;
 
 impl Reconstructor {
-    /// Standard deviation of the place of every vertex now, m; infinite where the last frame says nothing of it. `None` before anything was seen.
+    /// Standard deviation of the present position of every vertex, m; infinite where the last frame does not determine it. `None` before the first frame.
     ///
     /// # Complexity
     /// That of [`topo_ekf::body::BodyFilter::marginal_sigmas`]: about as long as a frame.
@@ -15,7 +15,7 @@ impl Reconstructor {
 }
 
 impl Track {
-    /// Vertices that the last frame added may lie in cells that the filter has not stepped with yet.
+    /// Vertices that the last frame added may lie in cells that have no covariance yet.
     fn sigmas(&self) -> Vec<f64> {
         let unknown = vec![f64::INFINITY; self.embeddings.len()];
         let cells = match self.body.marginal_sigmas(&self.embeddings) {

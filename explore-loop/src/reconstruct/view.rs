@@ -1,4 +1,4 @@
-//! What a frame shows, made ready once: points, normals, search tree, depth image.
+//! The data of a frame, prepared once: points, normals, search tree, depth image.
 
 use crate::Error;
 use crate::canonical::graph;
@@ -6,13 +6,13 @@ use crate::cell::Observation;
 use crate::visibility::DepthGrid;
 use nalgebra::{Point3, UnitVector3};
 
-/// Fewest points that make a frame.
+/// Fewest points of a frame.
 pub(crate) const FEWEST: usize = 20;
-/// Most depth of a point, of that of the middle one.
+/// Largest depth of a point, in multiples of the median.
 const FARTHEST: f64 = 10.0;
-/// Neighbours that a normal is fitted to.
+/// Number of neighbours to which a normal is fitted.
 const NORMAL_NEIGHBOURS: usize = 16;
-/// Neighbours that decide whether the seen surface ends at a point, and the angle they leave open there, radians.
+/// Number of neighbours by which the boundary of the seen surface is found, and the gap of their directions there, radians.
 const RIM_NEIGHBOURS: usize = 16;
 const RIM_ANGLE: f64 = 1.9;
 
@@ -22,7 +22,7 @@ const RIM_ANGLE: f64 = 1.9;
 pub(crate) struct FrameView {
     pub points: Vec<Point3<f64>>,
     pub normals: Vec<UnitVector3<f64>>,
-    /// Where the seen surface ends.
+    /// Whether each point lies on the boundary of the seen surface.
     pub rim: Vec<bool>,
     /// Depth image of the whole cloud.
     pub depth: DepthGrid,
@@ -30,12 +30,12 @@ pub(crate) struct FrameView {
 }
 
 impl FrameView {
-    /// Where the camera was.
+    /// Position of the camera.
     pub fn eye(&self) -> Point3<f64> {
         self.depth.eye()
     }
 
-    /// Of an observation; `None` when it shows too little of the object.
+    /// Prepares an observation; `None` when it shows too little of the object.
     pub fn new(observation: &Observation, spacing: f64) -> Result<Option<Self>, Error> {
         let points = usable(observation);
         if points.len() < FEWEST {
@@ -66,7 +66,7 @@ impl FrameView {
     }
 }
 
-/// Points that are some, without strays many times as far away as the middle one: those would make the image of depths as large as they are far.
+/// Finite points, without outliers at many times the median distance: their depth image would be as large as they are far away.
 fn usable(observation: &Observation) -> Vec<Point3<f64>> {
     let finite = |p: &&Point3<f64>| p.coords.iter().all(|x| x.is_finite());
     let mut points: Vec<Point3<f64>> = observation.points.iter().filter(finite).copied().collect();
@@ -81,7 +81,7 @@ fn usable(observation: &Observation) -> Vec<Point3<f64>> {
     points
 }
 
-/// What of a view is written down; the tree is grown again.
+/// The saved part of a view; the tree is rebuilt.
 type Seen = (
     Vec<Point3<f64>>,
     Vec<UnitVector3<f64>>,

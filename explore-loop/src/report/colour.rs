@@ -1,14 +1,14 @@
-//! Colours that pictures, the page and the live view share.
+//! Colours shared by pictures, the page and the live view.
 
 /// Red, green and blue.
 pub type Rgb = [u8; 3];
 
-/// First seen early: blue; late: yellow. `share` is 0 for the first frame and 1 for the last.
+/// Colour by the time of first sight: blue early, yellow late. `share` is 0 for the first frame and 1 for the last.
 pub fn first_seen(share: f64) -> Rgb {
     mix([60, 110, 200], [250, 200, 60], share)
 }
 
-/// From one colour to another; `share` is cut to 0 to 1.
+/// Interpolates two colours; `share` is clamped to 0 to 1.
 pub fn mix(from: Rgb, to: Rgb, share: f64) -> Rgb {
     let share = share.clamp(0.0, 1.0);
     std::array::from_fn(|c| {

@@ -1,4 +1,4 @@
-//! `frames.csv`: one line a frame, to see where an exploration lost its way.
+//! `frames.csv`: one line for each frame, to find where an exploration went wrong.
 
 use crate::canonical::CanonicalModel;
 use crate::reconstruct::FrameReport;
@@ -7,7 +7,7 @@ use std::fmt::Write;
 /// Header of the file.
 pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,hollow_over_solid,active,near_itself,infeasible,violation_um,below_table_um,registration_ms,frame_ms,failure\n";
 
-/// Mean of the errors of the vertices that `seen` marks (or of the others), in mm; empty when there is none.
+/// Mean of the errors of the vertices for which `seen` equals `wanted`, in mm; empty when there is none.
 fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
     let chosen: Vec<f64> = errors
         .iter()
@@ -25,7 +25,7 @@ fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
     }
 }
 
-/// One line; `errors` are the distances of the vertices to where they truly are, empty where nobody knows.
+/// One line; `errors` are the distances of the vertices from their true positions, empty where these are unknown.
 pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[f64]) -> String {
     let mut text = String::new();
     // Writing to a String cannot fail.

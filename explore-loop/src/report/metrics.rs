@@ -1,4 +1,4 @@
-//! `metrics.json`: what a run measured, under the names of [`crate::measure`].
+//! `metrics.json`: the measures of a run, defined in [`crate::measure`].
 
 use crate::canonical::closed_surface::Unseen;
 use crate::measure::{
@@ -18,7 +18,7 @@ pub struct Timing {
 }
 
 impl Timing {
-    /// Of a list of times; zeros of an empty one.
+    /// From a list of times; zeros if it is empty.
     pub fn of(times: &[f64]) -> Self {
         let mut sorted = times.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -56,25 +56,25 @@ impl Cut {
     }
 }
 
-/// How the constraints on the body ended, over all frames.
+/// Outcome of the constraints on the body, over all frames.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct ConstraintMeasures {
-    /// Frames in which some constraint pushed.
+    /// Number of frames with an active constraint.
     pub active_frames: usize,
-    /// Most constraints that pushed in a frame.
+    /// Largest number of active constraints in a frame.
     pub active_max: usize,
-    /// Most vertices in a frame that were near another part of the surface.
+    /// Largest number of vertices near another part of the surface in a frame.
     pub near_itself_max: usize,
-    /// Frames in which constraints contradicted each other.
+    /// Number of frames with infeasible constraints.
     pub infeasible_frames: usize,
-    /// Largest violation left after a frame, metres.
+    /// Largest violation after a frame, metres.
     pub violation_m: f64,
-    /// How far a vertex of the model lay under the table at most, metres.
+    /// Largest depth of a vertex of the model below the table, metres.
     pub below_table_m: f64,
 }
 
 impl ConstraintMeasures {
-    /// Takes a frame in.
+    /// Adds a frame.
     pub fn add(&mut self, frame: &Constraints) {
         self.active_frames += usize::from(frame.active > 0);
         self.active_max = self.active_max.max(frame.active);
@@ -85,18 +85,18 @@ impl ConstraintMeasures {
     }
 }
 
-/// A place of the surface that was never seen.
+/// A patch of the surface that was never seen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct UnseenPlace {
-    /// Its middle at rest, in the frame of `canonical.ply`, metres.
+    /// Its centroid at rest, in the frame of `canonical.ply`, metres.
     pub middle_m: [f64; 3],
-    /// Which way it faces there, a unit vector.
+    /// The direction it faces, a unit vector.
     pub facing: [f64; 3],
     /// Its area, m².
     pub area_m2: f64,
     /// Its share of the surface.
     pub share: f64,
-    /// Distance of its innermost point from anything that was seen, metres; null when nothing seen faces as it does.
+    /// Largest distance of one of its points from the seen surface, metres; null when no seen surface faces the same way.
     pub farthest_m: Option<f64>,
 }
 
@@ -112,7 +112,7 @@ impl From<&Unseen> for UnseenPlace {
     }
 }
 
-/// The file's content. Keys are stable; measures that need a ground truth are null where there is none.
+/// The content of the file. Keys are stable; measures that need a ground truth are null where there is none.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Metrics {
     /// Name of the scene, mesh file or session.
@@ -121,26 +121,26 @@ pub struct Metrics {
     pub arms: usize,
     /// `planned`, `random` or `recorded`.
     pub grips: String,
-    /// Seed of everything random.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Fastest grip speed, m/s.
+    /// Largest grip speed, m/s.
     pub speed_m_s: Option<f64>,
     /// Spacing ε of the model, metres.
     pub spacing_m: f64,
     /// Parts that were left out (`--without`).
     #[serde(default)]
     pub without: Vec<String>,
-    /// Manipulations made.
+    /// Number of manipulations.
     pub manipulations: usize,
-    /// Why the run ended: `closed`, or what stopped it.
+    /// Why the run ended: `closed`, or another keyword.
     pub stop: String,
-    /// The same as a sentence where the word does not say it all.
+    /// The reason as a sentence, where the keyword is not enough.
     #[serde(default)]
     pub reason: Option<String>,
-    /// What was given up on the way, in order.
+    /// Manipulations that were given up, in order.
     #[serde(default)]
     pub troubles: Vec<String>,
-    /// Where the surface was never seen, the largest place first; none when it was wholly seen.
+    /// The patches that were never seen, the largest first; empty when all was seen.
     #[serde(default)]
     pub unseen: Vec<UnseenPlace>,
     /// Contacts at which parts that touch were parted in the closed surface.
@@ -148,12 +148,12 @@ pub struct Metrics {
     pub contacts: usize,
     /// Persistent Betti numbers of the canonical model.
     pub betti: [usize; 3],
-    /// The same before the first manipulation and after each.
+    /// The Betti numbers before the first manipulation and after each.
     #[serde(default)]
     pub betti_before: Vec<[usize; 3]>,
     /// Share of the true area within one spacing of the model's points, before the first manipulation and after each.
     pub explored: Option<Vec<f64>>,
-    /// The same within two spacings, as the paper counts it.
+    /// The share within two spacings, as the paper counts it.
     pub explored_2eps: Option<Vec<f64>>,
     /// Distance from the written mesh to the true surface, metres.
     pub accuracy_m: Option<Spread>,
@@ -161,53 +161,53 @@ pub struct Metrics {
     pub completeness_m: Option<Spread>,
     /// Harmonic mean of the shares of both within 2 and 5 mm.
     pub f_score: Option<FScore>,
-    /// Share of the true area over which the mesh has a sheet more than the truth.
+    /// Share of the true area over which the mesh has an additional sheet.
     pub doubled: Option<f64>,
     /// Share of the mesh's area farther than one spacing from every fused point; null for an empty mesh.
     pub unsupported: Option<f64>,
-    /// What a mesh tool says of the written mesh.
+    /// Counts of edges, components and so on of the written mesh.
     pub mesh: MeshReport,
-    /// Mean distance canonical point to true surface, metres.
+    /// Mean distance of the points of the model from the true surface, metres.
     pub shape_difference_m: Option<f64>,
-    /// The same as a share of the object's size.
+    /// That distance as a share of the object's size.
     pub shape_difference_rel: Option<f64>,
-    /// Mean distance of unseen vertices to their material points over all frames, metres.
+    /// Mean distance of unseen vertices from their material points over all frames, metres.
     pub prediction_error_m: Option<f64>,
-    /// The same over the frames in which an arm held, metres.
+    /// The same over the frames in which an arm held the object, metres.
     pub prediction_error_held_m: Option<f64>,
-    /// Mean tangential distance of seen vertices to their material points over all frames, metres.
+    /// Mean tangential distance of seen vertices from their material points over all frames, metres.
     pub slide_m: Option<f64>,
-    /// How far the model and a tracker of pixels differ, if tracks were given.
+    /// Disagreement of the model and a pixel tracker, if tracks were given.
     #[serde(default)]
     pub tracks: Option<TrackErrors>,
-    /// Stiffness of the elastic prior over the weight it carries; null while nobody estimates it.
+    /// Estimated stiffness over weight `E / (ρ g)` of the object, m; null if it was not estimated.
     pub stiffness_over_weight: Option<f64>,
-    /// Cut as non-manifold.
+    /// Number of simplices cut as non-manifold.
     pub nm_cut: Cut,
     /// Non-manifold vertices left at the end.
     pub nm_remaining: usize,
-    /// Points left out because the complex would have become too large.
+    /// Number of points dropped because the complex would have become too large.
     pub thinned: usize,
-    /// Frames processed.
+    /// Number of processed frames.
     pub frames: usize,
-    /// Frames that were not registered or not believed.
+    /// Number of frames that were not registered or were implausible.
     pub failed_frames: usize,
     /// Table and self-contact.
     pub constraints: ConstraintMeasures,
-    /// Registration, per frame.
+    /// Registration time of each frame.
     pub registration_ms: Timing,
-    /// The whole frame.
+    /// Time of each frame.
     pub frame_ms: Timing,
-    /// Vertices of the canonical model.
+    /// Number of vertices of the canonical model.
     pub vertices: usize,
     /// Time that passed in the cell, seconds.
     pub robot_time_s: f64,
-    /// Time that passed here, seconds.
+    /// Wall-clock time, seconds.
     pub wall_s: f64,
 }
 
 impl Metrics {
-    /// Takes over what the measures say of the written mesh.
+    /// Sets the measures of the written mesh.
     #[must_use]
     pub fn with_mesh(self, measures: &MeshMeasures) -> Self {
         let truth = measures.truth.as_ref();
@@ -223,11 +223,11 @@ impl Metrics {
         }
     }
 
-    /// Takes over the shape of the model's points: each time it was measured, and at the end.
+    /// Sets the measures of the shape of the model's points: for each decision, and at the end.
     #[must_use]
     pub fn with_shape(self, times: &[ShapeMeasures], end: Option<&ShapeMeasures>) -> Self {
         let list = |field: fn(&ShapeMeasures) -> f64| {
-            // Without a truth there is nothing that was compared.
+            // Without a ground truth nothing was compared.
             let compared = !times.is_empty() && end.is_some();
             compared.then(|| times.iter().map(field).collect())
         };
@@ -240,7 +240,7 @@ impl Metrics {
         }
     }
 
-    /// Takes over the errors of tracking.
+    /// Sets the errors of tracking.
     #[must_use]
     pub fn with_tracking(self, tracking: &TrackingMeasures) -> Self {
         Self {

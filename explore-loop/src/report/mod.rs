@@ -1,4 +1,4 @@
-//! What a run leaves behind: `metrics.json`, `canonical.ply`, pictures, and a page that shows it all.
+//! The results of a run: `metrics.json`, `canonical.ply`, pictures, and a page that shows everything.
 
 pub mod colour;
 pub mod frames;

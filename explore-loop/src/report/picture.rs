@@ -1,7 +1,7 @@
 //! Pictures of a model from six sides, as PNG: a small z-buffer renderer.
 //!
-//! A look at the model after every manipulation shows at once what numbers hide: doubled sheets, strips that bend
-//! away, holes. Views are orthographic along ±x, ±y, ±z of the given points, in one image of 3 × 2 panels.
+//! A picture of the model after every manipulation shows at once what numbers hide: doubled sheets, misplaced layers, holes.
+//! Views are orthographic along ±x, ±y, ±z of the given points, in one image of 3 × 2 panels.
 
 pub use super::colour::Rgb;
 use nalgebra::{Point3, Vector3};
@@ -19,7 +19,7 @@ pub struct Drawing<'a> {
     pub colours: &'a [Rgb],
 }
 
-/// Colour of a face seen from behind: a hole in the front shows it.
+/// Colour of the back of a face, seen through a hole in the front.
 const INSIDE: Rgb = [205, 120, 110];
 const PANEL: usize = 420;
 
@@ -30,7 +30,7 @@ struct Canvas {
     depth: Vec<f64>,
 }
 
-/// A view: screen axes and the direction one looks along.
+/// A view: screen axes and viewing direction.
 struct View {
     right: Vector3<f64>,
     up: Vector3<f64>,
@@ -93,7 +93,7 @@ pub fn write_six_views(path: &Path, drawing: &Drawing<'_>) -> io::Result<()> {
     canvas.save(path)
 }
 
-/// Centre of the bounding box and pixels per unit so that a panel holds it.
+/// Centre of the bounding box, and the scale that fits it into a panel.
 fn frame(points: &[Point3<f64>]) -> (Point3<f64>, f64) {
     let low = points
         .iter()

@@ -1,4 +1,4 @@
-//! A Chromium without a window, led over its debugging socket: enough of it to look at a page as a user would.
+//! A headless Chromium, controlled over its debugging socket, to view a page as a user would.
 
 use base64::Engine;
 use serde_json::{Value, json};
@@ -8,12 +8,12 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::{Message, WebSocket};
 
-/// Says where a Chromium is; without it the usual names are looked for.
+/// Path of a Chromium; without it the usual names are tried.
 const NAMED: &str = "CHROMIUM";
 /// When set, a missing browser is a failure.
 const REQUIRED: &str = "BROWSER_REQUIRED";
 
-/// Where a browser is; `None`, and a line that says so, where there is none and nobody insists.
+/// Path of a browser; `None` with a message if there is none and none is required.
 pub fn browser() -> Option<PathBuf> {
     if let Some(path) = std::env::var_os(NAMED) {
         return Some(path.into());

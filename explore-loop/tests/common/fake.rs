@@ -1,5 +1,5 @@
-//! A cell without physics: a rigid ellipsoid goes with the tips that hold it, falls when it is let go, and is seen where it faces the camera.
-//! And a recorder that holds every command against the limits.
+//! A cell without physics: a rigid ellipsoid moves with the tips that hold it, falls when released, and is visible where it faces the camera;
+//! and a recorder that compares every command with the limits.
 
 use super::{Normal, ellipsoid};
 use explore_loop::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane};
@@ -41,7 +41,7 @@ pub struct World {
     pub taken_at: Option<usize>,
 }
 
-/// A handle on the world: clones see the same one.
+/// A handle to the world, shared by its clones.
 #[derive(Clone)]
 pub struct FakeCell {
     info: CellInfo,
@@ -293,7 +293,7 @@ struct Sent {
     this_frame: bool,
 }
 
-/// Holds every set-point against the limits, and remembers where the tips truly were at every frame.
+/// Compares every set-point with the limits, and records the true poses of the tips in every frame.
 pub struct Recorder<C> {
     cell: C,
     world: FakeCell,

@@ -1,4 +1,4 @@
-//! Bodies whose answer is known, for several test files.
+//! Bodies with known results, for several test files.
 #![allow(missing_docs, dead_code, clippy::unwrap_used)]
 
 use explore_loop::canonical::{CanonicalModel, NewVertex};

@@ -1,4 +1,4 @@
-//! What was found, in words and as JSON.
+//! The result as text and as JSON.
 
 use std::io::{self, Write};
 
@@ -13,13 +13,13 @@ use crate::arguments::Arguments;
 /// The plan of a set of grips, or why there is none.
 pub type Judged = Result<Plan, Refusal>;
 
-/// All that was found.
+/// The whole result.
 pub struct Answer<'a> {
     pub arguments: &'a Arguments,
     pub surface: &'a Surface,
     pub model: &'a Model<'a>,
     pub ranked: &'a Ranked,
-    /// One for each set that was ranked.
+    /// One for each ranked set.
     pub sets: &'a [Judged],
 }
 
@@ -59,7 +59,7 @@ impl Answer<'_> {
         let found = &self.ranked.candidates;
         writeln!(
             out,
-            "{} candidates, {} other vertices looked at:",
+            "{} candidates, {} other vertices tested:",
             found.accepted.len(),
             found.rejected.len()
         )?;
@@ -72,7 +72,7 @@ impl Answer<'_> {
         Ok(())
     }
 
-    /// Why vertices are no candidates: the word, how many, the first.
+    /// Why vertices are not candidates: the keyword, their number, and the first one.
     fn rejected(&self) -> Vec<(&'static str, usize, &(u32, Reason))> {
         let mut words: Vec<(&str, usize, &(u32, Reason))> = Vec::new();
         for rejected in &self.ranked.candidates.rejected {
@@ -115,7 +115,7 @@ impl Answer<'_> {
 fn print_set(out: &mut dyn Write, rank: usize, set: &GripSet, plan: &Judged) -> io::Result<()> {
     let verdict = match plan {
         Ok(plan) => format!(
-            "can be done: {:.1} s to the grips, {:.1} s, {:.1} s home, at most {:.0} mm/s",
+            "feasible: {:.1} s to the grips, {:.1} s motion, {:.1} s home, at most {:.0} mm/s",
             plan.reach.duration,
             plan.motion.duration,
             plan.withdraw.duration,
@@ -182,7 +182,7 @@ fn role(grip: &Grip) -> &'static str {
     }
 }
 
-/// Where an axis of the jaws points.
+/// Direction of an axis of the jaws.
 fn axis(grip: &Grip, of_jaws: &Vector3<f64>) -> Vector3<f64> {
     grip.camera_from_tip.rotation * of_jaws
 }

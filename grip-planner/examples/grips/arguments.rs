@@ -1,4 +1,4 @@
-//! What the user asked for.
+//! The command line.
 
 use std::path::PathBuf;
 
@@ -6,7 +6,7 @@ use grip_planner::Plane;
 use grip_planner::nalgebra::{Point3, UnitVector3, Vector3};
 use mesh_io::program::{Loading, Output, numbers};
 
-/// Where arms would take hold of an object, and how they would turn it over
+/// Plans where arms grip an object, and how they turn it over
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "grips",
@@ -15,12 +15,12 @@ use mesh_io::program::{Loading, Output, numbers};
 Exit code 0: a set of grips can be carried out; 1: none can, or a file cannot be read or written; 2: the command line is wrong."
 )]
 pub struct Arguments {
-    /// Mesh (PLY, OBJ, STL, OFF): closed, then what the camera sees of it counts as known; or open, then all of it
+    /// Mesh (PLY, OBJ, STL, OFF): of a closed one the part that the camera sees is known, of an open one all
     pub model: PathBuf,
     /// How many arms: one from either end of the table, a third from behind
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     pub arms: u8,
-    /// Where the camera is, m [default: above the middle, two and a half diagonals away]
+    /// Position of the camera, m [default: above the centre, at two and a half diagonals]
     #[arg(long, value_name = "X,Y,Z", value_parser = camera, allow_hyphen_values = true)]
     pub camera: Option<Point3<f64>>,
     /// The table A x + B y + C z + D = 0, positive on the free side, m [default: z up, through the lowest vertex]

@@ -1,4 +1,4 @@
-//! The mesh as the file has it: where it stands and how large it is.
+//! Position and size of the mesh.
 
 use grip_planner::Plane;
 use grip_planner::nalgebra::{Point3, Vector3};

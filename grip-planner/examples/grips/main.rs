@@ -1,8 +1,8 @@
-//! Where would two or three arms take hold of this object, and how would they turn it over?
+//! Plans where two or three arms grip an object, and how they turn it over.
 //! `cargo run --release -p grip-planner --example grips -- --help`.
 //!
-//! Prints the ranked sets of grips with coverage, poses, and the reason where a set is refused, and why vertices are no candidates; writes a
-//! picture seen from the camera: coverage by colour, candidates, grips and the ways of the tips.
+//! Prints the ranked sets of grips with coverage, poses, and the reason if a set is rejected, and why vertices are not candidates; writes a
+//! picture from the camera: coverage by colour, candidates, grips and the paths of the tips.
 
 mod answer;
 mod arguments;
@@ -21,7 +21,7 @@ use grip_planner::{
 use mesh_io::Load;
 use mesh_io::program::{self, Failure};
 
-/// No body between these diagonals, m, can be held by jaws of centimetres.
+/// Bodies with diagonals outside this range, m, cannot be held by jaws of centimetres.
 const EXTENT: [f64; 2] = [1e-3, 10.0];
 
 fn main() -> ExitCode {
@@ -47,7 +47,7 @@ fn grips(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let lowest = heights.fold(f64::INFINITY, f64::min);
     if lowest < -0.05 * diagonal {
         let (path, depth) = (path.display(), mesh_io::three_digits(-lowest));
-        return Err(format!("{path}: reaches {depth} m under the table: see --plane").into());
+        return Err(format!("{path}: extends {depth} m below the table: see --plane").into());
     }
     let surface = Surface::from_mesh(points, model.triangles(), &camera)
         .map_err(|error| format!("{}: {error}", path.display()))?;
@@ -81,11 +81,11 @@ fn grips(arguments: &Arguments) -> Result<ExitCode, Failure> {
     arguments.output.object(&answer.object())?;
     match best {
         Some(_) => Ok(ExitCode::SUCCESS),
-        None => Err(format!("{}: every set of grips was refused", path.display()).into()),
+        None => Err(format!("{}: every set of grips was rejected", path.display()).into()),
     }
 }
 
-/// Arms at both ends of the longer side of the body, a third behind: their remote centres stand over the table like those of PSMs.
+/// Arms at both ends of the longer side of the body, and a third behind, with remote centres above the table like those of PSMs.
 fn arms(count: usize, surface: &Surface, table: &Plane) -> Result<Vec<Arm>, grip_planner::Error> {
     let outline = agent_box(surface.points(), table)?;
     let foot = table.foot(&outline.center);
@@ -116,7 +116,7 @@ fn arms(count: usize, surface: &Surface, table: &Plane) -> Result<Vec<Arm>, grip
         .collect())
 }
 
-/// A set whose third arm is in the way can still do without it.
+/// If the third arm of a set is obstructed, the set is tried without it.
 fn planned(
     model: &Model,
     scene: &Scene,

@@ -11,7 +11,7 @@ const MARGIN: f64 = 90.0;
 /// One colour for each arm.
 const ARMS: [&str; 3] = ["#d62728", "#1f5fbf", "#7a3fa0"];
 
-/// Draws the known surface with its coverage, the candidates, the grips of the plan and the ways of their tips.
+/// Draws the known surface with its coverage, the candidates, the grips of the plan and the paths of their tips.
 pub fn draw(surface: &Surface, scene: &Scene, ranked: &Ranked, plan: Option<&Plan>) -> String {
     let tips = plan.map_or(Vec::new(), tips);
     let view = View::new(scene, surface, &tips);
@@ -42,7 +42,7 @@ pub fn draw(surface: &Surface, scene: &Scene, ranked: &Ranked, plan: Option<&Pla
     svg
 }
 
-/// The tips on their ways while they hold, one list an arm.
+/// The paths of the tips while they hold, one list for each arm.
 fn tips(plan: &Plan) -> Vec<Vec<Point3<f64>>> {
     let tip = |k: &grip_planner::Keyframe| Point3::from(k.camera_from_tip.translation.vector);
     let way = |path: &grip_planner::ArmPath| {
@@ -52,7 +52,7 @@ fn tips(plan: &Plan) -> Vec<Vec<Point3<f64>>> {
     plan.motion.arms.iter().map(way).collect()
 }
 
-/// A pinhole camera that looks at the middle of the body, fitted to the picture.
+/// A pinhole camera that looks at the centre of the body, fitted to the picture.
 struct View {
     camera: Point3<f64>,
     axes: [UnitVector3<f64>; 3],
@@ -65,7 +65,7 @@ impl View {
         let (middle, _) = crate::extent::extent(surface.points());
         let forward =
             UnitVector3::try_new(middle - scene.camera, 1e-12).unwrap_or(-scene.table.normal);
-        // The picture's x is level; seen from straight above, it is one of the table's axes.
+        // The picture's x axis is horizontal; for a camera straight above, it is one of the table's axes.
         let level = scene.table.normal.cross(&forward);
         let right = UnitVector3::try_new(-level, 1e-6).unwrap_or(scene.table.axes()[0]);
         let down = UnitVector3::new_normalize(forward.cross(&right));
@@ -94,7 +94,7 @@ impl View {
 
     fn project(&self, p: &Point3<f64>) -> [f64; 2] {
         let d = p - self.camera;
-        // What is beside or behind the camera is drawn at its edge.
+        // Points beside or behind the camera are drawn at the edge.
         let depth = self.axes[2].dot(&d).max(1e-3);
         [self.axes[0].dot(&d) / depth, self.axes[1].dot(&d) / depth]
     }
@@ -105,7 +105,7 @@ impl View {
     }
 }
 
-/// Far ones first; bright where they face the camera, orange where the grips command them.
+/// Far triangles first; bright where they face the camera, orange where the grips command them.
 fn triangles(svg: &mut String, surface: &Surface, scene: &Scene, view: &View, coverage: &[f64]) {
     let mut order: Vec<(f64, &[u32; 3])> = surface
         .triangles()
@@ -125,7 +125,7 @@ fn triangles(svg: &mut String, surface: &Surface, scene: &Scene, view: &View, co
             .unwrap_or_else(Vector3::zeros);
         let toward = (scene.camera - a).normalize();
         let light = 0.55 + 0.45 * normal.dot(&toward).abs();
-        // The square root lets small shares be seen.
+        // The square root makes small shares visible.
         let warm = (t.iter().map(|&v| share(v)).sum::<f64>() / 3.0).sqrt();
         let mix = |cold: f64, hot: f64| (light * (cold + (hot - cold) * warm)) as u8;
         let fill = format!(
@@ -205,11 +205,11 @@ fn legend(svg: &mut String, ranked: &Ranked, plan: Option<&Plan>) {
             plan.motion.duration,
             1e3 * plan.motion.peak_speed()
         ),
-        None => "every set was refused".to_owned(),
+        None => "every set was rejected".to_owned(),
     };
     let _ = writeln!(
         svg,
-        "<text x=\"20\" y=\"28\">{line}</text>\n<text x=\"20\" y=\"48\" fill=\"#555\">{} candidates: dots on the boundary, rings on the outline; dashed: the ways of the tips</text>",
+        "<text x=\"20\" y=\"28\">{line}</text>\n<text x=\"20\" y=\"48\" fill=\"#555\">{} candidates: dots on the boundary, rings on the outline; dashed: the paths of the tips</text>",
         ranked.candidates.accepted.len()
     );
 }

@@ -53,7 +53,7 @@ pub struct Header {
     pub bytes: usize,
 }
 
-/// The lines of a header as they stand.
+/// The lines of a header, unparsed.
 #[derive(Default)]
 struct Entries<'a> {
     names: Vec<&'a [u8]>,
@@ -66,10 +66,10 @@ struct Entries<'a> {
 }
 
 impl<'a> Entries<'a> {
-    /// Takes a line in; what `DATA` says when it is that line.
+    /// Parses a line; returns the kind of data if the line is `DATA`.
     ///
     /// # Errors
-    /// What is wrong with the line.
+    /// A description of the error.
     fn take(&mut self, list: &[&'a [u8]], first: bool) -> Result<Option<Data>, &'static str> {
         let all =
             |list: &[&[u8]]| -> Option<Vec<usize>> { list.iter().map(|w| whole(w)).collect() };
@@ -96,11 +96,11 @@ impl<'a> Entries<'a> {
     }
 
     /// # Errors
-    /// Lines that do not go together.
+    /// Lines that contradict each other.
     fn fields(&self, data: Data) -> Result<Vec<Field>, String> {
         let mut fields = fields(&self.names, &self.sizes, &self.types, &self.counts)?;
         if data != Data::Text {
-            // Some colours are floats that are no number: their bits would not survive being one.
+            // Packed colours may be floats that are NaN: their bits would not survive a conversion to a number.
             let colours = fields
                 .iter_mut()
                 .filter(|f| f.name.starts_with("rgb") && f.scalar == Scalar::F32);
@@ -151,7 +151,7 @@ impl Header {
         self.fields.iter().map(Field::size).sum()
     }
 
-    /// Bytes of a point in front of a field.
+    /// Offset of a field in a point, in bytes.
     pub fn offset(&self, field: usize) -> usize {
         self.fields[..field].iter().map(Field::size).sum()
     }
@@ -163,7 +163,7 @@ impl Header {
             _ => Err(syntax(
                 Place::Byte(start),
                 format!(
-                    "{points} points of {} bytes are promised, there are {bytes} bytes",
+                    "the header says {points} points of {} bytes, but there are {bytes} bytes",
                     self.stride()
                 ),
             )),
@@ -171,7 +171,7 @@ impl Header {
     }
 }
 
-/// No field of a point is longer.
+/// Largest length of a field of a point.
 const LONGEST: usize = 1 << 20;
 
 fn fields(
@@ -184,7 +184,7 @@ fn fields(
     if n == 0 || sizes.len() != n || types.len() != n || !(counts.is_empty() || counts.len() == n) {
         let (s, t, c) = (sizes.len(), types.len(), counts.len());
         return Err(format!(
-            "{n} FIELDS, {s} SIZE, {t} TYPE and {c} COUNT do not go together"
+            "{n} FIELDS, {s} SIZE, {t} TYPE and {c} COUNT do not match"
         ));
     }
     let field = |k: usize| {
@@ -201,7 +201,7 @@ fn fields(
             (b"F", 8) => Scalar::F64,
             (kind, size) => {
                 return Err(format!(
-                    "there is no number of TYPE {} and SIZE {size}",
+                    "no number has TYPE {} and SIZE {size}",
                     shown(kind)
                 ));
             }
@@ -209,7 +209,7 @@ fn fields(
         Ok(Field {
             name: String::from_utf8_lossy(names[k]).into_owned(),
             scalar,
-            // The Point Cloud Library takes 0 for 1.
+            // Like the Point Cloud Library, takes 0 for 1.
             count: match counts.get(k).copied().unwrap_or(1).max(1) {
                 count if count <= LONGEST => count,
                 count => return Err(format!("a COUNT of {count}")),

@@ -1,4 +1,4 @@
-//! Points as PCD.
+//! Writes points as PCD.
 
 use std::io::{self, Write};
 

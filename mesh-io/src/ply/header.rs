@@ -28,7 +28,7 @@ pub struct Element {
 }
 
 impl Element {
-    /// A row takes no fewer bytes than this.
+    /// The smallest number of bytes of this property in a row.
     pub fn least_bytes(&self) -> usize {
         let size = |p: &Property| p.count.unwrap_or(p.scalar).size();
         self.properties.iter().map(size).sum()
@@ -76,7 +76,7 @@ impl Header {
                 [b"format", ..] => return Err(complain("not a format of version 1.0")),
                 [b"element", name, count] => {
                     let name = String::from_utf8_lossy(name).into_owned();
-                    // Two tables of vertices may have different columns: one mesh cannot hold both.
+                    // Two vertex elements may have different columns, which one mesh cannot hold.
                     let again = |known: &Element| known.name == "vertex" && name == "vertex";
                     if elements.iter().any(again) {
                         return Err(complain("a second element vertex"));

@@ -28,17 +28,17 @@ pub fn read(header: &Header, bytes: &[u8], raw: &mut Raw) -> Result<(), Error> {
     }
 }
 
-/// Rows of values, however they are written.
+/// Rows of values in any encoding.
 trait Rows {
-    /// Reads a row: numbers into `row`, one a property (the count for a list), and every value of a list into `lists`.
+    /// Reads a row: numbers into `row`, one per property (the count for a list), and all values of the wanted list.
     fn row(&mut self, element: &Element, index: usize, row: &mut Row) -> Result<(), Error>;
-    /// Where the row stands that was read last.
+    /// Place of the last row.
     fn place(&self) -> Place;
-    /// At most so many rows can follow.
+    /// Upper limit of the number of rows that can follow.
     fn most_rows(&self, element: &Element) -> usize;
 }
 
-/// One row: numbers, and the list that is wanted.
+/// One row: numbers, and the wanted list.
 #[derive(Default)]
 struct Row {
     numbers: Vec<f64>,
@@ -49,7 +49,7 @@ struct Row {
 
 fn each(header: &Header, rows: &mut dyn Rows, raw: &mut Raw) -> Result<(), Error> {
     for element in &header.elements {
-        // Without properties nothing would be read, and a count from the header alone would decide how long that takes.
+        // Rows without properties take no bytes, so that the count of the header alone would decide the running time.
         if element.properties.is_empty() {
             continue;
         }
@@ -112,7 +112,7 @@ fn faces(element: &Element, rows: &mut dyn Rows, raw: &mut Raw) -> Result<(), Er
         } else {
             Err(syntax(
                 rows.place(),
-                "element face has no list vertex_indices of whole numbers",
+                "element face has no list vertex_indices of integers",
             ))
         };
     };
@@ -141,7 +141,7 @@ fn vertex(corner: f64, face: usize, place: Place) -> Result<u64, Error> {
     }
 }
 
-/// Strips: every corner after the second of a strip makes a triangle with the two before it, turned over every second time.
+/// Strips: every corner after the second makes a triangle with the two before it, with alternating orientation.
 fn strips(element: &Element, rows: &mut dyn Rows, raw: &mut Raw) -> Result<(), Error> {
     let Some(wanted) = element.properties.iter().position(|p| p.count.is_some()) else {
         return over(element, rows);
@@ -166,13 +166,13 @@ fn strips(element: &Element, rows: &mut dyn Rows, raw: &mut Raw) -> Result<(), E
     Ok(())
 }
 
-/// Reads over an element.
+/// Skips an element.
 fn over(element: &Element, rows: &mut dyn Rows) -> Result<(), Error> {
     let mut row = Row::default();
     (0..element.count).try_for_each(|index| rows.row(element, index, &mut row))
 }
 
-/// A row a line.
+/// One row per line.
 struct Text<'a> {
     lines: Lines<'a>,
 }
@@ -183,7 +183,7 @@ impl Rows for Text<'_> {
         let Some(line) = self.lines.next_filled() else {
             return Err(syntax(
                 self.place(),
-                format!("the file ends at {name} {index}, the header promises {count}"),
+                format!("the file ends at {name} {index}, the header says {count}"),
             ));
         };
         let place = self.place();
@@ -197,7 +197,11 @@ impl Rows for Text<'_> {
                     .next()
                     .ok_or_else(|| complain(format!("{} is missing", property.name)))?;
                 number(word).ok_or_else(|| {
-                    complain(format!("{} is no number: {:?}", property.name, shown(word)))
+                    complain(format!(
+                        "{} is not a number: {:?}",
+                        property.name,
+                        shown(word)
+                    ))
                 })
             };
             let first = value()?;
@@ -211,9 +215,9 @@ impl Rows for Text<'_> {
                 }
             }
         }
-        // Some programs add values of their own to faces. Behind a vertex they would mean that the columns are not what they are called.
+        // Some programs add values of their own to faces. After a vertex, further values mean that the columns do not have the meaning they are named for.
         match words.next().filter(|_| name == "vertex") {
-            Some(extra) => Err(complain(format!("one value too many: {:?}", shown(extra)))),
+            Some(extra) => Err(complain(format!("an extra value: {:?}", shown(extra)))),
             None => Ok(()),
         }
     }
@@ -223,12 +227,12 @@ impl Rows for Text<'_> {
     }
 
     fn most_rows(&self, element: &Element) -> usize {
-        // A digit and a blank or the end of the line for every value.
+        // Every value takes at least a digit and a separator.
         self.lines.rest().len() / (2 * element.properties.len()) + 1
     }
 }
 
-/// Rows of bytes.
+/// Binary rows.
 struct Binary<'a> {
     cursor: Cursor<'a>,
 }
@@ -238,7 +242,7 @@ impl Rows for Binary<'_> {
         let Element { name, count, .. } = element;
         let ends = |cursor: &Cursor| {
             cursor.error(format!(
-                "the file ends in {name} {index}, the header promises {count}"
+                "the file ends in {name} {index}, the header says {count}"
             ))
         };
         row.numbers.clear();

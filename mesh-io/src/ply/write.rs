@@ -1,4 +1,4 @@
-//! A mesh as PLY.
+//! Writes a mesh as PLY.
 
 use std::io::{self, Write};
 
@@ -55,7 +55,7 @@ fn header(out: &mut dyn Write, mesh: &Mesh, options: Options) -> io::Result<()> 
     };
     writeln!(out, "ply\nformat {format} 1.0")?;
     if let Some(comment) = options.comment {
-        // A line of its own, whatever it says.
+        // Kept to one line, whatever it contains.
         writeln!(out, "comment {}", comment.replace(['\n', '\r'], " "))?;
     }
     writeln!(out, "element vertex {}", mesh.points.len())?;

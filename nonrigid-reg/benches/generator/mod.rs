@@ -1,8 +1,8 @@
 //! Pairs of views of deforming objects with known truth, made from a seed.
 //!
 //! A pinhole camera half a metre above sees about half of the surface. Source and target are sampled independently, one point
-//! per cell of the image; noise lies along the ray. What one view cannot see is sampled too: the answer there is extrapolation, and is
-//! scored as such.
+//! per cell of the image; noise lies along the ray. The part that a view does not show is sampled too, to score
+//! the extrapolation.
 
 // Every target that includes this module uses another part of it.
 #![allow(dead_code)]
@@ -136,7 +136,7 @@ impl Case {
     }
 }
 
-/// Two views, and what is true of them.
+/// Two views and their ground truth.
 pub struct Pair {
     pub source: View,
     pub target: View,

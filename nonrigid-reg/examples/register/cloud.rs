@@ -7,17 +7,17 @@ use mesh_io::{Load, Mesh, read_table};
 use nalgebra::{Point3, UnitVector3};
 use nonrigid_reg::{Cloud, estimate_normals};
 
-/// Neighbours that say how a surface lies.
+/// Number of neighbours from which a normal is estimated.
 const NEIGHBOURS: usize = 16;
 
-/// What is registered: points and normals.
+/// A cloud to register: points and normals.
 pub struct Oriented {
     pub mesh: Mesh,
     pub normals: Vec<UnitVector3<f64>>,
 }
 
 impl Oriented {
-    /// Reads a file. Where it has no normals they are those of its triangles; a cloud's are estimated, turned to the origin (the camera).
+    /// Reads a file. Missing normals are taken from the triangles, or estimated for a cloud and turned to the origin (the camera).
     pub fn read(path: &Path, load: &Load) -> Result<Self, Failure> {
         let mesh = load.read(path)?;
         let normals = if mesh.normals().is_empty() && mesh.triangles().is_empty() {
@@ -38,10 +38,10 @@ impl Oriented {
     }
 }
 
-/// Where a point was, and where it is.
+/// Position before and after the motion.
 pub type PointPair = (Point3<f64>, Point3<f64>);
 
-/// Rows `sx,sy,sz,tx,ty,tz`, in units of so many metres, with a heading or without.
+/// Rows `sx,sy,sz,tx,ty,tz` in a unit of `metres`, with or without a heading.
 pub fn read_pairs(path: &Path, metres: f64) -> Result<Vec<PointPair>, Failure> {
     let bytes = std::fs::read(path).map_err(|error| format!("{}: {error}", path.display()))?;
     let table = read_table(&bytes, ["sx", "sy", "sz", "tx", "ty", "tz"]);

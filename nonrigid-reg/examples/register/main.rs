@@ -1,7 +1,7 @@
 //! Registers one cloud onto another: `cargo run --release -p nonrigid-reg --example register -- --help`.
 //!
-//! MOVED has the points of SOURCE in their order, with their colours and other numbers. Clouds without normals get them by principal
-//! components, turned to the origin (the camera). `--align` first finds the rigid motion between the two, for turns of any size.
+//! MOVED has the points of SOURCE in their order, with their colours and other properties. Clouds without normals get them by principal
+//! components, turned to the origin (the camera). `--align` first finds the rigid motion between the two, with rotations of any size.
 
 mod cloud;
 
@@ -17,7 +17,7 @@ use nalgebra::Point3;
 use nonrigid_reg::{Feature, Landmark, Options, Registrar, Registration, Status, align_rigid};
 use serde_json::{Value, json};
 
-/// Moves one cloud onto another, as a soft body would
+/// Registers one point cloud of a soft body onto another
 #[derive(Debug, clap::Parser)]
 #[command(
     name = "register",
@@ -28,12 +28,12 @@ Exit code 0: done; 1: no result; 2: the command line is wrong; 3: a result that 
 struct Arguments {
     /// The cloud or mesh to move (PLY, PCD, XYZ, NPY, OBJ, STL, OFF)
     source: PathBuf,
-    /// Where it went
+    /// The cloud or mesh to register it onto
     target: PathBuf,
-    /// Table sx,sy,sz,tx,ty,tz of points known to have gone from s to t
+    /// Table sx,sy,sz,tx,ty,tz of points known to have moved from s to t
     #[arg(long, value_name = "L.csv")]
     landmarks: Option<PathBuf>,
-    /// The same of points that look alike, some of which may be wrong
+    /// Table of the same form of points that look alike; some may be wrong
     #[arg(long, value_name = "F.csv")]
     features: Option<PathBuf>,
     /// Spacing of the nodes, m
@@ -45,17 +45,17 @@ struct Arguments {
     /// Unit of all files: m, cm or mm
     #[arg(long, value_name = "UNIT", default_value = "m")]
     units: Units,
-    /// The points of SOURCE where they went
+    /// File for the points of SOURCE at their new positions
     #[arg(long, value_name = "MOVED")]
     out: PathBuf,
     #[command(flatten)]
     output: Output,
 }
 
-/// Diagonals of what is registered, m: nodes are some millimetres apart.
+/// Accepted diagonals of the clouds, m: nodes are some millimetres apart.
 const EXTENT: [f64; 2] = [1e-3, 10.0];
 
-/// Exit code of a result that cannot be believed.
+/// Exit code for a result that is not trustworthy.
 const DOUBTFUL: u8 = 3;
 
 fn main() -> ExitCode {
@@ -63,9 +63,9 @@ fn main() -> ExitCode {
 }
 
 impl Arguments {
-    /// Registers and writes; then says what speaks against believing it.
+    /// Registers and writes the result, then warns if it is doubtful.
     fn register(&self) -> Result<ExitCode, Failure> {
-        // Vertices in the order of the file: MOVED has the same.
+        // Vertices keep the order of the file, so that MOVED has the same order.
         let load = Load::default()
             .with_units(self.units)
             .with_vertices(Vertices::AsInFile)
@@ -104,13 +104,15 @@ impl Arguments {
             None => ExitCode::SUCCESS,
             Some(doubt) => {
                 let out = self.out.display();
-                program::warn(&format!("{out}: written, but not to be believed: {doubt}"));
+                program::warn(&format!(
+                    "{out}: written, but the result is doubtful: {doubt}"
+                ));
                 ExitCode::from(DOUBTFUL)
             }
         })
     }
 
-    /// An error of the registration with the files that it is about.
+    /// An error of the registration, with the names of the files that it concerns.
     fn named(&self, error: &nonrigid_reg::Error) -> String {
         let [source, target] = [&self.source, &self.target].map(|path| path.display());
         format!("{source} onto {target}: {error}")
@@ -125,7 +127,7 @@ impl Arguments {
         Ok(read.transpose()?.unwrap_or_default().into_iter())
     }
 
-    /// The points of `source` elsewhere, with what else is known of each. Normals turn with the surface, and are not written.
+    /// Writes the points of `source` at new positions, with their other properties. Normals would be turned with the surface and are not written.
     fn write(&self, source: &Mesh, points: Vec<Point3<f64>>) -> Result<(), Failure> {
         let mut moved = Mesh::new(points)?.with_triangles(source.triangles().to_vec())?;
         if !source.colours().is_empty() {
@@ -136,7 +138,7 @@ impl Arguments {
         }
         let moved = moved.scaled(1.0 / self.units.metres());
         let path = &self.out;
-        // Text that any script reads, where the format has a choice.
+        // Text, which any script can read, where the format has the choice.
         let text = matches!(Format::of(path), Ok(Format::Ply | Format::Pcd));
         let encoding = if text {
             Encoding::Text
@@ -147,10 +149,10 @@ impl Arguments {
     }
 }
 
-/// Least share of matched points at which running out of iterations is no bad sign.
+/// Share of matched points from which on reaching the largest number of iterations is not taken for a failure.
 const OVERLAP: f64 = 0.95;
 
-/// Why the motion found may not be the true one.
+/// Why the result may be wrong.
 fn doubt(result: &Registration, aligned: bool) -> Option<String> {
     let hint = if aligned {
         ""
@@ -177,7 +179,7 @@ fn doubt(result: &Registration, aligned: bool) -> Option<String> {
     }
 }
 
-/// How the iteration ended.
+/// The status in one word.
 fn word(status: Status) -> &'static str {
     match status {
         Status::Converged => "converged",

@@ -43,7 +43,7 @@ fn side(corner: i32, xi: f64) -> f64 {
 /// Stiffness of the unit cube, as blocks between corners.
 pub(crate) type Stiffness = [[Matrix3<f64>; 8]; 8];
 
-/// Parts of a cube along each edge, and in all.
+/// Number of parts of a cube along each edge.
 const ALONG: usize = 4;
 /// Number of parts of a cube.
 pub const PARTS: usize = ALONG * ALONG * ALONG;
@@ -51,7 +51,7 @@ pub const PARTS: usize = ALONG * ALONG * ALONG;
 /// Which parts of a cube hold material: the share of each of 4 × 4 × 4 parts, the first coordinate fastest.
 pub type Occupancy = [f64; PARTS];
 
-/// Integration points, one a part: moved out from the middles so that the second moments of a full cube are exact.
+/// Integration points, one for each part, moved outwards from the centres so that the second moments of a full cube are exact.
 fn point(part: usize) -> [f64; 3] {
     const OUT: f64 = 1.032_795_558_988_644_5; // √(16/15)
     let index = [part % ALONG, part / ALONG % ALONG, part / (ALONG * ALONG)];
@@ -63,9 +63,9 @@ const MODES: usize = 11;
 
 /// The stiffness of a cube of which only some parts hold material, at Young's modulus 1 and Poisson's ratio `nu`.
 ///
-/// The bubbles take up the shear that bending would otherwise cost eight corners, and are eliminated (Wilson's incompatible modes;
-/// their mean gradient over the material is taken off, so that uniform strain needs none of them: Taylor, Beresford and Wilson 1976). The
-/// integral runs over the material alone, so a thin layer in a large cube bends as a thin layer does.
+/// The bubbles represent the shear that bending would otherwise cause in eight corners, and are eliminated (Wilson's incompatible modes;
+/// their mean gradient over the material is subtracted, so that uniform strain needs none of them: Taylor, Beresford and Wilson 1976). The
+/// integral is taken over the material only, so a thin layer in a large cube bends as a thin layer does.
 pub(crate) fn stiffness(occupancy: &Occupancy, nu: f64) -> Stiffness {
     let (lambda, mu) = lame(nu);
     let share = 1.0 / PARTS as f64;
@@ -106,7 +106,7 @@ pub(crate) fn stiffness(occupancy: &Occupancy, nu: f64) -> Stiffness {
 fn condensed(blocks: &[[Matrix3<f64>; MODES]; MODES], total: f64) -> Stiffness {
     let entry = |i: usize, j: usize| blocks[i / 3][j / 3][(i % 3, j % 3)];
     let mut inner = SMatrix::<f64, 9, 9>::from_fn(|i, j| entry(24 + i, 24 + j));
-    // A mode that no material resists must not make the matrix singular.
+    // A mode without any resistance must not make the matrix singular.
     for i in 0..9 {
         inner[(i, i)] += 1e-9 * total.max(1e-6);
     }
@@ -125,7 +125,7 @@ fn condensed(blocks: &[[Matrix3<f64>; MODES]; MODES], total: f64) -> Stiffness {
     out
 }
 
-/// How the mass of the material is shared by the corners; together its share of the cube.
+/// How the mass of the material is divided among the corners; the sum is its share of the cube.
 pub(crate) fn mass_shares(occupancy: &Occupancy) -> [f64; 8] {
     let mut shares = [0.0; 8];
     for (part, filled) in occupancy.iter().enumerate() {

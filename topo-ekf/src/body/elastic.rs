@@ -1,18 +1,18 @@
-//! The elastic energy of the body, its forces, and one Gauss–Newton step of everything that acts on it.
+//! The elastic energy of the body, its forces, and a Gauss–Newton step of everything that acts on it.
 //!
 //! ```text
 //! E(x) = ½ k Σ_c s_c (R_cᵀ x_c − X_c)ᵀ K̂ (R_cᵀ x_c − X_c)                      k = stiffness · h: corotational cubes
-//!      + ½ Σ_r w_r (d_r · (x(e_r) − q_r))²                                      rows: what was measured, held, touched
-//!      + ½ w_y Σ_i ‖x_i − y_i‖²  −  Σ_i f_i · x_i                               where the nodes were expected; weight
-//! H δ = −∇E,  rotations R_c held, then fitted anew                              sparse Cholesky of 3N unknowns
+//!      + ½ Σ_r w_r (d_r · (x(e_r) − q_r))²                                      rows: measurements, grips, contacts
+//!      + ½ w_y Σ_i ‖x_i − y_i‖²  −  Σ_i f_i · x_i                               expected positions of the nodes; weight
+//! H δ = −∇E,  rotations R_c fixed, then fitted again                              sparse Cholesky of 3N unknowns
 //! ```
-//! The energy is counted in units of the data: a stiffness of `κ/m³` makes a strain of one in a cube of a cubic metre cost `κ/2`, where a row
-//! of standard deviation `σ` costs `1/2` when it is off by `σ`. `H` is therefore the information matrix of the nodes. With the
-//! rotations held `E` is quadratic and the forces are its exact gradient; that the rotations follow the nodes adds a term of the
-//! second order in the strain, which is left out as usual. Source of the corotational form: Müller and Gross, *Interactive virtual materials* (2004).
+//! The energy is in units of the data: a stiffness of `κ/m³` makes a strain of one in a cubic metre cost `κ/2`, and a row
+//! of standard deviation `σ` costs `1/2` when its residual is `σ`. `H` is therefore the information matrix of the nodes. With fixed
+//! rotations `E` is quadratic and the forces are its exact gradient; the dependence of the rotations on the nodes adds a term of
+//! second order in the strain, which is neglected as usual. Source of the corotational form: Müller and Gross, *Interactive virtual materials* (2004).
 //!
-//! The unknowns are coordinates in a frame whose third axis is the normal of the table, so that a row against the table touches one unknown
-//! of a node and not three ([`super::project`]).
+//! The unknowns are coordinates in a frame whose third axis is the normal of the table, so that a row against the table involves one unknown
+//! of a node instead of three ([`super::project`]).
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -29,16 +29,16 @@ use crate::system::{Factor, System};
 
 /// Pairs of corners of a cube, `k ≤ l`.
 const PAIRS: usize = 36;
-/// Longest move of a node in one step, in cells: beyond it the linearisation means nothing.
+/// Longest displacement of a node in one step, in cells: beyond it the linearisation is invalid.
 const LONGEST: f64 = 1.25;
 
-/// What acts on the body in a step besides its elasticity.
+/// Everything that acts on the body in a step besides its elasticity.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Acting<'a> {
     /// Elastic energy of unit strain per volume, 1/m³.
     pub stiffness: f64,
     pub rows: &'a [Row],
-    /// Where every node is expected, and how strongly, 1/m².
+    /// Expected position of every node, and its weight, 1/m².
     pub expected: &'a [Point3<f64>],
     pub expected_weight: f64,
     /// Forces on the nodes, in units of the energy per metre; may be empty.
@@ -48,14 +48,14 @@ pub(crate) struct Acting<'a> {
 /// Pattern and storage of the normal equations of a lattice.
 pub(crate) struct Elastic {
     elements: Elements,
-    /// From the frame of the points to that of the unknowns.
+    /// Rotation from the frame of the points to that of the unknowns.
     frame: Matrix3<f64>,
     system: System,
     nodes: usize,
     wiring: u32,
-    /// For each cell, where the entries of each pair of corners go among the values; one past their end if they are nobody's.
+    /// For each cell, the indices among the values of the entries of each pair of corners; one past the end for entries that are not stored.
     slots: Vec<[[u32; 9]; PAIRS]>,
-    /// Values of the step before, to be used again.
+    /// Values of the previous step, whose memory is reused.
     spare: Vec<f64>,
     spent: Spent,
 }
@@ -68,7 +68,7 @@ pub(crate) struct Solved {
 }
 
 impl Elastic {
-    /// For all cells of a lattice; `frame` turns points into the frame of the unknowns.
+    /// Sets up all cells of a lattice; `frame` rotates points into the frame of the unknowns.
     pub fn new(lattice: &Lattice, poisson_ratio: f64, frame: Matrix3<f64>) -> Result<Self, Error> {
         let pairs = pairs(lattice);
         let mut edges = Vec::with_capacity(9 * pairs.len());
@@ -96,14 +96,14 @@ impl Elastic {
         })
     }
 
-    /// Whether this was made for the lattice as it is.
+    /// Whether this was made for the lattice in its present form.
     pub fn fits(&self, lattice: &Lattice) -> bool {
         self.nodes == lattice.rest().len()
             && self.is_wired_as(lattice)
             && self.elements.fit(lattice)
     }
 
-    /// Whether the cells that this was made for have the nodes they had.
+    /// Whether the cells that this was made for still have the same nodes.
     pub fn is_wired_as(&self, lattice: &Lattice) -> bool {
         self.wiring == lattice.wiring
     }
@@ -113,23 +113,23 @@ impl Elastic {
         self.slots.len()
     }
 
-    /// From the frame of the points to that of the unknowns.
+    /// Rotation from the frame of the points to that of the unknowns.
     pub fn frame(&self) -> &Matrix3<f64> {
         &self.frame
     }
 
-    /// The system, for solves with a factor.
+    /// The linear system, for solves with a factor.
     pub fn system_mut(&mut self) -> &mut System {
         &mut self.system
     }
 
-    /// The system.
+    /// The linear system.
     pub fn system(&self) -> &System {
         &self.system
     }
 
-    /// One Gauss–Newton step from `pose`, rotations fitted anew: the longest move of a node, m, and the normal equations. Moves are
-    /// shortened to 1.25 cells.
+    /// One Gauss–Newton step from `pose`, with rotations fitted again: the longest displacement of a node, m, and the normal equations. Displacements
+    /// are limited to 1.25 cells.
     pub fn step(
         &mut self,
         lattice: &Lattice,
@@ -157,12 +157,12 @@ impl Elastic {
         Ok((longest, solved))
     }
 
-    /// The time spent since this was asked last.
+    /// The time spent since the last call.
     pub fn take_spent(&mut self) -> Spent {
         std::mem::take(&mut self.spent)
     }
 
-    /// Keeps the memory of normal equations that are of no more use.
+    /// Reuses the memory of normal equations that are no longer needed.
     pub fn recycle(&mut self, solved: Solved) {
         self.spare = solved.values;
     }
@@ -177,7 +177,7 @@ impl Elastic {
         let began = Instant::now();
         let mut values = std::mem::take(&mut self.spare);
         values.clear();
-        // One more for the entries that are nobody's.
+        // One more slot for entries that are not stored.
         values.resize(self.system.pattern.rows.len() + 1, 0.0);
         let mut right = Vec::with_capacity(3 * self.nodes);
         for i in 0..self.nodes {
@@ -229,7 +229,7 @@ impl Elastic {
     }
 }
 
-/// Part of the normal equations that one cell and the rows in it make: dense, in the order of the cell's own corners.
+/// The part of the normal equations that comes from one cell and the rows in it: dense, in the order of the cell's corners.
 struct Own {
     blocks: [[f64; 9]; PAIRS],
     right: [Vector3<f64>; 8],
@@ -257,7 +257,7 @@ impl Own {
             let force: Vector3<f64> = (0..8).map(|j| unit[i][j] * strained[j]).sum();
             self.right[i] -= turned * force;
             for j in i..8 {
-                // Row by row: the entries of `values` lie so.
+                // Row by row, the order of the entries of `values`.
                 let block = (turned * unit[i][j] * back).transpose();
                 self.blocks[pair].copy_from_slice(block.as_slice());
                 pair += 1;
@@ -265,7 +265,7 @@ impl Own {
         }
     }
 
-    /// `w d dᵀ` spread over the corners by the weights of the point, and its pull.
+    /// Adds `w d dᵀ`, distributed over the corners by the weights of the point, and its force.
     fn add_row(&mut self, row: &Row, frame: &Matrix3<f64>, miss: &Vector3<f64>) {
         let (square, pull) = match &row.direction {
             None => (Matrix3::identity(), frame * miss),
@@ -289,7 +289,7 @@ impl Own {
     }
 }
 
-/// Rows sorted by their cells; within a cell they keep their order.
+/// Rows sorted by cell; within a cell they keep their order.
 struct ByCell {
     starts: Vec<u32>,
     rows: Vec<u32>,
@@ -325,7 +325,7 @@ impl ByCell {
 /// Stiffness of every cell at Young's modulus 1.
 pub(crate) struct Elements {
     full: Stiffness,
-    /// Of the cells that are not full, with what they hold.
+    /// The stiffness of partly filled cells, with their occupancy.
     partly: Vec<Option<(Arc<Occupancy>, Box<Stiffness>)>>,
 }
 
@@ -348,7 +348,7 @@ impl Elements {
         self.partly[cell].as_ref().map_or(&self.full, |p| &p.1)
     }
 
-    /// Whether the cells hold what they held.
+    /// Whether the occupancy of the cells is unchanged.
     fn fit(&self, lattice: &Lattice) -> bool {
         let same = |(own, cell): (&Option<(Arc<Occupancy>, _)>, &super::lattice::Cell)| match (
             own,
@@ -363,7 +363,7 @@ impl Elements {
     }
 }
 
-/// Elastic energy of a pose with the rotations it has.
+/// Elastic energy of a pose with its present rotations.
 pub(crate) fn energy(elements: &Elements, lattice: &Lattice, pose: &Pose, stiffness: f64) -> f64 {
     let scale = stiffness * lattice.size();
     let of_cell = |c: usize| {
@@ -380,7 +380,7 @@ pub(crate) fn energy(elements: &Elements, lattice: &Lattice, pose: &Pose, stiffn
     (0..lattice.cells().len()).map(of_cell).sum()
 }
 
-/// Elastic forces on the nodes with the rotations held: minus the gradient of the energy.
+/// Elastic forces on the nodes with fixed rotations: minus the gradient of the energy.
 pub(crate) fn forces(
     elements: &Elements,
     lattice: &Lattice,
@@ -401,7 +401,7 @@ pub(crate) fn forces(
     forces
 }
 
-/// Corners of a cell, turned back, less where they are at rest: in lattice axes.
+/// Displacements of the corners of a cell from rest, rotated back into lattice axes.
 fn displacements(lattice: &Lattice, pose: &Pose, c: usize) -> [Vector3<f64>; 8] {
     let cell = &lattice.cells()[c];
     let axes = pose.turns[c] * lattice.axes();
@@ -414,7 +414,7 @@ fn displacements(lattice: &Lattice, pose: &Pose, c: usize) -> [Vector3<f64>; 8] 
     })
 }
 
-/// The pairs of nodes that meet in a cell, sorted, the earlier node first.
+/// The pairs of nodes that share a cell, sorted, the earlier node first.
 fn pairs(lattice: &Lattice) -> Vec<[u32; 2]> {
     let mut pairs = Vec::with_capacity(PAIRS * lattice.cells().len());
     for cell in lattice.cells() {
@@ -427,7 +427,7 @@ fn pairs(lattice: &Lattice) -> Vec<[u32; 2]> {
     pairs
 }
 
-/// Where the entries of each cell's pairs of corners go; the edges of `system` were made pair by pair.
+/// Indices of the entries of each cell's pairs of corners; the edges of `system` were made pair by pair.
 fn slots(lattice: &Lattice, pairs: &[[u32; 2]], system: &System) -> Vec<[[u32; 9]; PAIRS]> {
     let nobody = system.pattern.rows.len() as u32;
     let mut next = system.pattern.edge.iter().map(|&at| at as u32);

@@ -1,20 +1,20 @@
 //! The body filter: predict, relinearise from rest, update, project.
 //!
 //! ```text
-//! predict     y = x + momentum · d                        where the nodes are expected, σ = motion_sigma
-//! prestep     grips, table, weight and elasticity alone   → innovation: how far the data are from it
+//! predict     y = x + momentum · d                        expected positions of the nodes, σ = motion_sigma
+//! prestep     grips, table, weight and elasticity alone   → innovation: distance of the data from this prediction
 //! update      repeat: rows = observe(pose);  one Gauss–Newton step of elasticity + rows + grips + table + friction + weight
 //! project     x ← nearest to x in the metric of the information with no point under the table, inequalities kept
 //! keep        x, d = x − x_before
 //! ```
-//! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that it never forgets the
-//! rest shape: what drags surface along itself must strain the body between.
+//! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that the rest shape is never
+//! lost: sliding of the surface along itself must strain the body, which resists it.
 //!
-//! What touches the table is in `touch`, what the pose must keep in `constrain`, the look at the weight in `weigh`, what is known how well in
-//! `certainty`, changes of the material in `edit`, what a step leaves to the next in `equations`.
+//! Contact with the table is in `touch`, constraints of the pose in `constrain`, the estimate of the weight in `weigh`, uncertainties in
+//! `certainty`, changes of the material in `edit`, data kept from one step to the next in `equations`.
 //!
-//! The projection takes away how far points are pressed into the table, and with it what the table bears. The next frame therefore starts its
-//! steps (not its prior) where the last one was before its projection.
+//! The projection removes the depth to which points are pressed into the table, and with it the reaction of the table. The next frame therefore
+//! starts its steps (not its prior) at the estimate before the projection.
 
 use nalgebra::{Point3, Vector3};
 
@@ -36,14 +36,14 @@ mod equations;
 mod touch;
 mod weigh;
 
-/// Mean move of a frame below which the body counts as idle: the next frame makes one step, m.
+/// Mean motion of a frame, m, below which the body counts as idle: the next frame makes one step.
 const IDLE: f64 = 3e-4;
-/// What stands on the table at rest is taken to be pressed into it so far, m: at a height of exactly zero rounding would say whether it touches,
-/// and the first step would let it sink.
+/// Depth to which points on the table at rest are assumed to be pressed into it, m: at exactly zero height rounding would decide whether they touch,
+/// and the first step would let them sink.
 const TOUCHING: f64 = 1e-9;
-/// How much wider the motion is after a release.
+/// Factor on the standard deviation of the motion after a release.
 const RELEASED: f64 = 3.0;
-/// A soft body followed by its volume: an elastic lattice from rest, pushed by what is seen, held and touched.
+/// Tracks the volume of a soft body: an elastic lattice deformed from rest by observations, grips and contacts.
 ///
 /// See the [module](crate::body) for an example.
 ///
@@ -52,7 +52,8 @@ const RELEASED: f64 = 3.0;
 /// table and every inequality holds to 1e-6 m, unless the report says `Infeasible`. The same calls give the same bits.
 ///
 /// # Limits
-/// Cells are never taken away, sheets nearer than a cell stick together unless they are said to be pieces of their own ([`Lattice::set_pieces`]), and the covariances take the rotations of cells for given.
+/// Cells are never removed; sheets closer than a cell are joined unless they are declared as separate pieces ([`Lattice::set_pieces`]); and the covariances treat the
+/// rotations of cells as known.
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyFilter {
     options: BodyOptions,
@@ -77,16 +78,16 @@ impl std::fmt::Debug for BodyFilter {
     }
 }
 
-/// What a frame changes.
+/// The state that a frame changes.
 #[derive(Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     pose: Pose,
-    /// How far every node moved in the last frame, m.
+    /// Displacement of every node in the last frame, m.
     displacement: Vec<Vector3<f64>>,
-    /// How far the last projection moved every node.
+    /// Displacement of every node by the last projection.
     raised: Vec<Vector3<f64>>,
-    /// Frames since the last release, down to 0.
+    /// Remaining frames of the fall after a release, down to 0.
     falling: usize,
     held: bool,
     idle: bool,
@@ -96,7 +97,7 @@ impl BodyFilter {
     /// A body at rest on a table.
     ///
     /// # Errors
-    /// Options out of range, a lattice without cells, of no usable size or with negative fill, a plane whose normal is not a unit vector.
+    /// Options out of range; a lattice that is empty, has an invalid size or negative fill; a plane whose normal is not a unit vector.
     pub fn new(lattice: Lattice, table: Plane, options: &BodyOptions) -> Result<Self, Error> {
         options.check()?;
         lattice.check()?;
@@ -127,10 +128,10 @@ impl BodyFilter {
         })
     }
 
-    /// Refuses a body that was read from somewhere and does not fit together.
+    /// Checks a deserialised body for consistency.
     ///
     /// # Errors
-    /// Options out of range, a lattice that is none, nodes or feet that are not those of the lattice.
+    /// Options out of range, an invalid lattice, nodes or feet that do not belong to the lattice.
     #[cfg(feature = "serde")]
     pub fn check_read(&self) -> Result<(), Error> {
         self.options.check()?;
@@ -161,7 +162,7 @@ impl BodyFilter {
         &self.lattice
     }
 
-    /// Where the nodes are.
+    /// The present pose.
     pub fn pose(&self) -> &Pose {
         &self.state.pose
     }
@@ -171,7 +172,7 @@ impl BodyFilter {
         &self.options
     }
 
-    /// Carries the body by a rigid motion, bent as it is and at rest from then on: it was lost and has been found elsewhere.
+    /// Moves the deformed body by a rigid motion, at rest afterwards: it was lost and has been found elsewhere.
     pub fn relocate(&mut self, found_from_lost: &nalgebra::Isometry3<f64>) {
         let turn = found_from_lost.rotation.to_rotation_matrix();
         for place in &mut self.state.pose.live {
@@ -186,7 +187,7 @@ impl BodyFilter {
         self.last = None;
     }
 
-    /// Weight over stiffness `ρ g / E`, 1/m, as estimated from how the held body sags.
+    /// Weight over stiffness `ρ g / E`, 1/m, estimated from the sag of the held body.
     pub fn weight_over_stiffness(&self) -> f64 {
         self.weight.value()
     }
@@ -196,14 +197,14 @@ impl BodyFilter {
         self.weight.sigma()
     }
 
-    /// Weight of the whole body as it is estimated, in units of the energy per metre: `stiffness · h³ · γ` times the mass of the cells.
+    /// Estimated weight of the whole body, in units of the energy per metre: `stiffness · h³ · γ` times the mass of the cells.
     pub fn weight(&self) -> f64 {
         let cells = 0..self.lattice.cells().len() as u32;
         let mass: f64 = cells.map(|c| self.lattice.mass(c)).sum();
         self.cell_weight() * mass
     }
 
-    /// Elastic energy of the body as it is, in units of the data: a row that is off by its standard deviation costs 1/2.
+    /// Elastic energy of the present pose, in units of the data: a row whose residual is its standard deviation costs 1/2.
     ///
     /// # Complexity
     /// Linear in the number of cells.
@@ -211,31 +212,31 @@ impl BodyFilter {
         self.state.pose.energy(&self.lattice, &self.options)
     }
 
-    /// Forces of weight on the nodes as they are, in units of the energy per metre ([`Foot`] says what bears at rest). They fade in over the
-    /// frames after a release.
+    /// Forces of weight on the nodes in the present pose, in units of the energy per metre (see [`Foot`] for the reaction at rest). They are faded in over
+    /// the frames after a release.
     pub fn loads(&self) -> Vec<Vector3<f64>> {
         self.loads_of(&self.state.pose, self.weight.value())
     }
 
-    /// Time spent on the normal equations since the filter was made, steps that came to nothing included.
+    /// Time spent on the normal equations since the filter was created, including failed steps.
     pub fn spent(&self) -> Spent {
         self.spent
     }
 
-    /// Whether the body was let go a few frames ago.
+    /// Whether the body was released a few frames ago.
     pub fn is_falling(&self) -> bool {
         self.state.falling > 0
     }
 
-    /// One frame. `observe` is asked before every step for the rows that the data make of the present pose; `innovation` is called once on
-    /// the pose that grips, table and weight alone predict, when something is held.
+    /// Processes one frame. `observe` is called before every step for the rows of the data at the present pose; `innovation` is called once with
+    /// the pose predicted by grips, table and weight alone, when something is held.
     ///
     /// # Errors
-    /// Grips, points, rows, inequalities or feet in cells that there are not, coordinates or weights that are not finite or negative,
-    /// rows so heavy that the matrix cannot be factorised; a frame that would go beyond its [limits](Limits). The body is then as before.
+    /// Grips, points, rows, inequalities or feet in cells that do not exist, coordinates or weights that are not finite or negative,
+    /// rows so heavy that the matrix cannot be factorised; a frame beyond its [limits](Limits). The body is then unchanged.
     ///
     /// # Complexity
-    /// Each step is one sparse factorisation of three unknowns a node (see the README for times); the projection one more solve for every
+    /// Each step is one sparse factorisation with three unknowns for each node (see the README for times); the projection takes one more solve for every
     /// round of its active set.
     pub fn step(
         &mut self,
@@ -247,7 +248,7 @@ impl BodyFilter {
         self.all_or_nothing(|body, elastic| body.try_step(elastic, frame, observe, innovation))
     }
 
-    /// Fits an earlier pose anew to its frame, after the lattice has learnt its shape; the body itself stays as it is.
+    /// Fits an earlier pose to its frame again, after the rest shape has improved; the body itself is unchanged.
     ///
     /// # Errors
     /// As [`Self::step`]; a pose of another lattice.
@@ -307,7 +308,7 @@ impl BodyFilter {
             expected: &expected,
             expected_weight: sigma.powi(-2),
         };
-        // The steps start pressed into the table as deep as they ended last time.
+        // The steps start with the same depth below the table with which they ended last time.
         let start = expected.iter().zip(&self.state.raised);
         self.state.pose.live = start.map(|(p, r)| p - r).collect();
         self.state.pose.fit_turns(&self.lattice);
@@ -334,7 +335,7 @@ impl BodyFilter {
         Ok((report, solved))
     }
 
-    /// Takes note of grips that close and open.
+    /// Updates the state of grips that close and open.
     fn hold(&mut self, holding: bool) {
         self.state.falling = match (holding, self.state.held) {
             (true, _) => 0,
@@ -344,14 +345,14 @@ impl BodyFilter {
         self.state.held = holding;
     }
 
-    /// Where the nodes are expected.
+    /// Expected positions of the nodes.
     fn expected(&self, released: bool) -> Vec<Point3<f64>> {
         let momentum = if released { 0.0 } else { self.options.momentum };
         let moving = self.state.pose.live.iter().zip(&self.state.displacement);
         moving.map(|(p, d)| p + d * momentum).collect()
     }
 
-    /// The steps with all data; the normal equations of the last.
+    /// The steps with all data; returns the normal equations of the last.
     fn update(
         &mut self,
         elastic: &mut Elastic,
@@ -397,7 +398,7 @@ impl BodyFilter {
         }
     }
 
-    /// Refuses what goes beyond the limits of the frame.
+    /// Rejects a frame beyond its limits.
     fn believe(
         &self,
         before: &[Point3<f64>],
@@ -449,7 +450,7 @@ impl BodyFilter {
         answer
     }
 
-    /// One step of a pose by everything that acts on it: the given rows, grips, table, friction and the loads.
+    /// One step of a pose under the given rows, grips, table, friction and loads.
     fn advance_pose(
         &self,
         elastic: &mut Elastic,
@@ -474,7 +475,7 @@ impl BodyFilter {
         elastic.step(&self.lattice, pose, &acting)
     }
 
-    /// Loads in a pose. In the fall nothing bears and nothing weighs yet.
+    /// Loads in a pose. During a fall there is no reaction and no weight.
     fn loads_of(&self, pose: &Pose, weight: f64) -> Vec<Vector3<f64>> {
         let faded = 1.0 - self.state.falling as f64 / self.options.release_frames.max(1) as f64;
         let full = self.options.stiffness * self.lattice.size().powi(3) * weight;
@@ -493,7 +494,7 @@ impl BodyFilter {
     }
 }
 
-/// What stays the same over the steps of a frame.
+/// Data that stay the same over the steps of a frame.
 struct Setting<'a> {
     frame: &'a BodyFrame<'a>,
     before: &'a [Point3<f64>],

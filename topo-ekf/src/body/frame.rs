@@ -1,4 +1,4 @@
-//! What a frame of the body filter is given, and what it tells.
+//! Input and result of a frame of the body filter.
 
 use nalgebra::{Point3, Vector3};
 
@@ -8,17 +8,17 @@ use crate::graph::usable_point;
 use crate::setters::setters;
 use crate::{Error, Status};
 
-/// How far along the steps of a frame are.
+/// Progress of the steps of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Progress {
     /// 0 at the first step, 1 at the last.
     pub share: f64,
-    /// Whether the body was let go a few frames ago: it may have moved far.
+    /// Whether the body was released a few frames ago, so that it may have moved far.
     pub released: bool,
 }
 
-/// What is believed of a frame at most; a step that goes beyond is undone and is an [`Error::Beyond`].
+/// Plausibility limits of a frame; a step beyond them is undone and returns [`Error::Beyond`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -27,13 +27,13 @@ pub struct Limits {
     pub motion: f64,
     /// The same in the frames after a release, when the body may fall, m.
     pub fall: f64,
-    /// Largest total force of the grips, in weights of the body: what carries the body pulls with its weight, what slips on it or tears at it
+    /// Largest total force of the grips, in weights of the body: grips that carry the body pull with about its weight, grips that slip or tear
     /// with many times that.
     pub pull: f64,
 }
 
 impl Default for Limits {
-    /// Everything is believed.
+    /// No limits.
     fn default() -> Self {
         Self {
             motion: f64::INFINITY,
@@ -55,13 +55,13 @@ setters! {
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct BodyFrame<'a> {
-    /// Points held by grippers and where those are now.
+    /// Points held by grippers, and their present positions.
     pub grips: &'a [(Embedding, Point3<f64>)],
     /// The estimated surface, for contact with the table.
     pub surface: &'a [Embedding],
     /// Linear inequalities on embedded points; may be empty.
     pub inequalities: &'a [BodyInequality],
-    /// What is believed.
+    /// Plausibility limits.
     pub limits: Limits,
 }
 
@@ -76,7 +76,7 @@ impl<'a> BodyFrame<'a> {
         }
     }
 
-    /// Sets what is believed of the frame at most.
+    /// Sets the plausibility limits.
     #[must_use]
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
@@ -90,7 +90,7 @@ impl<'a> BodyFrame<'a> {
         self
     }
 
-    /// Refuses what has no meaning on this lattice.
+    /// Rejects input that is invalid for this lattice.
     pub(crate) fn check(&self, lattice: &Lattice) -> Result<(), Error> {
         for (index, (at, target)) in self.grips.iter().enumerate() {
             lattice.check_embedding("grip", index, at)?;
@@ -112,22 +112,21 @@ impl<'a> BodyFrame<'a> {
     }
 }
 
-/// What one frame did.
+/// The result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyReport {
-    /// Steps made, each one factorisation.
+    /// Number of steps, each with one factorisation.
     pub solves: usize,
-    /// Mean move of the nodes since the last frame, m.
+    /// Mean displacement of the nodes since the last frame, m.
     pub moved: f64,
-    /// Longest move of a node in the last step, m.
+    /// Longest displacement of a node in the last step, m.
     pub last_step: f64,
-    /// How the constraints ended: `Free` when nothing was violated, `Unobserved` when nothing was violated and nothing was held or measured
-    /// either, `Constrained` when all hold, `Infeasible` when they contradict each other (they are then violated as little as possible, by least
-    /// squares).
+    /// Outcome of the constraints: `Free` when nothing was violated, `Constrained` when all hold, `Infeasible` when they cannot hold
+    /// together (they are then violated as little as possible, by least squares).
     pub status: Status,
-    /// Constraints that push: points against the table and inequalities.
+    /// Number of active constraints: points against the table and inequalities.
     pub pushing: usize,
     /// Largest violation of a constraint, before the projection and after it, m.
     pub violation: [f64; 2],

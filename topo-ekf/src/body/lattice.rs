@@ -1,11 +1,11 @@
-//! The lattice of cubes that carries the body: nodes at rest, cells, and where a point lies in them.
+//! The lattice of cubes that carries the body: nodes at rest, cells, and embedded points.
 //!
 //! ```text
 //! X(c, ξ) = origin + A (ijk_c + ξ) h             rest, local coordinates ξ
 //! x(c, ξ) = Σ_k N_k(ξ) x_{c,k}                   live: trilinear in the corners of the cell
 //! F(c, ξ) = Σ_k x_{c,k} ∇N_k(ξ)ᵀ Aᵀ / h          gradient of the deformation
 //! ```
-//! Cells are made where material is; the lattice grows as surface appears.
+//! Cells are created where material is; the lattice grows as surface appears.
 
 use std::collections::BTreeMap;
 
@@ -15,33 +15,33 @@ use super::cube::{CORNERS, Occupancy, shape, shape_gradients};
 use crate::Error;
 use crate::graph::usable_point;
 
-/// Largest coordinate of a place in the lattice; a cell of a millimetre then lies a kilometre away.
+/// Largest coordinate of a place in the lattice; a cell of a millimetre is then a kilometre away.
 const FARTHEST_PLACE: i32 = 1_000_000;
-/// Largest weight of a corner: an embedded point lies in its cell or a little outside.
+/// Largest weight of a corner: an embedded point lies in its cell or slightly outside.
 const LARGEST_WEIGHT: f64 = 1e3;
 /// Largest fill of a cell, relative to a full one.
 const LARGEST_FILL: f64 = 1e3;
 
-/// A cube of material. The fill of a cell that is only partly in the body scales its stiffness and its mass.
+/// A cube of material. Its fill scales stiffness and mass where the cell is only partly in the body.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Cell {
-    /// Its corners, by index of node; the first local coordinate fastest.
+    /// Its corners, as indices of nodes; the first local coordinate fastest.
     pub nodes: [u32; 8],
-    /// Where it stands in the lattice.
+    /// Its place (integer coordinates) in the lattice.
     pub place: [i32; 3],
-    /// Stiffness relative to what its material makes; the filter takes 0 to 1e3.
+    /// Stiffness relative to that of its material; the filter accepts 0 to 1e3.
     pub stiffness: f64,
-    /// Mass relative to what its material makes; the filter takes 0 to 1e3.
+    /// Mass relative to that of its material; the filter accepts 0 to 1e3.
     pub mass: f64,
-    /// Where in the cell the material is; everywhere if `None`.
+    /// Which parts of the cell hold material; all if `None`.
     #[cfg_attr(feature = "serde", serde(with = "super::saved::occupancy"))]
     pub occupancy: Option<std::sync::Arc<Occupancy>>,
 }
 
-/// A place in the material: a cell, and weights of its corners that sum to one.
+/// A point in the material: a cell, and weights of its corners that sum to one.
 ///
-/// It moves with the body, `x(e) = Σ_k w_k x_{c,k}`, and its meaning does not change when the lattice grows.
+/// It moves with the body, `x(e) = Σ_k w_k x_{c,k}`, and stays valid when the lattice grows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Embedding {
@@ -54,7 +54,7 @@ pub struct Embedding {
 }
 
 impl Embedding {
-    /// A place in a cell by its local coordinates; somewhat outside of 0 to 1 it extrapolates.
+    /// A point in a cell by its local coordinates; slightly outside of 0 to 1 it extrapolates.
     pub fn new(cell: u32, xi: [f64; 3]) -> Self {
         Self {
             cell,
@@ -66,7 +66,7 @@ impl Embedding {
 
 /// Cubes of one size, and their nodes at rest.
 ///
-/// Cells and nodes keep their indices for ever: the lattice only grows. Methods that take an index of a cell panic if there is no such
+/// Cells and nodes keep their indices: the lattice only grows. Methods that take an index of a cell panic if there is no such
 /// cell, as slices do; [`BodyFilter`](super::BodyFilter) checks every index that it is given.
 ///
 /// ```
@@ -88,21 +88,21 @@ pub struct Lattice {
     origin: Point3<f64>,
     axes: Rotation3<f64>,
     pub(super) rest: Vec<Point3<f64>>,
-    /// The node that a node was parted from.
+    /// The node that a node was split from.
     pub(super) parents: Vec<Option<u32>>,
     pub(super) cells: Vec<Cell>,
-    /// Copies of the cell at a place.
+    /// The copies of the cell at a place.
     pub(super) cell_at: BTreeMap<[i32; 3], Vec<u32>>,
     /// Nodes at a corner.
     pub(super) node_at: BTreeMap<[i32; 3], Vec<u32>>,
-    /// Whether a corner of a cell is more than one node.
+    /// Whether a corner of a cell has more than one node.
     pub(super) parted: Vec<bool>,
-    /// Times that cells were given other nodes.
+    /// How often cells were given other nodes.
     pub(super) wiring: u32,
 }
 
 impl Lattice {
-    /// No cells yet: `size` is the edge of a cell, m; `axes` turns lattice axes into the frame of the points. The third axis points away
+    /// An empty lattice: `size` is the edge of a cell, m; `axes` rotates lattice axes into the frame of the points. The third axis points away
     /// from the table, on which `origin` lies.
     pub fn new(size: f64, origin: Point3<f64>, axes: Rotation3<f64>) -> Self {
         Self {
@@ -124,7 +124,7 @@ impl Lattice {
         self.size
     }
 
-    /// From lattice axes to the frame of the points.
+    /// Rotation from lattice axes to the frame of the points.
     pub fn axes(&self) -> &Rotation3<f64> {
         &self.axes
     }
@@ -139,17 +139,17 @@ impl Lattice {
         &self.cells
     }
 
-    /// The cell at a place; the first copy where there are several.
+    /// The cell at a place; the first copy if there are several.
     pub fn cell_at(&self, place: [i32; 3]) -> Option<u32> {
         self.copies(place).first().copied()
     }
 
-    /// The cells at a place: several where pieces of material lie in it that are not connected there ([`Self::set_pieces`]).
+    /// The cells at a place: several if it contains pieces of material that are not connected there ([`Self::set_pieces`]).
     pub fn copies(&self, place: [i32; 3]) -> &[u32] {
         self.cell_at.get(&place).map_or(&[], Vec::as_slice)
     }
 
-    /// The node that a node was parted from ([`Self::set_pieces`]), if so.
+    /// The node that a node was split from ([`Self::set_pieces`]), if it was.
     pub fn parent(&self, node: u32) -> Option<u32> {
         self.parents.get(node as usize).copied().flatten()
     }
@@ -165,14 +165,14 @@ impl Lattice {
         })
     }
 
-    /// Says where in a cell material is; nothing changes if there is no such cell. The filter takes shares from 0 to 1.
+    /// Sets which parts of a cell hold material; nothing changes if there is no such cell. The filter accepts shares from 0 to 1.
     pub fn set_occupancy(&mut self, cell: u32, occupancy: Option<Occupancy>) {
         if let Some(cell) = self.cells.get_mut(cell as usize) {
             cell.occupancy = occupancy.map(std::sync::Arc::new);
         }
     }
 
-    /// Sets how stiff and how heavy a cell is, relative to what its material makes; the cell as it now is, or `None` (and nothing changes) if there is no
+    /// Sets stiffness and mass of a cell relative to those of its material. Returns the changed cell, or `None` (and nothing changes) if there is no
     /// such cell.
     pub fn set_fill(&mut self, cell: u32, stiffness: f64, mass: f64) -> Option<&Cell> {
         let cell = self.cells.get_mut(cell as usize)?;
@@ -180,7 +180,7 @@ impl Lattice {
         Some(cell)
     }
 
-    /// Place and local coordinates of a point at rest; there need not be a cell.
+    /// Place and local coordinates of a point at rest; the cell need not exist.
     pub fn locate(&self, rest: &Point3<f64>) -> ([i32; 3], [f64; 3]) {
         let local = self.axes.inverse() * (rest - self.origin) / self.size;
         let floor = [local.x.floor(), local.y.floor(), local.z.floor()];
@@ -201,13 +201,13 @@ impl Lattice {
         self.rest_at(self.cells[cell as usize].place, [0.5; 3])
     }
 
-    /// Where a point at rest lies, if a cell is there.
+    /// Embeds a point at rest, if there is a cell at its place.
     pub fn embed(&self, rest: &Point3<f64>) -> Option<Embedding> {
         let (place, xi) = self.locate(rest);
         self.cell_at(place).map(|cell| Embedding::new(cell, xi))
     }
 
-    /// The cell at `place`, made if there is none: a full one. Places are held within a million cells of the origin.
+    /// The cell at `place`; if there is none a full one is created. Places are clamped to a million cells from the origin.
     ///
     /// # Complexity
     /// Logarithmic in the number of nodes.
@@ -230,7 +230,7 @@ impl Lattice {
         self.push_cell(place, nodes)
     }
 
-    /// One more full cell at a place, on given nodes.
+    /// Adds a full cell at a place, on given nodes.
     pub(super) fn push_cell(&mut self, place: [i32; 3], nodes: [u32; 8]) -> u32 {
         let cell = self.cells.len() as u32;
         self.cells.push(Cell {
@@ -266,7 +266,7 @@ impl Lattice {
         local * self.axes.inverse().matrix() / self.size
     }
 
-    /// [`Self::gradient`] at the centre of a cell: differences of the faces' means.
+    /// [`Self::gradient`] at the centre of a cell: differences of the means of opposite faces.
     pub(crate) fn central_gradient(&self, live: &[Point3<f64>], cell: u32) -> Matrix3<f64> {
         let at = self.cells[cell as usize]
             .nodes
@@ -279,14 +279,14 @@ impl Lattice {
         local * self.axes.matrix().transpose()
     }
 
-    /// Centre of a cell now.
+    /// Present centre of a cell.
     pub fn centre(&self, live: &[Point3<f64>], cell: u32) -> Point3<f64> {
         let nodes = &self.cells[cell as usize].nodes;
         let sum: Vector3<f64> = nodes.iter().map(|&n| live[n as usize].coords).sum();
         Point3::from(sum / 8.0)
     }
 
-    /// Refuses an embedded point that is none of this lattice.
+    /// Rejects an embedded point that is invalid for this lattice.
     pub(crate) fn check_embedding(
         &self,
         what: &'static str,
@@ -302,7 +302,7 @@ impl Lattice {
             });
         }
         let sum: f64 = at.weights.iter().sum();
-        // Written so that NaN is refused too. The sum of large weights rounds.
+        // Written so that NaN is rejected too. The sum of large weights is rounded.
         let usable =
             at.weights.iter().all(|w| w.abs() <= LARGEST_WEIGHT) && (sum - 1.0).abs() < 1e-6;
         if !usable {
@@ -316,7 +316,7 @@ impl Lattice {
         Ok(())
     }
 
-    /// Refuses a lattice that was read and whose cells, nodes and places do not fit together.
+    /// Checks a deserialised lattice for consistency.
     #[cfg(feature = "serde")]
     pub(crate) fn check_read(&self) -> Result<(), Error> {
         let (nodes, cells) = (self.rest.len(), self.cells.len());
@@ -348,21 +348,21 @@ impl Lattice {
         let corners = self.cells.iter().flat_map(|c| c.nodes);
         let mut at = corners.chain(self.node_at.values().flatten().copied());
         if let Some(node) = at.find(|&n| n as usize >= nodes) {
-            return refused("node of a cell", node as usize, "a node that there is");
+            return refused("node of a cell", node as usize, "an existing node");
         }
         let mut placed = self.cell_at.values().flatten();
         if let Some(&cell) = placed.find(|&&c| c as usize >= cells) {
-            return refused("cell at a place", cell as usize, "a cell that there is");
+            return refused("cell at a place", cell as usize, "an existing cell");
         }
-        // A node is parted from an earlier one, so that poses can be extended in order.
+        // A node is split from an earlier one, so that poses can be extended in order.
         let mut parents = self.parents.iter().enumerate();
         match parents.find(|(node, parent)| parent.is_some_and(|p| p as usize >= *node)) {
-            Some((node, _)) => refused("parted node", node, "later than the one it parted from"),
+            Some((node, _)) => refused("split node", node, "later than the node it was split from"),
             None => Ok(()),
         }
     }
 
-    /// Refuses a lattice that a body cannot have.
+    /// Rejects a lattice that is invalid for a body.
     pub(crate) fn check(&self) -> Result<(), Error> {
         if !(1e-6..=1e3).contains(&self.size) {
             return Err(Error::Value {
@@ -417,9 +417,9 @@ impl Lattice {
         Ok(())
     }
 
-    /// Refuses to follow on `old` unless it has all of its cells where they were.
+    /// Rejects a lattice unless it has all cells of `old` in the same places.
     pub(crate) fn check_grown_from(&self, old: &Self) -> Result<(), Error> {
-        // To the bit: a lattice that only grew was never written there.
+        // Compared to the bit: a lattice that only grew has these values unchanged.
         let same = self.size.to_bits() == old.size.to_bits()
             && self.origin == old.origin
             && self.axes == old.axes;

@@ -1,11 +1,11 @@
-//! The body, not only its surface: a volumetric elastic prior with the surface embedded in it.
+//! Tracks the body, not only its surface: a volumetric elastic prior with the surface embedded in it.
 //!
 //! ```text
 //! min over x     elastic energy from rest (x)  +  ½ Σ rows ((d·(x(e) − q)) / σ)²  +  ½ ‖x − expected‖² / σ_motion²  −  weight · x
-//! s.t.           no point under the table, inequalities of the caller's
+//! s.t.           no point below the table, inequalities of the caller
 //! ```
 //!
-//! | file | what it holds |
+//! | file | content |
 //! |---|---|
 //! | `cube` | shape functions and stiffness of the unit cube |
 //! | `lattice` | cells and nodes at rest, embedding of points |
@@ -14,13 +14,13 @@
 //! | `row` | equations and inequalities on embedded points |
 //! | `self_contact` | inequalities where the surface comes near itself |
 //! | `elastic` | energy, forces, assembly and one Gauss–Newton step |
-//! | `weight` | gravity and the table's lost reaction, estimate of weight over stiffness |
-//! | `frame` | what a frame is given and tells |
-//! | `project` | the nearest estimate that keeps the constraints |
-//! | `variance` | covariances of embedded points, which of them are determined |
+//! | `weight` | gravity and the reaction of the table at rest, estimate of weight over stiffness |
+//! | `frame` | input and result of a frame |
+//! | `project` | the nearest estimate that satisfies the constraints |
+//! | `variance` | covariances of embedded points, and which of them are determined |
 //! | `filter` | the filter: predict, relinearise, update, project |
 //!
-//! A block of 64 × 32 × 32 mm is gripped at one end and lifted. All of it follows, and sags by its weight:
+//! A block of 64 × 32 × 32 mm is gripped at one end and lifted. All of it follows, and sags under its weight:
 //!
 //! ```
 //! use topo_ekf::Plane;
@@ -54,7 +54,7 @@
 //! }
 //! let lifted = body.pose().position(body.lattice(), &grip);
 //! assert!((lifted.z - 0.072).abs() < 0.004);
-//! // Nothing is under the table, and the far end is known less well than what the gripper holds.
+//! // Nothing is below the table, and the far end is less certain than the gripped one.
 //! let lowest = surface.iter().map(|at| body.pose().position(body.lattice(), at).z);
 //! assert!(lowest.fold(f64::INFINITY, f64::min) > -1e-6);
 //! let sigmas = body.marginal_sigmas(&[grip, bottom[3]])?;

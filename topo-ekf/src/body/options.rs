@@ -1,9 +1,9 @@
-//! Settings of the body filter, each with the reason for its default.
+//! Options of the body filter, with the reasons for their defaults.
 
 use crate::Error;
 use crate::setters::setters;
 
-/// How stiff, how heavy, how slippery, how many steps. Lengths in metres, weights in 1/m².
+/// Stiffness, weight, friction, numbers of steps. Lengths in metres, weights in 1/m².
 ///
 /// ```
 /// use topo_ekf::body::BodyOptions;
@@ -15,57 +15,57 @@ use crate::setters::setters;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyOptions {
     /// Elastic energy of unit strain per volume, in units of the data, 1/m³. Default 4.9e7: 200 in a cube of 16 mm, so that a strain of 7 % in
-    /// it weighs as much as one point that is off by its standard deviation. A fifth of it loses the body, four times as much is
-    /// a little worse.
+    /// it costs as much as one point with a residual of one standard deviation. With a fifth of it the body is lost, with four times as much the result is
+    /// slightly worse.
     pub stiffness: f64,
     /// Poisson's ratio. Default 0.4.
     pub poisson_ratio: f64,
-    /// Standard deviation of where a node is expected, metres a frame.
+    /// Standard deviation of the expected position of a node, metres per frame.
     pub motion_sigma: f64,
-    /// Share of the last frame's motion that is expected to go on. Default 0.8.
+    /// Share of the last frame's motion that is expected to continue. Default 0.8.
     pub momentum: f64,
     /// Standard deviation of a gripped point, metres.
     pub grip_sigma: f64,
-    /// Standard deviation of a point that touches the table, across the table, metres.
+    /// Standard deviation of a point that touches the table, along the normal of the table, metres.
     pub contact_sigma: f64,
-    /// Standard deviation of a point that touches the table, along the table, metres a frame: friction.
+    /// Standard deviation of a point that touches the table, along the table, metres per frame: friction.
     pub stick_sigma: f64,
-    /// Coulomb's coefficient of friction: no point on the table holds more along it than this times what it bears. Infinite
+    /// Coulomb's coefficient of friction: the friction force of a point is at most this times its normal force. Infinite
     /// for friction that always sticks.
     pub friction: f64,
-    /// Height below which a point is taken to touch the table, metres.
+    /// Height below which a point counts as touching the table, metres.
     pub touch: f64,
-    /// What the table does. Default: nothing of the body is ever under it.
+    /// How the table acts. Default: as a constraint.
     pub table: Table,
-    /// Steps with all data in a frame.
+    /// Steps with all data in each frame.
     pub steps: usize,
-    /// Steps by grips, table and weight alone before the data are looked at, when something is held.
+    /// Steps with grips, table and weight alone before the data are used, when something is held.
     pub presteps: usize,
     /// Steps in a frame after a release.
     pub release_steps: usize,
-    /// Frames after a release in which the body is expected to fall: stiff first, wide matching, no momentum.
+    /// Number of frames after a release in which the body may fall: stiff at first, wide matching, no momentum.
     pub release_frames: usize,
-    /// How much stiffer the first step of such a frame is.
+    /// Factor on the stiffness in the first step of such a frame.
     pub release_stiffness: f64,
-    /// Steps end when no node moved farther, metres.
+    /// Steps end when no node has moved farther, metres.
     pub tolerance: f64,
-    /// Weight over stiffness `ρ g / E` that is assumed before anything was lifted, 1/m.
+    /// Weight over stiffness `ρ g / E` assumed before anything was lifted, 1/m.
     pub initial_weight: f64,
-    /// Standard deviation of that.
+    /// Standard deviation of that assumption.
     pub initial_weight_sigma: f64,
 }
 
-/// What the table does to points of the body, each variant less than the one before.
+/// How the table acts on points of the body; each variant does less than the one before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Table {
-    /// It pushes back with [`BodyOptions::contact_sigma`] and holds by friction, and what is left below it is projected out: to a micrometre, no point
-    /// of the estimate is below.
+    /// It exerts normal forces with [`BodyOptions::contact_sigma`] and friction, and remaining penetration is removed by projection: no point of the
+    /// estimate is more than a micrometre below it.
     Constraint,
-    /// It pushes back and holds, without the projection: points that are pressed into it stay in it.
+    /// It exerts normal forces and friction, without the projection: points that are pressed into it stay there.
     Contact,
-    /// There is none, as in a filter without constraints; the weight of what stands is then borne by its feet alone.
+    /// There is no table, as in a filter without constraints; a standing body is then supported by its feet alone.
     Absent,
 }
 
@@ -118,7 +118,7 @@ setters! {
 }
 
 impl BodyOptions {
-    /// Refuses settings that have no meaning.
+    /// Rejects invalid options.
     pub(crate) fn check(&self) -> Result<(), Error> {
         for (name, value) in [
             ("stiffness", self.stiffness),

@@ -1,12 +1,12 @@
-//! Pieces of material that share a cell of the lattice without being connected there, as two fingers do: each has its own copy of the cell, with
-//! nodes of its own.
+//! Pieces of material that share a cell of the lattice without being connected there, such as two fingers: each has its own copy of the cell, with
+//! separate nodes.
 //!
 //! ```text
-//! (c, k) ~ (c', k')      c and c' joined, and corner k of c lies where corner k' of c' does
-//! node                   one for every class of corners
+//! (c, k) ~ (c', k')      c and c' joined, and corners k of c and k' of c' have the same position
+//! node                   one for every equivalence class of corners
 //! ```
-//! Two copies of a cell that are joined all around through others have the same nodes there and part where the material parts. (Virtual
-//! nodes: Molino, Bao and Fedkiw, A virtual node algorithm for changing mesh topology during simulation, 2004.)
+//! Two copies of a cell that are connected through surrounding cells share the nodes there, and have separate nodes where the material is
+//! divided. (Virtual nodes: Molino, Bao and Fedkiw, A virtual node algorithm for changing mesh topology during simulation, 2004.)
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,27 +14,27 @@ use super::cube::{CORNERS, Occupancy, PARTS};
 use super::lattice::{Cell, Lattice};
 use crate::Error;
 
-/// Share of a part of a cell from which on there is material in it.
+/// Share of a part of a cell from which on it counts as filled.
 const FILLED: f64 = 0.2;
 
 /// A connected piece of the material in a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Piece {
-    /// Where its cell stands in the lattice.
+    /// The place of its cell in the lattice.
     pub place: [i32; 3],
-    /// Which parts of the cell it fills; the filter takes shares from 0 to 1.
+    /// Which parts of the cell it fills; the filter accepts shares from 0 to 1.
     pub occupancy: Occupancy,
 }
 
 impl Lattice {
-    /// Says which pieces the material in every cell consists of, and which pieces are joined to which; the cell of every piece.
+    /// Sets the pieces of material in all cells, and which pieces are joined; returns the cell of every piece.
     ///
-    /// The copies that a place has are kept for the pieces that overlap them most, new ones are made where they are too few, and what is left over
-    /// moves with the piece that it overlaps most, without material of its own. Nodes keep their indices; a node that is parted lives on in one of the
-    /// classes of corners, and the others get new ones that stand where it stands.
+    /// Existing copies at a place are kept for the pieces that overlap them most, new ones are created where there are too few, and surplus copies
+    /// move with the piece that they overlap most, without material of their own. Nodes keep their indices; a node that is split stays the node of one of the
+    /// classes of corners, and the others get new nodes at the same position.
     ///
     /// # Errors
-    /// A place with a cell but without a piece, joined pieces that are none or whose cells share no corner; the lattice is then as before.
+    /// A place with a cell but without a piece, joined pairs that are not two pieces, or whose cells share no corner; the lattice is then unchanged.
     ///
     /// # Complexity
     /// Cells times logarithm of cells.
@@ -63,7 +63,7 @@ impl Lattice {
         Ok(assigned.of_piece)
     }
 
-    /// Which copy each piece takes over; new cells stand with the nodes of the copy that they part from.
+    /// Which copy each piece uses; new cells get the nodes of the copy that they are split from.
     fn assign(&mut self, pieces: &[Piece], at: &BTreeMap<[i32; 3], Vec<usize>>) -> Assigned {
         let mut assigned = Assigned {
             of_piece: vec![u32::MAX; pieces.len()],
@@ -100,13 +100,13 @@ impl Lattice {
         assigned
     }
 
-    /// One more cell at a place; it stands on the nodes of `from` until it is rewired.
+    /// Adds a cell at a place, with the nodes of `from` until it is rewired.
     fn copy_cell(&mut self, place: [i32; 3], from: Option<u32>) -> u32 {
         let nodes = from.map_or([u32::MAX; 8], |c| self.cells[c as usize].nodes);
         self.push_cell(place, nodes)
     }
 
-    /// Classes of corners: the root of corner `k` of cell `c` stands at `8 c + k`.
+    /// Classes of corners: the root of corner `k` of cell `c` is at index `8 c + k`.
     fn classes(&self, joined: &[[usize; 2]], assigned: &Assigned) -> Vec<usize> {
         let mut roots = Roots((0..8 * self.cells.len()).collect());
         for pair in joined {
@@ -185,7 +185,7 @@ impl Lattice {
         }
     }
 
-    /// Whether material parts at a place: a corner of it is more than one node.
+    /// Whether material is divided at a place: a corner of it has more than one node.
     pub fn is_parted(&self, place: [i32; 3]) -> bool {
         CORNERS.iter().any(|c| {
             let corner = [0, 1, 2].map(|a| place[a] + c[a]);
@@ -193,7 +193,7 @@ impl Lattice {
         })
     }
 
-    /// How far local coordinates of a cell are from the material in it, in cells; infinite for a cell without material.
+    /// Distance of local coordinates of a cell from the material in it, in cells; infinite for a cell without material.
     pub fn away(&self, cell: u32, xi: &[f64; 3]) -> f64 {
         let Some(occupancy) = &self.cells[cell as usize].occupancy else {
             let out = xi.map(|v| (-v).max(v - 1.0).max(0.0));
@@ -212,16 +212,16 @@ impl Lattice {
     }
 }
 
-/// Pieces and the copies they take.
+/// Pieces and the copies they use.
 struct Assigned {
     of_piece: Vec<u32>,
-    /// Copies that no piece takes, and the piece they move with.
+    /// Copies that no piece uses, and the piece they move with.
     left_over: Vec<(u32, usize)>,
-    /// Cells that there were before.
+    /// Number of cells before the change.
     old: usize,
 }
 
-/// Material that a piece and a cell have in common, in parts.
+/// Amount of material that a piece and a cell have in common, in parts.
 fn overlap(piece: &Occupancy, cell: &Cell) -> f64 {
     match &cell.occupancy {
         None => piece.iter().sum(),

@@ -1,4 +1,4 @@
-//! Where the body is now: live nodes and the rotation of every cell, forward and inverse map.
+//! The pose of the body: live nodes and the rotation of every cell, forward and inverse map.
 //!
 //! ```text
 //! R_c = argmin_R ‖F_c − R‖             F_c: gradient of the deformation at the centre of the cell (polar factor)
@@ -14,20 +14,20 @@ use super::lattice::{Embedding, Lattice};
 use super::options::BodyOptions;
 use crate::rotation::nearest_rotation;
 
-/// Newton steps of the inverse map.
+/// Newton iterations of the inverse map.
 const INVERSE_STEPS: usize = 5;
-/// Farthest a point may lie outside of a cell for the inverse map, in cells.
+/// Largest distance of a point outside of a cell for the inverse map, in cells.
 const OUTSIDE: f64 = 0.8;
-/// How near a point must be to the material of a piece to be in it, in cells.
+/// Largest distance of a point from the material of a piece that contains it, in cells.
 const NEAR: f64 = 0.15;
-/// Share of its volume below which a place counts as folded: its gradient says nothing of the normal.
+/// Ratio of volumes below which the map counts as folded: its gradient does not define the normal.
 const FOLDED: f64 = 0.05;
-/// Cells whose neighbourhood carries a new node along.
+/// Number of cells that move a new node.
 const CARRIERS: usize = 4;
 
-/// The nodes of a [`Lattice`] at one moment, and the rotations that belong to them.
+/// The positions of the nodes of a [`Lattice`] at one moment, and the rotations of its cells.
 ///
-/// Methods expect a pose of the lattice that they are given and panic where it is too small for it.
+/// Methods panic if the pose has fewer nodes or cells than the given lattice.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
@@ -37,7 +37,7 @@ pub struct Pose {
     pub turns: Vec<Rotation3<f64>>,
 }
 
-/// A live point carried back to rest.
+/// A live point mapped to rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AtRest {
@@ -47,7 +47,7 @@ pub struct AtRest {
     pub gradient: Matrix3<f64>,
     /// The cell whose map was used.
     pub cell: u32,
-    /// How far outside of that cell the point lies, in cells.
+    /// Distance of the point outside of that cell, in cells.
     pub outside: f64,
 }
 
@@ -73,7 +73,7 @@ impl Pose {
         }
     }
 
-    /// Adds the nodes and cells that the lattice has gained: where the node is that they were parted from, else carried along rigidly by the four
+    /// Adds the nodes and cells that the lattice has gained: at the position of the node that they were split from, else moved rigidly with the four
     /// nearest cells.
     ///
     /// # Complexity
@@ -108,7 +108,7 @@ impl Pose {
         self.fit_turns(lattice);
     }
 
-    /// Elastic energy of the pose with the rotations it has, in units of the data ([`BodyOptions::stiffness`]).
+    /// Elastic energy of the pose with its present rotations, in units of the data ([`BodyOptions::stiffness`]).
     ///
     /// # Complexity
     /// Linear in the number of cells.
@@ -117,7 +117,7 @@ impl Pose {
         elastic::energy(&elements, lattice, self, options.stiffness)
     }
 
-    /// Elastic forces on the nodes, in units of the energy per metre: minus the gradient of [`Self::energy`] with the rotations held. Where
+    /// Elastic forces on the nodes, in units of the energy per metre: minus the gradient of [`Self::energy`] with fixed rotations. If
     /// the rotations follow the nodes ([`Self::fit_turns`]) the gradient differs by a term of second order in the strain.
     ///
     /// # Complexity
@@ -132,7 +132,7 @@ impl Pose {
         lattice.warp(&self.live, at)
     }
 
-    /// Live normal of an embedded point: `F⁻ᵀ n`, normalised; where the map is folded, the cell's rotation of `n`.
+    /// Live normal of an embedded point: `F⁻ᵀ n`, normalised; where the map is folded, `n` rotated with the cell.
     pub fn normal(
         &self,
         lattice: &Lattice,
@@ -147,8 +147,8 @@ impl Pose {
         UnitVector3::new_normalize(cofactor * rest_normal.into_inner())
     }
 
-    /// Carries a live point back to rest through the best of the candidate cells; nothing if it lies farther outside of all
-    /// than 0.8 cells. Where material parts (`Lattice::set_pieces`), outside is also what is farther than 0.15 cells from the cell's own material.
+    /// Maps a live point to rest through the best of the candidate cells; `None` if it is more than 0.8 cells outside of all of
+    /// them. Where material is divided (`Lattice::set_pieces`), a point must also be within 0.15 cells of the cell's own material.
     pub fn inverse(
         &self,
         lattice: &Lattice,
@@ -162,7 +162,7 @@ impl Pose {
                 .iter()
                 .map(|v| (-v).max(v - 1.0).max(0.0))
                 .fold(0.0, f64::max);
-            // Where material parts, a point may lie in the cells of several pieces: it belongs to the one that it is nearest to.
+            // Where material is divided, a point may lie in the cells of several pieces: the nearest piece contains it.
             if lattice.parted[cell as usize] {
                 outside = outside.max(lattice.away(cell, &xi) - NEAR);
             }
@@ -204,7 +204,7 @@ impl Pose {
     }
 }
 
-/// A rest point moved along with the nearest of some rigid frames (rest centre, live centre, rotation).
+/// A rest point moved with the nearest of some rigid frames (rest centre, live centre, rotation).
 fn carried(
     rest: &Point3<f64>,
     frames: &[(Point3<f64>, Point3<f64>, Rotation3<f64>)],

@@ -1,19 +1,18 @@
-//! The estimate nearest to the unconstrained one, in the metric of its information, that keeps the constraints.
+//! The constrained estimate nearest to the unconstrained one, in the metric of its information.
 //!
 //! ```text
-//! min ½ (x − x̂)ᵀ H (x − x̂)      s.t.   D x ≥ b            H: information of the last step, x̂: what it gave
+//! min ½ (x − x̂)ᵀ H (x − x̂)      s.t.   D x ≥ b            H: information of the last step, x̂: its estimate
 //! x = x̂ + H⁻¹ Dᵀ λ,    λ = argmin ½ λᵀ (D H⁻¹ Dᵀ + ς I) λ − gᵀ λ  s.t. λ ≥ 0            g = b − D x̂
 //! ```
 //!
-//! The rows of `D` are points of the surface against the table and the caller's inequalities. Most of what lies on the table is kept up by
-//! contact rows in the steps already, with a deviation of half a millimetre at the most; what is left of it is taken away here, so that no
-//! point of the estimate is more than a micrometre below. Of the violated rows of a cell the worst comes into play, then the worst of what
-//! is left: most rows of a cell say nearly the same. `D H⁻¹ Dᵀ` among the rows in play is small and dense, from entries of `H⁻¹` by the factor at hand
-//! ([`crate::selected_inverse`]), and the active set is found in it by descent; clarabel takes over where that does not settle.
-//! The softness `ς` keeps rows apart that repeat each other, and what it leaves of the gaps is asked for again (method of
-//! multipliers), so that rows that contradict each other end at the least sum of squares.
+//! The rows of `D` are points of the surface against the table, and the caller's inequalities. Contact rows in the steps already support most points
+//! on the table, to half a millimetre or better; the remaining penetration is removed here, so that no point of the estimate is more than a micrometre
+//! below. Of the violated rows of a cell the worst becomes active, then the worst of the rest, because most rows of a cell are nearly equal.
+//! `D H⁻¹ Dᵀ` of the active rows is small and dense, from entries of `H⁻¹` by the factor at hand ([`crate::selected_inverse`]), and the active set is found
+//! in it by descent; clarabel is used where that does not converge. The softness `ς` keeps nearly equal rows independent, and the gap that it
+//! leaves is added again (method of multipliers), so that infeasible rows end at the least sum of squares.
 //!
-//! The projected mean is kept, the active set never becomes information.
+//! The projected mean is kept; the active set is not used as information.
 
 use clarabel::algebra::CscMatrix;
 use nalgebra::{DMatrix, DVector, Matrix3, Point3};
@@ -25,23 +24,23 @@ use super::row::BodyInequality;
 use crate::quadratic_program::minimise;
 use crate::{Error, Plane};
 
-/// A row violated by more than this is projected, m: a tenth of what is promised.
+/// A row violated by more than this is projected, m: a tenth of the guarantee.
 pub(crate) const DEPTH: f64 = 1e-7;
-/// Violation that is left standing, m.
+/// Largest remaining violation, m.
 pub(crate) const FEASIBLE: f64 = 1e-6;
 /// Softness of a row relative to the mean compliance of the rows in play.
 const SOFT: f64 = 1e-5;
 /// Coefficients smaller than this share of the largest are rounding.
 const ZERO: f64 = 1e-12;
-/// Rounds in which each cell brings its worst row; after them all violated rows come at once.
+/// Rounds in which each cell adds its worst row; after them all violated rows are added at once.
 const ROUNDS: usize = 12;
-/// Sweeps of the relaxation that foretells the active set, and its over-relaxation.
+/// Sweeps of the relaxation that predicts the active set, and its over-relaxation.
 const SWEEPS: usize = 60;
 const OVER: f64 = 1.5;
-/// Steps of the active set, and how many rows join in the first of them, half as many in every later one.
+/// Steps of the active set, and how many rows are added in the first of them; half as many in each later one.
 const STEPS: usize = 100;
 const JOINING: usize = 32;
-/// Times that what softness leaves is asked for again.
+/// How often the gap left by softness is added again.
 const PASSES: usize = 20;
 /// Tolerance of feasibility in clarabel, relative to the largest gap.
 const FEASIBILITY: f64 = 1e-10;
@@ -50,10 +49,10 @@ const STILL: f64 = 1e-2 * DEPTH;
 
 /// `Σ a x ≥ b` over a few unknowns, in metres.
 pub(crate) struct Half {
-    /// Rows of one group say nearly the same.
+    /// Rows of one group are nearly equal.
     group: u32,
     terms: Vec<(u32, f64)>,
-    /// What the estimate lacks, m.
+    /// Violation by the estimate, m.
     pub gap: f64,
 }
 
@@ -68,7 +67,7 @@ impl Half {
         }
     }
 
-    /// The caller's inequality, divided by its largest coefficient; each is a group of its own.
+    /// The caller's inequality, divided by its largest coefficient; each forms a group of its own.
     pub fn of(
         lattice: &Lattice,
         pose: &Pose,
@@ -101,11 +100,11 @@ impl Half {
     }
 }
 
-/// The move to the projected estimate.
+/// The displacement to the projected estimate.
 pub(crate) struct Projected {
-    /// Of all unknowns.
+    /// Displacement of all unknowns.
     pub moves: Vec<f64>,
-    /// Rows that push.
+    /// Number of active rows.
     pub pushing: usize,
 }
 
@@ -150,7 +149,7 @@ pub(crate) fn project(
     })
 }
 
-/// Violated rows that are not in play: the worst of each group, or all.
+/// Violated rows that are not yet included: the worst of each group, or all.
 fn newcomers(halves: &[Half], left: &[f64], known: &[usize], worst: bool) -> Vec<usize> {
     let mut plays = vec![false; halves.len()];
     for &k in known {
@@ -169,12 +168,12 @@ fn newcomers(halves: &[Half], left: &[f64], known: &[usize], worst: bool) -> Vec
     lacking
 }
 
-/// `D H⁻¹ Dᵀ` among the rows in play, and their forces.
+/// `D H⁻¹ Dᵀ` of the included rows, and their forces.
 struct Model {
     rows: Vec<usize>,
     gram: DMatrix<f64>,
     forces: Vec<f64>,
-    /// Unknowns whose entries of `H⁻¹` are known, and where each stands among them.
+    /// Unknowns whose entries of `H⁻¹` are known, and their indices.
     unknowns: Vec<u32>,
     places: Vec<u32>,
     inverse: DMatrix<f64>,
@@ -192,7 +191,7 @@ impl Model {
         }
     }
 
-    /// Takes rows into play.
+    /// Includes rows.
     fn admit(
         &mut self,
         new: &[usize],
@@ -240,7 +239,7 @@ impl Model {
         Ok(())
     }
 
-    /// Takes rows out of play that do not push: the optimum without them is the same, and it only gets dearer, so that none comes back for ever.
+    /// Drops included rows without force: the optimum is the same without them. The objective only grows, so no row returns for ever.
     fn drop_idle(&mut self) {
         let kept: Vec<usize> = (0..self.rows.len())
             .filter(|&k| self.forces[k] > 0.0)
@@ -250,7 +249,7 @@ impl Model {
         self.forces = kept.iter().map(|&k| self.forces[k]).collect();
     }
 
-    /// Forces of the rows in play.
+    /// Computes the forces of the included rows.
     fn push(&mut self, halves: &[Half]) -> Result<(), Error> {
         let gaps: Vec<f64> = self.rows.iter().map(|&k| halves[k].gap).collect();
         let soft = SOFT * self.gram.trace() / gaps.len() as f64;
@@ -281,7 +280,7 @@ impl Model {
         }
     }
 
-    /// Forces after a few sweeps of projected over-relaxation (Cryer 1971): nearly the active set, for less than a factorisation of it.
+    /// Forces after a few sweeps of projected over-relaxation (Cryer 1971): almost the active set, for less than a factorisation of it.
     fn relaxed(&self, asked: &[f64], soft: f64) -> Vec<f64> {
         let mut forces = self.forces.clone();
         let mut lacking = left(&self.gram, asked, &forces);
@@ -302,14 +301,14 @@ impl Model {
         forces
     }
 
-    /// What the forces leave of the gaps.
+    /// The gaps that remain under the forces.
     fn left(&self, gaps: &[f64]) -> Vec<f64> {
         left(&self.gram, gaps, &self.forces)
     }
 }
 
-/// The minimum by an active set that only descends (Lawson and Hanson 1974): the forces of the pushing rows are solved for, as far as all of them
-/// stay positive, and rows that are left violated join, the worst first. `None` if it has not settled after the steps allowed.
+/// The minimum by an active set that only descends (Lawson and Hanson 1974): the forces of the active rows are solved for, as far as all of them
+/// stay positive, and rows that are still violated are added, the worst first. `None` if it has not converged after the allowed steps.
 fn descend(
     gram: &DMatrix<f64>,
     asked: &[f64],
@@ -350,7 +349,7 @@ fn descend(
         }
         new.sort_by(|&a, &b| lacking[b].total_cmp(&lacking[a]).then(a.cmp(&b)));
         new.truncate(joining);
-        // Several at once may hold each other up; one always descends.
+        // Several at once may block each other; a single one always descends.
         joining = (joining / 2).max(1);
         active.extend(new);
     }
@@ -399,7 +398,7 @@ fn interior_point(gram: &DMatrix<f64>, asked: &[f64], soft: f64) -> Result<Vec<f
         .collect())
 }
 
-/// Adds a move of the unknowns to the nodes.
+/// Adds a displacement of the unknowns to the nodes.
 pub(crate) fn shift(live: &mut [Point3<f64>], moves: &[f64], frame: &Matrix3<f64>) {
     for (p, m) in live.iter_mut().zip(moves.chunks_exact(3)) {
         *p += frame.tr_mul(&nalgebra::Vector3::from_column_slice(m));

@@ -1,4 +1,4 @@
-//! What is said of embedded points: equations with a variance, and inequalities that must hold.
+//! Equations on embedded points with a variance, and inequalities that must hold.
 //!
 //! ```text
 //! row            d · (x(e) − q) = 0,  variance 1/w       (all three coordinates where no direction d is given)
@@ -21,9 +21,9 @@ const HEAVIEST: f64 = 1e18;
 pub struct Row {
     /// The point.
     pub at: Embedding,
-    /// Where it should be.
+    /// Its target position.
     pub target: Point3<f64>,
-    /// Along which direction; all when `None`.
+    /// The direction along which it holds; all directions if `None`.
     pub direction: Option<UnitVector3<f64>>,
     /// One over its variance, 1/m²; at most 1e18.
     pub weight: f64,
@@ -40,7 +40,7 @@ impl Row {
         }
     }
 
-    /// The point lies on the plane through `target` across `direction`, with a weight of one over the variance, 1/m².
+    /// The point lies on the plane through `target` with normal `direction`, with a weight of one over the variance, 1/m².
     pub fn along(
         at: Embedding,
         target: Point3<f64>,
@@ -55,7 +55,7 @@ impl Row {
         }
     }
 
-    /// Refuses a row that has no meaning on this lattice.
+    /// Rejects a row that is invalid for this lattice.
     pub(crate) fn check(&self, index: usize, lattice: &Lattice) -> Result<(), Error> {
         lattice.check_embedding("row", index, &self.at)?;
         if !usable_point(&self.target) {
@@ -80,14 +80,14 @@ impl Row {
     }
 }
 
-/// Refuses a direction whose length is not one.
+/// Rejects a direction whose length is not one.
 pub(crate) fn check_unit(
     what: &'static str,
     index: usize,
     direction: &UnitVector3<f64>,
 ) -> Result<(), Error> {
     let value = direction.norm();
-    // Written so that NaN is refused too.
+    // Written so that NaN is rejected too.
     if (value - 1.0).abs() < 1e-6 {
         return Ok(());
     }
@@ -99,9 +99,9 @@ pub(crate) fn check_unit(
     })
 }
 
-/// A linear inequality `Σ_t a_t · x(e_t) ≥ bound` over a few embedded points, which the estimate keeps.
+/// A linear inequality `Σ_t a_t · x(e_t) ≥ bound` over a few embedded points, which the estimate satisfies.
 ///
-/// Feasible to 1e-6 times the largest `‖a_t‖`: with unit vectors, to a micrometre. It moves the estimate and adds no information.
+/// Satisfied to 1e-6 times the largest `‖a_t‖`: with unit vectors, to a micrometre. It moves the estimate and adds no information.
 ///
 /// ```
 /// use topo_ekf::body::{BodyInequality, Embedding};
@@ -116,16 +116,16 @@ pub(crate) fn check_unit(
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyInequality {
-    /// Points with their coefficient vectors `a_t`; a point named twice counts with the sum.
+    /// Points with their coefficient vectors `a_t`; a point that occurs twice counts with the sum.
     pub terms: Vec<(Embedding, Vector3<f64>)>,
     /// Lower bound, metres times the unit of the coefficients.
     pub bound: f64,
 }
 
 impl BodyInequality {
-    /// A vertex of the surface stays at least `separation` metres over a triangle of it, on the side that `normal` points to:
+    /// A vertex of the surface stays at least `separation` metres above a triangle of it, on the side of `normal`:
     /// `normal · (x(vertex) − Σ_k b_k x(corner_k)) ≥ separation`, with the barycentric weights `b` of the foot of the vertex in the
-    /// triangle and the triangle's unit normal, both as they are now (a linearisation: renew it every frame).
+    /// triangle and the triangle's unit normal, both at present (a linearisation: renew it every frame).
     pub fn separation(
         vertex: Embedding,
         triangle: [Embedding; 3],
@@ -142,7 +142,7 @@ impl BodyInequality {
         }
     }
 
-    /// Refuses what has no meaning on this lattice.
+    /// Rejects an inequality that is invalid for this lattice.
     pub(crate) fn check(&self, index: usize, lattice: &Lattice) -> Result<(), Error> {
         check_inequality(index, &self.terms, self.bound, |at| {
             lattice.check_embedding("inequality", index, at)

@@ -1,4 +1,4 @@
-//! How what serde has no derive for is written.
+//! Serialisation of types for which serde has no derive.
 
 pub(super) mod occupancy {
     use std::sync::Arc;

@@ -1,12 +1,12 @@
-//! Where the surface of a body comes near itself.
+//! Self-contact: inequalities where the surface of a body comes near itself.
 //!
 //! ```text
-//! n_T · (x(e_v) − Σ_k b_k x(e_k)) ≥ δ      vertex v before triangle T, seen from outside of both: their outer sides face each other
+//! n_T · (x(e_v) − Σ_k b_k x(e_k)) ≥ δ      vertex v on the outer side of triangle T, whose outer sides face each other
 //! ```
 //!
-//! What faces each other through the inside of a body is kept apart by its material; what faces each other through the air is not, and nothing
-//! else in the elastic energy knows of it. Vertices that lie nearer than `δ` to a triangle at rest, such as those of fingers that touch, need
-//! only stay as far as they are there.
+//! Parts of the surface that face each other through the inside of a body are kept apart by its material; parts that face each other through the
+//! air are not constrained by the elastic energy. Vertices closer than `δ` to a triangle at rest, such as those of fingers that touch, only keep
+//! their distance at rest.
 
 use nalgebra::{Point3, Vector3};
 
@@ -16,7 +16,7 @@ use crate::Error;
 use crate::contact::Surface;
 use crate::graph::{check_points, check_vertex};
 
-/// The surface of a body, made ready to be looked over for places where it comes near itself.
+/// The surface of a body, prepared for finding where it comes near itself.
 ///
 /// ```
 /// use topo_ekf::body::{Embedding, SelfContact};
@@ -40,14 +40,14 @@ pub struct SelfContact {
     separation: f64,
 }
 
-/// How far from a triangle vertices are watched, in separations.
+/// Distance from a triangle, in separations, within which vertices are constrained.
 const REACH: f64 = 8.0;
 
 impl SelfContact {
-    /// Triangles, counter-clockwise seen from outside, over vertices at `rest`, which are to stay `separation` metres apart.
+    /// Triangles, counter-clockwise seen from outside, over vertices at `rest`, which must stay `separation` metres apart.
     ///
     /// # Errors
-    /// A triangle that names a vertex that there is not, a vertex that is not finite, a separation that is not positive.
+    /// A triangle with an index out of range, a vertex that is not finite, a separation that is not positive.
     ///
     /// # Complexity
     /// Linear in the vertices; see the README for times.
@@ -87,14 +87,14 @@ impl SelfContact {
         self.rest.len()
     }
 
-    /// A row for every vertex that is before another part of the surface now, to be kept in the next frame. `live` is where the vertices are,
-    /// `places` where they lie in the lattice; both may be longer than the vertices known here.
+    /// An inequality for every vertex that now faces another part of the surface, for the next frame. `live` are the positions of the vertices,
+    /// `places` their embeddings in the lattice; both may be longer than the vertices known here.
     ///
     /// # Errors
-    /// Fewer places or positions than vertices, positions that are not finite.
+    /// Fewer embeddings or positions than vertices, or positions that are not finite.
     ///
     /// # Complexity
-    /// `O(n log n)` where little is near; see the README for times.
+    /// `O(n log n)` if few parts are near each other; see the README for times.
     pub fn inequalities(
         &mut self,
         live: &[Point3<f64>],
@@ -140,13 +140,13 @@ impl SelfContact {
     }
 }
 
-/// Height of a vertex over a triangle at rest, if it is before it there.
+/// Height of a vertex above a triangle at rest, if it faces it there.
 fn at_rest(rest: &[Point3<f64>], vertex: u32, triangle: &[u32; 3]) -> Option<f64> {
     let [a, b, c] = triangle.map(|k| rest[k as usize]);
     let normal = (b - a).cross(&(c - a)).try_normalize(0.0)?;
     let p = rest[vertex as usize];
     let height = normal.dot(&(p - a));
-    // Beside the triangle by more than its size, the height says nothing.
+    // To the side of the triangle by more than its size, the height is meaningless.
     let size = (b - a).norm().max((c - a).norm());
     let middle = Point3::from((a.coords + b.coords + c.coords) / 3.0);
     let beside = (p - middle) - normal * height;

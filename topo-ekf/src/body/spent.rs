@@ -1,16 +1,16 @@
-//! Where the time of a body filter goes.
+//! Time spent in a body filter.
 
 use std::ops::AddAssign;
 use std::time::Duration;
 
-/// Time that was spent on the normal equations. It is no part of the result: two filters that are given the same differ in it.
+/// Time spent on the normal equations. It is not part of the result: it differs between filters with the same input.
 #[derive(Clone, Copy, Debug, Default)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Spent {
-    /// Putting them together: elasticity of every cell, rows and loads.
+    /// Assembling: elasticity of every cell, rows and loads.
     pub assembling: Duration,
-    /// Factorising them.
+    /// Factorising.
     pub factoring: Duration,
 }
 

@@ -1,11 +1,11 @@
-//! How well the places of embedded points are known.
+//! Uncertainty of the positions of embedded points.
 //!
 //! ```text
 //! cov x(e) = W_e (H⁻¹)_cc W_eᵀ               c: the 24 coordinates of the cell's corners, W_e: their weights
 //! σ(e) = √(tr cov x(e) / 3)
 //! e is determined within τ   ⇔   σ(e) ≤ τ
 //! ```
-//! Entries of `H⁻¹` come by half solves with the factor at hand, several cells at a time ([`crate::selected_inverse`]).
+//! Entries of `H⁻¹` are computed by half solves with the factor at hand, for several cells at a time ([`crate::selected_inverse`]).
 
 use std::collections::BTreeSet;
 
@@ -15,19 +15,19 @@ use super::elastic::{Elastic, Solved, corners};
 use super::lattice::{Embedding, Lattice};
 use crate::Error;
 
-/// Cells whose entries are made together: wide enough for dense products, and small enough to leave most of the square unmade.
+/// Number of cells whose entries are computed together: wide enough for dense products, narrow enough to skip most of the square.
 const TOGETHER: usize = 8;
 
-/// Which embedded points the last frame, the elasticity and what was expected determine together.
+/// Which embedded points are determined by the last frame, elasticity and expected positions together.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyObservability {
     /// Standard deviation of every point, m (root mean of the variances of its three coordinates).
     pub sigmas: Vec<f64>,
-    /// Whether that is at most [`Self::threshold`].
+    /// Whether it is at most [`Self::threshold`].
     pub determined: Vec<bool>,
-    /// The threshold asked for, m.
+    /// The given threshold, m.
     pub threshold: f64,
 }
 
@@ -41,7 +41,7 @@ impl BodyObservability {
     }
 }
 
-/// Covariances of checked points.
+/// Covariances of points that were checked.
 pub(crate) fn covariances(
     elastic: &Elastic,
     solved: &Solved,

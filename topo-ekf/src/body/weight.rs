@@ -1,17 +1,17 @@
-//! What gravity and the table do to a body whose rest shape is already loaded by both.
+//! Effect of gravity and the table on a body whose rest shape is already loaded by both.
 //!
 //! ```text
-//! at rest      internal + m g + r₀ = 0                     the rest shape carries its weight and the table's reaction r₀
-//! turned       internal turns with the material: R(−m g − r₀)
+//! at rest      internal + m g + r₀ = 0                     the rest shape is loaded by its weight and the table's reaction r₀
+//! rotated      internal forces rotate with the material: R(−m g − r₀)
 //! load         f = m g − R m g − R r₀                      on cells:  m (g − R_c g),   at the feet:  R_c M g   (r₀ = −M g)
 //! ```
-//! `M` is the mass that a foot bears. As the feet bear all of it, `Σ f = Σ m g` as long as a foot turns with what stands on it: a body that lies as
-//! it lay bears its weight at its feet, where the table holds it, and one that is lifted bears it at its grips. The table's reaction now is what the
-//! contact rows push. Forces are in units of the energy: `stiffness · h³ · γ` is the weight of a full cell, `γ = ρ g / E` in 1/m.
+//! `M` is the mass that a foot supports. As the feet support all of it, `Σ f = Σ m g` as long as a foot rotates with what stands on it: a body in
+//! its rest pose is supported at its feet, where the table holds it, and a lifted one at its grips. The present reaction of the table is the force of
+//! the contact rows. Forces are in units of the energy: `stiffness · h³ · γ` is the weight of a full cell, `γ = ρ g / E` in 1/m.
 //!
 //! ```text
-//! sag of the seen points against a pose by grips, table and weight alone      a + s γ,   linear in γ
-//! γ ← argmin  Σ_looks 0.95^age (a + s γ)² / σ²  +  (γ − γ₀)² / σ₀²
+//! sag of the seen points relative to a pose by grips, table and weight alone      a + s γ,   linear in γ
+//! γ ← argmin  Σ_estimates 0.95^age (a + s γ)² / σ²  +  (γ − γ₀)² / σ₀²
 //! ```
 
 use nalgebra::Vector3;
@@ -21,19 +21,19 @@ use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 use crate::Error;
 
-/// A place of the body that stands on the table at rest.
+/// A point of the body that stands on the table at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Foot {
-    /// Where it is in the material.
+    /// Its position in the material.
     pub at: Embedding,
-    /// What it bears at rest, in masses of a full cell.
+    /// The mass that it supports at rest, in masses of a full cell.
     pub load: f64,
 }
 
 impl Foot {
-    /// Feet of a lattice of which nothing better is known: the middle of the lower face of every cell that stands on the table, bearing the
-    /// column above it. What other columns weigh is spread over them in proportion. Empty if no cell stands on the table (place 0 along
+    /// Default feet: the centre of the lower face of every cell that stands on the table, supporting the column above it. The
+    /// weight of other columns is distributed over them in proportion. Empty if no cell stands on the table (place 0 along
     /// the third axis).
     pub fn under_columns(lattice: &Lattice) -> Vec<Self> {
         let mut columns = std::collections::BTreeMap::<[i32; 2], (i32, u32, f64)>::new();
@@ -52,7 +52,7 @@ impl Foot {
         Self::bearing_all(feet.collect(), lattice)
     }
 
-    /// Scales the loads so that together they are the mass of the lattice; loads that sum to nothing stay as they are.
+    /// Scales the loads so that their sum is the mass of the lattice; loads with sum zero stay unchanged.
     pub fn bearing_all(mut feet: Vec<Self>, lattice: &Lattice) -> Vec<Self> {
         let total: f64 = (0..lattice.cells().len() as u32)
             .map(|c| lattice.mass(c))
@@ -66,7 +66,7 @@ impl Foot {
         feet
     }
 
-    /// Refuses a foot that this lattice cannot have.
+    /// Rejects a foot that is invalid for this lattice.
     pub(crate) fn check(&self, index: usize, lattice: &Lattice) -> Result<(), Error> {
         lattice.check_embedding("foot", index, &self.at)?;
         if !(0.0..=1e9).contains(&self.load) {
@@ -110,7 +110,7 @@ pub(crate) fn loads(
     forces
 }
 
-/// Least squares with forgetting for `γ`: the mean sag of the seen surface is `a + s γ` and should vanish.
+/// Recursive least squares with forgetting for `γ`: the mean sag of the seen surface is `a + s γ` and should vanish.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(crate) struct WeightEstimate {
@@ -120,13 +120,13 @@ pub(crate) struct WeightEstimate {
     initial_information: f64,
 }
 
-/// Share of the earlier information kept at each look.
+/// Share of the earlier information kept at each update.
 const KEPT: f64 = 0.95;
-/// Largest weight over stiffness believed, 1/m: beyond it a body of a decimetre lies flat.
+/// Largest plausible weight over stiffness, 1/m: beyond it a body of a decimetre would lie flat.
 const HEAVIEST: f64 = 6.0;
 
 impl WeightEstimate {
-    /// Before any look.
+    /// The estimate before any update.
     pub fn new(initial: f64, sigma: f64) -> Self {
         Self {
             information: 0.0,
@@ -136,13 +136,13 @@ impl WeightEstimate {
         }
     }
 
-    /// A look at sag `a + s γ` with standard deviation `sigma`.
+    /// Updates with a sag `a + s γ` of standard deviation `sigma`.
     pub fn weigh(&mut self, constant: f64, slope: f64, sigma: f64) {
         self.information = KEPT * self.information + slope * slope / (sigma * sigma);
         self.pull = KEPT * self.pull - slope * constant / (sigma * sigma);
     }
 
-    /// The estimate, 1/m, held between 0.02 and the heaviest believed.
+    /// The estimate, 1/m, clamped between 0.02 and the largest plausible value.
     pub fn value(&self) -> f64 {
         let pull = self.pull + self.initial_information * self.initial;
         (pull / (self.information + self.initial_information)).clamp(0.02, HEAVIEST)

@@ -1,4 +1,4 @@
-//! Clouds of features: x, y, z and the description of each.
+//! Clouds of features: x, y, z and a descriptor.
 //!
 //! ```text
 //! descriptor     256 bits as eight UINT32, bit k of the descriptor in word k / 32
@@ -48,7 +48,7 @@ impl PointCloud2 {
         })
     }
 
-    /// The features of the cloud; those whose point is not finite are left out.
+    /// The features of the cloud; those with non-finite points are skipped.
     ///
     /// # Errors
     /// No field `descriptor` of eight 32-bit words, and those of [`Self::points`].

@@ -1,4 +1,4 @@
-//! The closing table: what a run or a replay came to, a name and a value a line.
+//! The closing table of a run or a replay: one line with name and value for each measure.
 
 use crate::Failure;
 use explore_loop::measure::{MeshReport, Spread};
@@ -6,7 +6,7 @@ use explore_loop::report::metrics::{Metrics, UnseenPlace};
 use mesh_io::program::{Output, unless_closed};
 use std::io::Write;
 
-/// Prints the closing table: a name and a value a line. Nobody may be there to read it any more: what was written to the folder counts.
+/// Prints the closing table. A reader that has gone is no failure: the results are in the folder.
 pub fn table(output: Output, rows: &[(&str, String)]) -> Result<(), Failure> {
     let width = rows.iter().map(|(name, _)| name.len()).max().unwrap_or(0);
     let line = |(name, value): &(&str, String)| format!("  {name:<width$}  {value}\n");
@@ -14,7 +14,7 @@ pub fn table(output: Output, rows: &[(&str, String)]) -> Result<(), Failure> {
     Ok(unless_closed(write!(output.words(), "{text}"))?)
 }
 
-/// The rows of the closing table that say what a user would see.
+/// The rows of the closing table that describe the model.
 pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
     let unknown = || "no ground truth".to_owned();
     let percent = |share: f64| format!("{:.1} %", 100.0 * share);
@@ -72,9 +72,10 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
         ("slide", metrics.slide_m.map_or_else(unknown, mm)),
         (
             "stiffness over weight",
-            metrics
-                .stiffness_over_weight
-                .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
+            metrics.stiffness_over_weight.map_or_else(
+                || "not known: nothing was lifted".to_owned(),
+                |s| format!("{s:.2} m"),
+            ),
         ),
     ];
     if metrics.contacts > 0 {

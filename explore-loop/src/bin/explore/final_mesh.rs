@@ -10,10 +10,10 @@ use explore_loop::nalgebra::{Point3, UnitVector3};
 use explore_loop::reconstruct::RestSurface;
 use explore_loop::report::html::{self, AgainstTruth};
 
-/// The mesh that is written, measured and drawn: the only place that says how the model becomes a surface.
+/// The mesh that is written, measured and drawn.
 ///
-/// With each vertex goes, from the nearest vertex of the model that faces alike: `support`, its distance, m; `first_seen`, the frame in which it
-/// entered the model; `confidence`, 0 to 1, by how often it was seen and how near it is.
+/// Every vertex carries values from the nearest vertex of the model that faces the same way: `support`, the distance to it, m; `first_seen`, the frame
+/// in which it was added to the model; `confidence`, 0 to 1, from how often it was seen and how near it is.
 pub struct FinalMesh {
     pub further: Vec<(&'static str, Vec<f64>)>,
     pub vertices: Vec<Point3<f64>>,
@@ -23,7 +23,7 @@ pub struct FinalMesh {
     colours: Option<Vec<[u8; 3]>>,
 }
 
-/// Said in the header of every mesh.
+/// Options with the unit and the frame in the header of every mesh.
 pub fn in_metres() -> mesh::Options<'static> {
     mesh::Options::default().with_comment("metres, frame of the first observation")
 }
@@ -41,7 +41,7 @@ pub fn oriented(
 }
 
 impl FinalMesh {
-    /// As it is written.
+    /// The mesh in the form of the files.
     pub fn written(&self) -> Result<Mesh, mesh::Error> {
         let mut mesh = oriented(&self.vertices, &self.normals, &self.triangles)?;
         if let Some(colours) = &self.colours {
@@ -52,7 +52,7 @@ impl FinalMesh {
         })
     }
 
-    /// Of a model at rest: the surface its topology was judged by; the local triangulation of its vertices where none could be drawn.
+    /// The surface of a model at rest by which its topology was judged; where there is none, a local triangulation of its vertices.
     pub fn of(model: &CanonicalModel, topology: &Topology, spacing: f64) -> Self {
         let mut mesh = Self::uncoloured(model, topology, spacing);
         let places = mesh.vertices.iter().zip(&mesh.normals);
@@ -63,7 +63,7 @@ impl FinalMesh {
         mesh
     }
 
-    /// The surface that a reconstruction draws itself.
+    /// The surface that a reconstruction extracts itself.
     pub fn as_drawn(model: &CanonicalModel, own: RestSurface, spacing: f64) -> Self {
         let (nearest, distance) = nearest_facing(model, &own, spacing);
         Self {
@@ -94,7 +94,7 @@ impl FinalMesh {
         }
     }
 
-    /// Measures it: `points` are the observations it was fused from.
+    /// Measures the mesh against `points`, the observations it was fused from.
     pub fn measure(
         &self,
         points: &[Point3<f64>],
@@ -111,7 +111,7 @@ impl FinalMesh {
         )
     }
 
-    /// As the report shows it, with the distance to the truth where it is known.
+    /// The mesh as the report shows it, with the distance to the truth where that is known.
     pub fn page(&self, truth: Option<&Surface>) -> html::Mesh {
         let known = self.further.iter().map(|(name, values)| {
             let (name, unit, scale) = match *name {
@@ -135,7 +135,7 @@ impl FinalMesh {
                 .collect(),
         };
         let mut quantities: Vec<html::Quantity> = known.chain(truth.map(distance)).collect();
-        // What a reader looks for first comes first.
+        // The quantity that readers look for first comes first.
         quantities.sort_by_key(|q| q.name != "first seen");
         html::Mesh {
             vertices: self.vertices.clone(),
@@ -145,7 +145,7 @@ impl FinalMesh {
         }
     }
 
-    /// What the truth says of the mesh and of the model's points.
+    /// Compares the mesh and the points of the model with the truth.
     pub fn against(
         &self,
         measurer: Option<&Measurer>,
@@ -187,10 +187,10 @@ fn nearest_facing(
     found.unzip()
 }
 
-/// Frames after which a vertex counts as well seen.
+/// Number of frames after which a vertex counts as well observed.
 const OFTEN: f64 = 10.0;
 
-/// What the model knows of the vertices of its surface.
+/// The values of the vertices of the surface, from the model.
 fn known(
     model: &CanonicalModel,
     nearest: &[u32],

@@ -1,4 +1,4 @@
-//! `--live`: a run in the Rerun viewer while it goes on, and in a file that the viewer opens.
+//! `--live`: shows a run in the Rerun viewer while it goes on, and records it to a file that the viewer opens.
 
 use crate::Failure;
 use crate::output::OutputFolder;
@@ -37,7 +37,10 @@ const HELP: &str = "Show the run in the Rerun viewer while it goes on, and write
 const HELP: &str = "Show the run in the Rerun viewer while it goes on (only in a program built with --features rerun)";
 
 #[cfg(feature = "rerun")]
-#[allow(clippy::unnecessary_wraps, reason = "a parser of the command line")]
+#[allow(
+    clippy::unnecessary_wraps,
+    reason = "the signature of a command-line parser"
+)]
 fn viewer(text: &str) -> Result<Viewer, String> {
     Ok(match text {
         "here" => Viewer::Here,
@@ -51,11 +54,11 @@ fn viewer(_: &str) -> Result<Viewer, String> {
     Err("this program was built without the live view: cargo build --release -p explore-loop --features rerun".into())
 }
 
-/// The live view of a run, if it was asked for. What goes wrong with it on the way is a remark, and hurts nothing else.
+/// The live view of a run, if it was asked for. A failure of the view is reported and does not stop the run.
 pub(crate) struct Live(Option<LiveView>);
 
 impl Live {
-    /// Opens it, with a file in the folder of the results: another one each time that the run is gone on with.
+    /// Opens the view, with a file in the result folder; a resumed run gets a new file.
     pub fn open(
         args: &LiveArgs,
         out: &OutputFolder,
@@ -77,7 +80,7 @@ impl Live {
         self.0.as_ref().is_some_and(Watcher::wants_uncertainty)
     }
 
-    /// Shows what happened; returns what there is to say of the view itself.
+    /// Shows an event; returns messages about the view itself.
     #[must_use]
     pub fn show(&mut self, event: Event<'_>, model: &CanonicalModel) -> Vec<String> {
         let Some(view) = &mut self.0 else {
@@ -89,21 +92,21 @@ impl Live {
         remarks
     }
 
-    /// Shows what share of the true surface the model covers.
+    /// Shows how much of the true surface the model covers.
     pub fn explored(&mut self, share: f64) {
         if let Some(view) = &mut self.0 {
             view.explored(share);
         }
     }
 
-    /// Waits until everything is shown and written; returns what is not.
+    /// Waits until everything is shown and written; returns messages about what is not.
     #[must_use]
     pub fn finish(&mut self) -> Vec<String> {
         self.0.take().map_or_else(Vec::new, LiveView::finish)
     }
 }
 
-/// Nothing that was written before is written over when a run goes on.
+/// The file of the view: a resumed run does not overwrite an earlier one.
 fn file(out: &OutputFolder, goes_on: bool) -> PathBuf {
     let mut file = out.file("live.rrd");
     let mut times = 0;

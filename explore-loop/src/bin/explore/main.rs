@@ -1,8 +1,8 @@
 //! The `explore` program: a robot explores an unknown soft object.
 //!
-//! Exit codes: 0 the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study came to an end
-//! (`tables`), there is a report (`view`), all is well (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 it did not, or something failed; 2 the command
-//! line is wrong; 3 the surface closed but for a part that is held to the table (`run`, `robot`). Errors are one line on standard error.
+//! Exit codes: 0 if the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study finished (`tables`),
+//! there is a report (`view`), all checks passed (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 if not, or on an error; 2 if the command line
+//! is wrong; 3 if the surface closed except for a part held to the table (`run`, `robot`). Errors are one line on standard error.
 
 mod closing;
 mod final_mesh;
@@ -39,7 +39,7 @@ use mesh_io::program::{self, Failure, Output, not_negative, numbers, positive};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Where results go, and in which forms.
+/// Where results are written, and in which formats.
 #[derive(Debug, Clone, clap::Args)]
 struct ResultArgs {
     /// Folder for the results
@@ -66,7 +66,7 @@ impl ResultArgs {
 }
 
 impl Default for ResultArgs {
-    /// As if nothing had been given on the command line.
+    /// The defaults of the command line.
     fn default() -> Self {
         Self {
             out: "explored".into(),
@@ -78,7 +78,7 @@ impl Default for ResultArgs {
     }
 }
 
-/// What is explored, and when that ends.
+/// What is explored, and when the exploration ends.
 #[derive(Debug, Clone, clap::Args)]
 struct AimArgs {
     /// Spacing of the model, mm
@@ -87,16 +87,16 @@ struct AimArgs {
     /// A point on or next to the body to explore where there are several, camera frame, m; otherwise the largest is explored
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     seed_point: Option<[f64; 3]>,
-    /// Handles that the object is known to have (0 a ball, 1 a ring); any number is accepted otherwise
+    /// Number of handles that the object is known to have (0 for a ball, 1 for a ring); otherwise any number is accepted
     #[arg(long, value_name = "N")]
     genus: Option<usize>,
-    /// Most manipulations before giving up
+    /// Give up after this many manipulations
     #[arg(long, default_value_t = 8)]
     max_manipulations: usize,
 }
 
 impl AimArgs {
-    /// How it is explored at a speed, mm/s.
+    /// The options of an exploration at a speed, mm/s.
     fn options(&self, speed: f64) -> ExploreOptions {
         let mut options = ExploreOptions::new(self.spacing * 1e-3, speed * 1e-3);
         options.max_manipulations = self.max_manipulations;
@@ -106,7 +106,7 @@ impl AimArgs {
 }
 
 impl Default for AimArgs {
-    /// As if nothing had been given on the command line.
+    /// The defaults of the command line.
     fn default() -> Self {
         Self {
             spacing: 5.0,
@@ -134,9 +134,9 @@ struct Cli {
 enum Command {
     /// Explore an object in the simulated cell
     Run(RunArgs),
-    /// Reconstruct from a recorded session
+    /// Reconstruct a model from a recorded session
     Replay(ReplayArgs),
-    /// Explore with the arms and the camera of a dVRK over ROS 2, real or served
+    /// Explore with the arms and the camera of a dVRK over ROS 2, real or simulated
     #[cfg(feature = "dvrk")]
     Robot(robot::RobotArgs),
     /// Serve the simulated cell as a dVRK over ROS 2, in real time, for any CRTK client
@@ -151,7 +151,7 @@ enum Command {
 /// How grips are chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Grips {
-    /// By null-space coverage and turning lever
+    /// By null-space coverage and the torque with which they turn the object
     Planned,
     /// At random among the candidates (the paper's baseline)
     Random,
@@ -160,33 +160,33 @@ enum Grips {
 /// The simulated depth camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Camera {
-    /// White noise alone; nothing but the object in its clouds
+    /// Independent Gaussian noise; its clouds hold nothing but the object
     Ideal,
-    /// As a RealSense D435: noise and steps that grow with the square of depth, dropouts, mixed pixels, a clock of its own; the object is found
-    /// in its images as in those of a real one
+    /// Like a RealSense D435: noise and steps that grow with the square of depth, dropouts, mixed pixels, a clock of its own; the object is segmented
+    /// from its images as with a real camera
     Realsense,
 }
 
-/// Whether colour features are landmarks.
+/// Whether features of the colour image are used as landmarks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Features {
-    /// Colours are for the eye alone
+    /// Colour is only displayed
     Off,
-    /// Features of the colour image hold the model where its shape does not tell how it slides along itself
+    /// Features of the colour image hold the model where its shape does not determine how it slides along itself
     On,
 }
 
 /// What builds the model from the frames.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Reconstruction {
-    /// An elastic body bent from rest to every frame
+    /// An elastic body, deformed from its rest shape to every frame
     Body,
-    /// A volume fused through a warp field: what this is compared with. It knows no arms and no table, and cannot be resumed
+    /// A volume fused through a warp field (the baseline): without arms and table, and without --resume
     DynamicFusion,
 }
 
 impl Reconstruction {
-    /// Nothing seen yet; `without` are the parts that `options` leave out.
+    /// An empty reconstruction; `without` lists the parts that `options` leave out.
     fn begin(
         self,
         options: ReconstructOptions,
@@ -221,10 +221,10 @@ struct RunArgs {
     /// How grips are chosen
     #[arg(long, value_enum, default_value_t = Grips::Planned)]
     grips: Grips,
-    /// Seed of everything random
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Fastest grip speed, mm/s
+    /// Largest speed of the grips, mm/s
     #[arg(long, value_name = "MM_S", default_value_t = 30.0, value_parser = positive)]
     speed: f64,
     /// What builds the model
@@ -236,18 +236,18 @@ struct RunArgs {
     /// Standard deviation of the depth noise of the ideal camera, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = not_negative)]
     noise: f64,
-    /// Whether features of a colour image are landmarks
+    /// Whether features of the colour image are landmarks
     #[arg(long, value_enum, default_value_t = Features::Off)]
     features: Features,
-    /// Swing the camera by so many degrees about the middle of the table, there and back in 12 s; its pose is known in every frame
+    /// Swing the camera by this angle about the centre of the table, there and back in 12 s; its pose is known in every frame
     #[arg(long, value_name = "DEGREES", value_parser = positive)]
     sway: Option<f64>,
     #[command(flatten)]
     aim: AimArgs,
-    /// Leave parts of the method out, to learn what each is worth
+    /// Leave parts of the method out, to measure what each contributes
     #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
     without: Vec<Part>,
-    /// Go on where the run in the folder was broken off; the other options as they were then
+    /// Continue the interrupted run in the folder; the other options must be the same as then
     #[arg(long)]
     resume: bool,
     /// Also write a picture of the model after every manipulation
@@ -264,18 +264,18 @@ struct RunArgs {
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
-    /// Topic of the cloud, the depth image, its lens, the features, the pose of a moving camera, the table, the truth or an arm: points, depth, camera_info,
-    /// features, camera, table, truth, PSM1/measured_cp, PSM1/jaw/measured_js, PSM1/jaw/setpoint_js or PSM1/measured_js
+    /// Topic of the points, the depth image, its camera_info, the features, the pose of a moving camera, the table, the truth or an arm: points, depth,
+    /// camera_info, features, camera, table, truth, PSM1/measured_cp, PSM1/jaw/measured_js, PSM1/jaw/setpoint_js or PSM1/measured_js
     #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
     topics: Vec<(dvrk_io::session::Role, String)>,
-    /// The clouds or depth images are of everything that the camera saw: find table and object in each
+    /// The clouds or depth images show everything in view: find table and object in each
     #[arg(long)]
     find_object: bool,
-    /// The same, with the camera, the table and the arms of this cell (TOML, as of `explore robot`): the arms are taken away by their joint values
+    /// As --find-object, with camera, table and arms of this cell (TOML, as for `explore robot`): the arms are removed by means of their joint values
     #[cfg(feature = "dvrk")]
     #[arg(long, value_name = "FILE")]
     cell: Option<PathBuf>,
-    /// A point on or next to the object in the first of them, camera frame, m; otherwise the largest body is the object
+    /// A point on or next to the object in the first frame, camera frame, m; otherwise the largest body is the object
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     seed_point: Option<[f64; 3]>,
     /// Spacing of the model, mm
@@ -287,10 +287,10 @@ struct ReplayArgs {
     /// What builds the model
     #[arg(long, value_enum, default_value_t = Reconstruction::Body)]
     reconstruction: Reconstruction,
-    /// Pixel tracks of any tracker, to compare the model with: a NumPy array (frames, tracks, 2 or 3: column, row, seen) or a table frame,track,column,row
+    /// Pixel tracks of any tracker, to compare the model with: a NumPy array (frames, tracks, 2 or 3: column, row, visible) or a table frame,track,column,row
     #[arg(long, value_name = "FILE", requires = "intrinsics")]
     tracks: Option<PathBuf>,
-    /// The camera of those pixels: focal lengths and centre, pixels
+    /// The camera that the pixels belong to: focal lengths and principal point, pixels
     #[arg(long, value_name = "FX,FY,CX,CY", value_parser = numbers::<4>, allow_hyphen_values = true, requires = "tracks")]
     intrinsics: Option<[f64; 4]>,
     /// Also write a picture of the model every N frames
@@ -299,7 +299,7 @@ struct ReplayArgs {
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
-    /// Leave parts of the method out, to learn what each is worth
+    /// Leave parts of the method out, to measure what each contributes
     #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
     without: Vec<Part>,
     #[command(flatten)]
@@ -317,7 +317,7 @@ struct ViewArgs {
 }
 
 impl Default for RunArgs {
-    /// As if nothing had been given on the command line.
+    /// The defaults of the command line.
     fn default() -> Self {
         Self {
             object: ObjectArgs::default(),
@@ -344,10 +344,10 @@ impl Default for RunArgs {
     after_help = "Example: explore tables --only seeds --scene ellipsoid --seeds 0-4 --out study"
 )]
 struct TablesArgs {
-    /// The studies to make; all but seeds otherwise
+    /// The studies to run; otherwise all but seeds
     #[arg(long, value_name = "NAMES", value_delimiter = ',', value_parser = PossibleValuesParser::new(tables::names()))]
     only: Vec<String>,
-    /// Say which studies there are, how many jobs they have, and how long those will take
+    /// List the studies, their numbers of jobs, and how long those will take
     #[arg(long)]
     list: bool,
     #[command(flatten)]
@@ -361,22 +361,22 @@ struct TablesArgs {
     /// Jobs at a time
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = at_a_time)]
     jobs: usize,
-    /// Only the Ith of N shares of the jobs, for as many machines; I from 1
+    /// Run only the Ith of N shares of the jobs, to divide them among machines; I from 1
     #[arg(long, value_name = "I/N", conflicts_with = "merge")]
     shard: Option<Shard>,
-    /// Run nothing: make the tables of what was run into these folders
+    /// Run nothing: make the tables from the results in these folders
     #[arg(long, value_name = "DIR", num_args = 1.., conflicts_with = "list")]
     merge: Vec<PathBuf>,
-    /// Folder for the tables and the results of the runs; what is done there is not run again
+    /// Folder for the tables and the results of the runs; jobs finished there are not run again
     #[arg(long, value_name = "DIR", default_value = "tables")]
     out: PathBuf,
-    /// With --only seeds: take over the runs that are finished in the folder already
+    /// With --only seeds: keep the finished runs that are in the folder
     #[arg(long)]
     keep: bool,
     #[command(flatten)]
     output: Output,
-    /// Further options of `explore run` for every run of the studies, such as --camera realsense; where replays are compared they change what is
-    /// recorded, not how it is replayed
+    /// Further options of `explore run` for every run of the studies, such as --camera realsense; in studies that compare replays they change the
+    /// recording, not the replays
     #[arg(last = true, value_name = "RUN_OPTIONS")]
     further: Vec<String>,
 }
@@ -393,7 +393,7 @@ fn at_a_time(text: &str) -> Result<usize, String> {
 #[derive(Debug, Clone)]
 struct Seeds(Vec<u64>);
 
-/// Most seeds of one study: a slip of the finger shall not ask for a year of runs.
+/// Most seeds of one study: a typing error must not ask for a year of runs.
 const MOST_SEEDS: u64 = 10_000;
 
 fn seeds(text: &str) -> Result<Seeds, String> {

@@ -18,19 +18,19 @@ fn scenes() -> String {
 pub(crate) struct ObjectArgs {
     #[arg(long, default_value = "liver", conflicts_with = "mesh", help = scenes())]
     pub scene: String,
-    /// A closed mesh instead (PLY, OBJ, STL or OFF)
+    /// A closed mesh instead of a scene (PLY, OBJ, STL or OFF)
     #[arg(long, value_name = "FILE")]
     pub mesh: Option<PathBuf>,
     /// Unit of the mesh: m, cm or mm
     #[arg(long, value_name = "UNIT", default_value = "m", requires = "mesh")]
     pub units: Units,
-    /// Longest extent of the mesh instead of its unit, m
+    /// Longest extent of the object, m, instead of the unit of the mesh
     #[arg(long, value_name = "METRES", value_parser = crate::positive, requires = "mesh")]
     pub size: Option<f64>,
     /// Axis of the mesh that points up: x, y or z
     #[arg(long, value_name = "AXIS", default_value = "z", requires = "mesh")]
     pub up: Up,
-    /// Which body of the mesh, if there are several: 1 is the largest
+    /// Which body of the mesh to take if there are several: 1 is the largest
     #[arg(long, value_name = "N", requires = "mesh")]
     pub body: Option<usize>,
 }
@@ -49,7 +49,7 @@ impl Default for ObjectArgs {
 }
 
 impl ObjectArgs {
-    /// Whether another object than the usual one was asked for.
+    /// Whether an object other than the default was asked for.
     pub fn is_given(&self) -> bool {
         self.mesh.is_some() || self.scene != Self::default().scene
     }
@@ -67,7 +67,7 @@ impl ObjectArgs {
         Scene::from_file(path, &load).map_err(|error| of_file(path, &error).into())
     }
 
-    /// What tells it from others, to know it again when a run is resumed.
+    /// A text that identifies the object when a run is resumed.
     pub fn identity(&self) -> Result<String, Failure> {
         let Some(path) = &self.mesh else {
             return Ok(format!("--scene {}", self.scene));

@@ -12,13 +12,13 @@ use explore_loop::report::metrics::Metrics;
 use explore_loop::report::{colour, frames, picture};
 use std::path::{Path, PathBuf};
 
-/// A folder that could be written to when the run began.
+/// A result folder, writable when the run began.
 pub struct OutputFolder {
     path: PathBuf,
 }
 
 impl OutputFolder {
-    /// Creates the folder and tries to write in it, so that a run of minutes does not fail at its end.
+    /// Creates the folder and writes a test file to it, so that a run of minutes does not fail at its end.
     pub fn create(path: &Path) -> Result<Self, Error> {
         let refused = |source| Error::Write {
             path: path.to_owned(),
@@ -38,7 +38,7 @@ impl OutputFolder {
         self.path.join(name)
     }
 
-    /// Writes a file whole or not at all: a reader never sees half of it.
+    /// Writes a file atomically: a reader never sees a part of it.
     pub fn write(&self, name: &str, content: &[u8]) -> Result<(), Error> {
         write_whole(&self.file(name), content)
     }
@@ -55,7 +55,7 @@ impl OutputFolder {
         self.write("frames.csv", [frames::HEADER, lines].concat().as_bytes())
     }
 
-    /// Writes `canonical.ply`, and `canonical` in the other formats asked for: the mesh of the model at rest, with normals and what is known of each
+    /// Writes `canonical.ply`, and `canonical` in the other requested formats: the mesh of the model at rest, with normals and the values of each
     /// vertex ([`FinalMesh`]).
     pub fn mesh(&self, mesh: &FinalMesh, export: &[Format]) -> Result<(), Failure> {
         let mesh = mesh.written()?;
@@ -66,7 +66,7 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Writes `report.html`: `rows` are those of the closing table.
+    /// Writes `report.html` with the rows of the closing table.
     pub fn report(
         &self,
         report: &Report,
@@ -89,7 +89,7 @@ impl OutputFolder {
         self.draw(name, model, model.rest(), spacing)
     }
 
-    /// The same of the surface that is written.
+    /// Writes the same picture of the surface that is written.
     pub fn surface_picture(&self, name: &str, mesh: &FinalMesh) -> Result<(), Error> {
         let first_seen = mesh.further.iter().find(|(name, _)| *name == "first_seen");
         let born: Vec<f64> = first_seen.map_or_else(Vec::new, |(_, values)| values.clone());
@@ -116,7 +116,7 @@ impl OutputFolder {
         picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
     }
 
-    /// The same in the live frame.
+    /// Writes the same picture in the live frame.
     pub fn live_picture(
         &self,
         name: &str,
@@ -146,7 +146,7 @@ impl OutputFolder {
     }
 }
 
-/// Writes a file beside its place and renames it.
+/// Writes a temporary file next to the target and renames it.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     let refused = |source| Error::Write {
         path: path.to_owned(),
@@ -158,7 +158,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
     std::fs::rename(&aside, path).map_err(refused)
 }
 
-/// The command that is being carried out, as one would type it.
+/// The command that is being executed, as one would type it.
 pub fn command_line() -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
     let word = |argument: std::ffi::OsString| {

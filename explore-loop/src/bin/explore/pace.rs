@@ -1,17 +1,17 @@
-//! How long a planned motion still takes.
+//! The time that a planned motion still takes.
 
 use explore_loop::explore::Phase;
 use grip_planner::Plan;
 use std::time::Instant;
 
-/// Least share of a motion after which its pace is known.
+/// Share of a motion after which its pace can be extrapolated.
 const KNOWN: f64 = 0.1;
 
-/// The pace of the motion that goes on: its duration is planned in the robot's time, and the time of the clock that a second of it took is
-/// measured. How many more manipulations a run needs is not known beforehand, and not guessed.
+/// The pace of the current motion. Its duration is planned in the robot's time; the wall-clock time of a second of it is measured. How many more
+/// manipulations a run needs is unknown, and no estimate is shown.
 #[derive(Debug, Default)]
 pub struct Pace {
-    /// Planned durations of reaching for the grips and of the manipulation, s.
+    /// Planned durations of the reaching motion and of the manipulation, s.
     planned: Option<[f64; 2]>,
     motion: Option<Motion>,
 }
@@ -19,7 +19,7 @@ pub struct Pace {
 #[derive(Debug)]
 struct Motion {
     duration: f64,
-    /// Stamp of the robot and time of the clock at its beginning.
+    /// Robot stamp and wall-clock time at its beginning.
     began: (f64, Instant),
 }
 
@@ -42,7 +42,7 @@ impl Pace {
         });
     }
 
-    /// Seconds of the clock until the motion is over, once its pace is known.
+    /// Wall-clock seconds until the motion is over, once its pace is known.
     pub fn left(&self, stamp: f64) -> Option<f64> {
         let motion = self.motion.as_ref()?;
         let done = stamp - motion.began.0;

@@ -1,4 +1,4 @@
-//! Follows a run: progress on the terminal, the session file, the measures, the report, and checkpoints to go on from.
+//! Follows a run: progress on the terminal, the session file, the measures, the report, and the checkpoints.
 
 use crate::closing::mm;
 use crate::final_mesh::FinalMesh;
@@ -27,7 +27,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// What a simulated cell was told, and what is true of it.
+/// The settings of a simulated cell, and its ground truth.
 pub(crate) struct Simulated {
     pub journal: Journal,
     pub truth: Truth,
@@ -50,7 +50,7 @@ pub(crate) struct Recorder<'a> {
     session: Option<dvrk_io::session::SessionWriter>,
     subject: String,
     arm_names: Vec<String>,
-    /// What only a simulated cell has: what it was told, and the truth.
+    /// What only a simulated cell has: its settings and the truth.
     simulated: Option<Simulated>,
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
@@ -74,7 +74,7 @@ impl<'a> Recorder<'a> {
         let results = &args.results;
         let spacing = args.aim.spacing * 1e-3;
         let live = Live::open(&results.live, out, args.resume, subject, info, spacing)?;
-        // A run that goes on keeps the old recording until the new one has caught up with it.
+        // A resumed run keeps the old recording until the new one has caught up with it.
         let mut session = SessionWriter::create(out.file(if args.resume {
             "session.mcap.part"
         } else {
@@ -107,7 +107,7 @@ impl<'a> Recorder<'a> {
         })
     }
 
-    /// Brings the cell, the recording and the measures to where they were saved, and says what the explorer knew.
+    /// Restores the cell, the recording and the measures from a checkpoint, and returns the state of the explorer.
     pub fn resume(
         &mut self,
         saved: Saved,
@@ -137,7 +137,7 @@ impl<'a> Recorder<'a> {
         Ok(saved.explorer)
     }
 
-    /// Says in the report what it is of.
+    /// Writes the title of the report.
     pub fn begin(&mut self, info: &CellInfo) {
         self.so_far.report.goes_on(
             About {
@@ -155,8 +155,8 @@ impl<'a> Recorder<'a> {
     fn save(&self, explorer: Option<&SavedState>) -> Result<(), Error> {
         let run = match self.simulated {
             Some(_) => Saved::new(self.args).map_or_else(|_| String::new(), |s| s.run),
-            // The world of a robot cannot be brought back to where it was: no simulated run is to go on from there.
-            None => "a robot, which cannot go on where it was broken off".to_owned(),
+            // A robot cannot be restored to an earlier state: no simulated run may be resumed from its checkpoint.
+            None => "a robot, which cannot be resumed".to_owned(),
         };
         let saved = Saved {
             run,
@@ -185,7 +185,7 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// A line of progress: above the bar on a terminal, plainly where there is none.
+    /// Prints a line of progress: above the bar on a terminal, plainly elsewhere.
     fn say(&self, line: &str) {
         if self.bar.is_hidden() {
             self.args.results.output().note(line);
@@ -194,7 +194,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// The true surface as it is now; nothing where there is none to know.
+    /// The true surface at present; `None` where there is no truth.
     fn true_surface(&self) -> Option<TrueSurface> {
         let truth = &self.simulated.as_ref()?.truth;
         Some(surface(truth, truth.live()))
@@ -205,7 +205,7 @@ impl<'a> Recorder<'a> {
         Some(surface(truth, truth.rest().vertices))
     }
 
-    /// Compares with the truth, which only this recorder holds.
+    /// Compares the model with the truth.
     fn measure(
         &mut self,
         observation: &Observation,
@@ -288,7 +288,7 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// Takes what is known before a decision, and at the end, into the report.
+    /// Adds the state before a decision, and at the end, to the report.
     pub fn shown(&mut self, topology: &Topology, model: &CanonicalModel, mesh: &FinalMesh) {
         let measurer = self.measurer.as_ref();
         let truth = mesh.against(measurer, model, self.args.aim.spacing * 1e-3);
@@ -297,13 +297,13 @@ impl<'a> Recorder<'a> {
         report.decision(topology, model, &mesh, &truth);
     }
 
-    /// Says what happened: on the terminal, and in the report.
+    /// Writes an event to the terminal and to the report.
     fn note(&mut self, text: String) {
         self.say(&format!("{:5.1} s  {text}", self.so_far.last_stamp));
         self.so_far.report.note(text);
     }
 
-    /// Closes the session file; what was recorded stays readable whatever happened before.
+    /// Closes the session file; what was recorded stays readable even after an error.
     pub fn finish(mut self) -> Result<Self, Failure> {
         self.bar.finish_and_clear();
         for remark in self.live.finish() {
@@ -315,7 +315,7 @@ impl<'a> Recorder<'a> {
         Ok(self)
     }
 
-    /// What can be said of a run that an error has ended.
+    /// The metrics of a run that ended with an error.
     pub fn failure(&self, args: &RunArgs, error: &Error) -> Metrics {
         Metrics {
             scene: self.subject.clone(),
@@ -424,7 +424,7 @@ impl Watcher for Recorder<'_> {
                 if let Some(left) = self.pace.left(observation.stamp) {
                     let doing = self.doing;
                     self.bar
-                        .set_message(format!("{doing}, {left:.0} s left of this motion"));
+                        .set_message(format!("{doing}, {left:.0} s of this motion left"));
                 }
                 self.bar.tick();
             }
@@ -432,7 +432,7 @@ impl Watcher for Recorder<'_> {
                 self.topology(topology, model)?;
                 self.so_far.model = model.clone();
             }
-            Event::Missed(arm) => self.note(format!("arm {arm} closed on nothing")),
+            Event::Missed(arm) => self.note(format!("arm {arm} closed, but holds nothing")),
             Event::Planned(plan) => {
                 let what = words::of_plan(plan);
                 self.pace.planned(plan);

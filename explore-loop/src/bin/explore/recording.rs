@@ -1,4 +1,4 @@
-//! What a recording holds, by the command line: frames of the object, or scans of everything that a camera saw.
+//! How a recording is read, from the command line: as frames of the object, or as scans of everything in view.
 
 use crate::{Failure, ReplayArgs};
 use dvrk_io::session::{Role, SessionReader, TopicCount};
@@ -6,7 +6,7 @@ use explore_loop::cell::replay::{ReplayCell, ScanOptions};
 use explore_loop::nalgebra::Point3;
 use std::path::Path;
 
-/// Where it is recorded, and how the object is found, if it has to be.
+/// Where the data are recorded, and how the object is found in them if necessary.
 #[derive(Default)]
 pub(crate) struct Recording {
     topics: Vec<(Role, String)>,
@@ -15,7 +15,7 @@ pub(crate) struct Recording {
 
 impl Recording {
     /// # Errors
-    /// The file of the cell is wrong.
+    /// The cell file is invalid.
     pub fn of(args: &ReplayArgs) -> Result<Self, Failure> {
         let known = Self::of_cell(args)?.unwrap_or_default();
         let asked = args.find_object.then(ScanOptions::default);
@@ -30,7 +30,7 @@ impl Recording {
     #[cfg(not(feature = "dvrk"))]
     #[allow(
         clippy::unnecessary_wraps,
-        reason = "a file of a cell can be wrong, where there is one"
+        reason = "a cell file, if given, can be invalid"
     )]
     fn of_cell(_: &ReplayArgs) -> Result<Option<Self>, Failure> {
         Ok(None)
@@ -60,7 +60,7 @@ impl Recording {
         }))
     }
 
-    /// A reader of its topics; what the command line names goes before what the file of the cell does.
+    /// A reader of its topics; topics from the command line take precedence over those from the cell file.
     pub fn reader(&self, args: &ReplayArgs) -> SessionReader {
         let topics = self.topics.iter().chain(&args.topics);
         topics.fold(SessionReader::default(), |reader, (role, topic)| {
@@ -71,7 +71,7 @@ impl Recording {
     /// The recording as a cell that can be watched.
     ///
     /// # Errors
-    /// It cannot be read, or nothing is in it.
+    /// The recording cannot be read, or is empty.
     pub fn cell(self, reader: &SessionReader, path: &Path) -> Result<ReplayCell, String> {
         match self.scans {
             None => frames(reader, path),
@@ -89,7 +89,7 @@ fn frames(reader: &SessionReader, path: &Path) -> Result<ReplayCell, String> {
     ReplayCell::streamed(session).map_err(|error| error.to_string())
 }
 
-/// The recording as scans of everything, in which the object is found.
+/// The recording as scans of everything in view, in which the object is found.
 fn found(reader: &SessionReader, path: &Path, options: ScanOptions) -> Result<ReplayCell, String> {
     let scans = reader.scans(path).map_err(|error| error.to_string())?;
     if scans.stamps().len() == 0 {
@@ -98,7 +98,7 @@ fn found(reader: &SessionReader, path: &Path, options: ScanOptions) -> Result<Re
     ReplayCell::of_scans(scans, options).map_err(|error| error.to_string())
 }
 
-/// Why there are no frames, and what may be meant instead.
+/// Why there are no frames, and which options may help.
 fn without_clouds(topics: &[TopicCount]) -> String {
     let of_type = |kind: &str| -> Vec<&str> {
         let some = topics.iter().filter(|t| t.count > 0);
@@ -110,13 +110,13 @@ fn without_clouds(topics: &[TopicCount]) -> String {
         && clouds.is_empty()
     {
         return format!(
-            "no points where they were looked for; there are images on {image}: if they are of depth, say --find-object --topic depth={image} --topic camera_info={lens}"
+            "no points on the expected topics; there are images on {image}: if they are depth images, use --find-object --topic depth={image} --topic camera_info={lens}"
         );
     }
     if let Some(first) = clouds.first() {
         let clouds = clouds.join(", ");
         return format!(
-            "no points where they were looked for; there are clouds on {clouds}: say which with --topic points={first}, and --find-object if they are of everything that the camera saw"
+            "no points on the expected topics; there are clouds on {clouds}: choose one with --topic points={first}, and add --find-object if they show everything in view"
         );
     }
     let name = |t: &TopicCount| format!("{} ({})", t.topic, t.type_name);

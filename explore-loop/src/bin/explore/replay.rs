@@ -1,4 +1,4 @@
-//! `explore replay`: the canonical model from a recording.
+//! `explore replay`: reconstructs the canonical model from a recording.
 
 use crate::closing::{measure_rows, mm, table};
 use crate::final_mesh::FinalMesh;
@@ -24,7 +24,7 @@ use mesh_io::program::{Output, of_file, unless_closed, warn};
 use std::path::Path;
 use std::time::Instant;
 
-/// Reconstructs the whole recording and writes what came of it.
+/// Reconstructs the whole recording and writes the results.
 pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     refuse(
         &args.without,
@@ -58,9 +58,9 @@ struct Replay<'a> {
     args: &'a ReplayArgs,
     out: OutputFolder,
     cell: ReplayCell,
-    /// Only if it was recorded.
+    /// Present only if it was recorded.
     truth: Option<Truth>,
-    /// Only if tracks were given.
+    /// Present only if tracks were given.
     tracks: Option<TrackComparison>,
     reconstructor: Box<dyn Reconstruct>,
     log: Log,
@@ -69,7 +69,7 @@ struct Replay<'a> {
 }
 
 impl<'a> Replay<'a> {
-    /// Opens the recording, and says what it lacks.
+    /// Opens the recording, and reports what it lacks.
     fn open(args: &'a ReplayArgs) -> Result<Self, Failure> {
         let wrong = |error: &dyn std::fmt::Display| of_file(&args.session, error);
         let recording = Recording::of(args)?;
@@ -78,7 +78,7 @@ impl<'a> Replay<'a> {
         let cell = recording.cell(&reader, &args.session);
         let cell = cell.map_err(|e| wrong(&e))?;
         let tracks = tracks(args)?;
-        // What cannot be read leaves no folder behind.
+        // A recording that cannot be read leaves no result folder behind.
         let out = OutputFolder::create(&args.results.out)?;
         remark(args.results.output(), &cell);
         let truth =
@@ -108,12 +108,12 @@ impl<'a> Replay<'a> {
         self.reconstructor.model()
     }
 
-    /// Of the model, metres.
+    /// Spacing of the model, m.
     fn spacing(&self) -> f64 {
         self.args.spacing * 1e-3
     }
 
-    /// Takes frame after frame, to the end of the recording or as far as was asked for.
+    /// Processes frame after frame, to the end of the recording or to `--until`.
     fn watch(&mut self) -> Result<(), Failure> {
         let frames = self.cell.remaining() as u64;
         let bar = self.args.results.output().progress(frames, "frames");
@@ -135,7 +135,7 @@ impl<'a> Replay<'a> {
         Ok(())
     }
 
-    /// Takes a frame into the model and into the log.
+    /// Adds a frame to the model and to the log.
     fn take(&mut self, observation: &Observation) -> Result<(), Failure> {
         let table = &self.cell.info().table;
         let report = self
@@ -173,7 +173,7 @@ impl<'a> Replay<'a> {
         Ok(())
     }
 
-    /// Shows what happened in the live view.
+    /// Shows an event in the live view.
     fn show(&mut self, event: Event<'_>) {
         let model = self.reconstructor.model();
         for remark in self.live.show(event, model) {
@@ -181,14 +181,14 @@ impl<'a> Replay<'a> {
         }
     }
 
-    /// Fails where the object is in none of the frames; otherwise says what of the recording could not be read.
+    /// Fails if the object is in none of the frames; otherwise reports what of the recording could not be read.
     fn has_seen_the_object(&mut self) -> Result<(), Failure> {
         if self.model().is_empty() {
             let unreadable = self.cell.skipped().and_then(|s| s.first.first());
             let why = self.log.failure.take();
             let why = why.or(unreadable.map(ToString::to_string));
-            let why = why.unwrap_or_else(|| "there are none".into());
-            let why = format!("the object is in none of the frames: {why}");
+            let why = why.unwrap_or_else(|| "there are no frames".into());
+            let why = format!("the object was found in no frame: {why}");
             return Err(of_file(&self.args.session, &why).into());
         }
         if let Some(skipped) = self.cell.skipped().filter(|s| !s.is_empty()) {
@@ -246,7 +246,7 @@ impl<'a> Replay<'a> {
             .with_tracking(&measurer.map(Measurer::tracking).unwrap_or_default()))
     }
 
-    /// What can be said without a truth.
+    /// The metrics that need no ground truth.
     fn untested(&self, topology: &Topology) -> Metrics {
         let (args, log) = (self.args, &self.log);
         let closed = topology.is_closed();
@@ -280,7 +280,7 @@ impl<'a> Replay<'a> {
     }
 }
 
-/// The tracks that the model is to be compared with, if any.
+/// The tracks to compare the model with, if any.
 fn tracks(args: &ReplayArgs) -> Result<Option<TrackComparison>, Failure> {
     let (Some(path), Some(camera)) = (&args.tracks, args.intrinsics) else {
         return Ok(None);
@@ -291,7 +291,7 @@ fn tracks(args: &ReplayArgs) -> Result<Option<TrackComparison>, Failure> {
     Ok(Some(comparison.map_err(|error| of_file(path, error))?))
 }
 
-/// Nothing seen yet, with the options of the command line.
+/// An empty reconstruction with the options of the command line.
 fn reconstructor(args: &ReplayArgs) -> Result<Box<dyn Reconstruct>, Failure> {
     let features = match args.features {
         Features::On => ColourFeatures::Landmarks,
@@ -326,7 +326,7 @@ fn rows(topology: &Topology, metrics: &Metrics) -> Vec<(&'static str, String)> {
     rows
 }
 
-/// How far model and tracker differ.
+/// How far model and tracker disagree.
 fn against(tracks: &TrackErrors) -> String {
     let error = tracks.error_m;
     format!(
@@ -339,7 +339,7 @@ fn against(tracks: &TrackErrors) -> String {
     )
 }
 
-/// Says what the recording lacks and the result will lack with it.
+/// Prints what the recording lacks, and what the result will lack therefore.
 fn remark(output: Output, cell: &ReplayCell) {
     if let Some((unit, source)) = cell.unit() {
         let (table, share) = (cell.info().table.offset, cell.on_table().unwrap_or(0.0));
@@ -350,17 +350,17 @@ fn remark(output: Output, cell: &ReplayCell) {
     }
     if !cell.has_poses() {
         output.note(
-            "no arm was recorded: what moves the object is not known, and what is hidden is only guessed; name poses with --topic PSM1/measured_cp=/NAME",
+            "no arm was recorded: the motion of hidden parts is poorly determined; name poses with --topic PSM1/measured_cp=/NAME",
         );
     }
     if !cell.has_table() {
         output.note(
-            "no table was recorded: the object may be anywhere below; name it with --topic table=/NAME",
+            "no table was recorded: it cannot limit how far the model sinks; name it with --topic table=/NAME",
         );
     }
 }
 
-/// Says what of the recording could not be read: the first few places.
+/// Prints what of the recording could not be read, the first few places.
 fn complain(output: Output, skipped: &Skipped) {
     output.note(&format!(
         "{} messages of the recording could not be read, in {} places:",
@@ -371,14 +371,14 @@ fn complain(output: Output, skipped: &Skipped) {
     }
 }
 
-/// What the frames have said.
+/// What was measured in the frames.
 #[derive(Default)]
 struct Log {
     report: Report,
     registration: Vec<f64>,
     frames: Vec<f64>,
     failures: usize,
-    /// Why the last frame that was not registered was not.
+    /// Why the most recent frame that failed was not registered.
     failure: Option<String>,
     constraints: ConstraintMeasures,
     first_stamp: Option<f64>,
@@ -421,7 +421,7 @@ impl Log {
     }
 }
 
-/// The recorded ground truth, read apart from what the reconstruction is given.
+/// The recorded ground truth, read separately from the input of the reconstruction.
 struct Truth {
     frames: Vec<dvrk_io::session::TruthFrame>,
     measurer: Measurer,

@@ -1,4 +1,4 @@
-//! `explore robot`: an exploration with the arms and the camera of a dVRK.
+//! `explore robot`: explores with the arms and the camera of a dVRK.
 
 use crate::output::OutputFolder;
 use crate::recorder::{Recorder, interruption};
@@ -21,12 +21,12 @@ use std::sync::atomic::Ordering;
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Example: explore robot CELL.toml --dry-run")]
 pub(crate) struct RobotArgs {
-    /// What the cell is made of: arms, camera, calibration, limits (TOML; `explore serve --write-cell` writes one)
+    /// The cell file: arms, camera, calibration, limits (TOML; `explore serve --write-cell` writes one)
     cell: PathBuf,
-    /// Look whether all is well, print it, and command nothing
+    /// Run the checks, print them, and command nothing
     #[arg(long)]
     dry_run: bool,
-    /// Fastest grip speed, mm/s
+    /// Largest speed of the grips, mm/s
     #[arg(long, value_name = "MM_S", default_value_t = 20.0, value_parser = crate::positive)]
     speed: f64,
     #[command(flatten)]
@@ -39,7 +39,7 @@ pub(crate) struct RobotArgs {
 }
 
 impl RobotArgs {
-    /// The same as of a run in the simulated cell.
+    /// The options of a run, as in the simulated cell.
     fn run(&self) -> RunArgs {
         RunArgs {
             speed: self.speed,
@@ -51,7 +51,7 @@ impl RobotArgs {
     }
 }
 
-/// Looks whether all is well, then explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
+/// Runs the checks, then explores; the exit code is 0 when the surface closed, 3 when it closed except for a part held to the table, else 1.
 pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
     let file = CellFile::load(&args.cell)?;
     let stop = interruption()?;
@@ -76,12 +76,12 @@ pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
     let mut options = run.aim.options(run.speed);
     options.limits.empty.speed = options.limits.empty.speed.min(file.limits.speed.get());
     let outcome = Explorer::new(&mut cell, &mut planner, &mut recorder, options)?.run();
-    // From here on the arms hold where they are.
+    // From here on the arms hold their positions.
     drop(cell);
     finish(&run, &out, recorder, outcome, stop.load(Ordering::Relaxed))
 }
 
-/// Prints what was looked at; also when quiet where all is not well.
+/// Prints the checks; with `--quiet` only if one of them failed.
 fn list(args: &RobotArgs, preflight: &Preflight) -> Result<(), Failure> {
     let mut words = args.results.output().words();
     for check in preflight.checks() {
@@ -111,7 +111,7 @@ fn finish(
                 let _unwritten = out.report(&recorder.so_far.report, &metrics, rows(&metrics));
             }
             return Err(if stopped {
-                "stopped: the arms hold where they are, the jaws stay as they are".into()
+                "stopped: the arms hold their positions, the jaws stay as they are".into()
             } else {
                 error.into()
             });

@@ -1,4 +1,4 @@
-//! `explore run`: an exploration in the simulated cell.
+//! `explore run`: explores in the simulated cell.
 
 use crate::closing::{measure_rows, table};
 use crate::final_mesh::FinalMesh;
@@ -19,15 +19,15 @@ use explore_loop::report::metrics::{Metrics, Timing};
 use mesh_io::program::unless_closed;
 use std::process::ExitCode;
 
-/// Pixels of the colour image for one of the depth image, in each direction.
+/// Pixels of the colour image for each pixel of the depth image, in each direction.
 const COLOUR_PIXELS: usize = 2;
 
-/// Explores; the exit code is 0 when the surface closed, 3 when it closed but for a part held to the table, else 1.
+/// Explores; the exit code is 0 when the surface closed, 3 when it closed except for a part held to the table, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     tell(args, &explore(args)?)
 }
 
-/// Prints what was measured; the exit code is that of [`run`].
+/// Prints the measures; the exit code is that of [`run`].
 pub fn tell(args: &RunArgs, metrics: &Metrics) -> Result<ExitCode, Failure> {
     let output = args.results.output();
     if !output.quiet {
@@ -41,7 +41,7 @@ pub fn tell(args: &RunArgs, metrics: &Metrics) -> Result<ExitCode, Failure> {
     })
 }
 
-/// Explores, writes the results, and returns what was measured.
+/// Explores, writes the results, and returns the measures.
 pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     if args.grips == Grips::Random {
         refuse(
@@ -86,12 +86,12 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
             let recorder = finished?;
             let dir = args.results.out.display();
             return Err(format!(
-                "interrupted after {} manipulations; --resume --out {dir} goes on from there",
+                "interrupted after {} manipulations; continue with --resume --out {dir}",
                 recorder.so_far.manipulations
             )
             .into());
         }
-        // What went wrong first is what there is to say, not that the recording or the metrics cannot be written after it.
+        // The first error is the one to report, not that the recording or the metrics could not be written after it.
         Err(error) => {
             if let Ok(recorder) = finished {
                 let metrics = recorder.failure(args, &error);
@@ -105,10 +105,10 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
     write(args, &out, finished?, &outcome)
 }
 
-/// Seconds in which a camera that swings goes there and back.
+/// Period of a swinging camera, seconds.
 const SWAY_PERIOD: f64 = 12.0;
 
-/// The object and the cell that were asked for.
+/// The simulated cell that the command line describes.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
         options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
@@ -121,7 +121,7 @@ fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     })
 }
 
-/// An object with arms around it before a camera with a noise in mm.
+/// The cell of an object, a number of arms and a camera with a noise in mm.
 pub fn scene(
     object: &ObjectArgs,
     arms: u8,
@@ -139,7 +139,7 @@ pub fn scene(
     Ok(options)
 }
 
-/// Writes the results of a run that came to an end of its own.
+/// Writes the results of a run that ended without an error.
 pub fn write(
     args: &RunArgs,
     out: &OutputFolder,
@@ -159,7 +159,7 @@ pub fn write(
     let metrics = recorder.metrics(args, outcome, &mesh)?;
     out.metrics(&metrics)?;
     if matches!(outcome.stop, Stop::Trouble(_)) {
-        // What ended the run came between two decisions: the page shows what was known then, too.
+        // The run may have ended between two decisions: the report shows the final state, too.
         recorder.shown(&outcome.topology, &recorder.so_far.model.clone(), &mesh);
     }
     out.report(&recorder.so_far.report, &metrics, rows(&metrics))?;

@@ -1,4 +1,4 @@
-//! What a run leaves in its folder to go on from.
+//! The checkpoint from which an interrupted run continues.
 
 use crate::output::OutputFolder;
 use crate::{Failure, Reconstruction, RunArgs};
@@ -11,18 +11,18 @@ use explore_loop::report::html::Report;
 use explore_loop::report::metrics::ConstraintMeasures;
 use serde::{Deserialize, Serialize};
 
-/// What a run leaves in its folder to go on from.
+/// The content of a checkpoint.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct Saved {
-    /// The options that decide how the run goes.
+    /// The options that determine the run.
     pub run: String,
     pub commands: Vec<Command>,
-    /// Nothing before the first manipulation is over.
+    /// `None` before the end of the first manipulation.
     pub explorer: Option<SavedState>,
     pub recorder: SoFar,
 }
 
-/// Name of the checkpoint in the folder of a run.
+/// Name of the checkpoint in the result folder.
 pub(crate) const CHECKPOINT: &str = "checkpoint.bin";
 
 impl Saved {
@@ -68,7 +68,7 @@ impl Saved {
     }
 }
 
-/// What was recorded and measured so far.
+/// The recording and the measures so far.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct SoFar {
     pub measurer: Option<MeasurerState>,
@@ -83,6 +83,6 @@ pub(crate) struct SoFar {
     pub model: CanonicalModel,
     pub manipulations: usize,
     pub report: Report,
-    /// Time that went by before, seconds.
+    /// Wall-clock time of the earlier sessions, seconds.
     pub wall: f64,
 }

@@ -1,12 +1,12 @@
-//! `explore serve`: the simulated cell as a dVRK over ROS 2.
+//! `explore serve`: serves the simulated cell as a dVRK over ROS 2.
 //!
 //! ```text
 //! any CRTK client ◄── DDS ──► ArmServer (a thread, every 2 ms) ── set-points ──► physics (this thread, in step with the clock)
 //!                                  ▲                                                │
-//!                                  └── where tips and jaws are ◄────────────────────┴──► depth images
+//!                                  └── poses of tips and jaws ◄────────────────────┴──► depth images
 //! ```
-//! Physics advances by as much as the clock on the wall. When it cannot keep up, time is left out: the body then moves as if the arms were faster
-//! than they are. That is said.
+//! Physics advances with the wall clock. When it cannot keep up, time is skipped: the body then moves as if the arms were faster than they are. A
+//! message reports this.
 
 use crate::object::ObjectArgs;
 use crate::recorder::interruption;
@@ -39,7 +39,7 @@ pub(crate) struct ServeArgs {
     /// Number of arms
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     arms: u8,
-    /// Seed of everything random
+    /// Seed of the random numbers
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// The depth camera
@@ -48,44 +48,44 @@ pub(crate) struct ServeArgs {
     /// Standard deviation of the depth noise of the ideal camera, mm
     #[arg(long, value_name = "MM", default_value_t = 0.5, value_parser = crate::not_negative)]
     noise: f64,
-    /// About how many tetrahedra the body has: fewer are faster
+    /// About how many tetrahedra the body has; fewer are faster to simulate
     #[arg(long, value_name = "N", default_value_t = 2000)]
     tetrahedra: usize,
-    /// Behave as the simulators of the dVRK's maintainers do, instead of as a robot
+    /// Behave like the simulators of the dVRK maintainers instead of like a robot
     #[arg(long)]
     simulator: bool,
-    /// ROS domain; otherwise that of `ROS_DOMAIN_ID`
+    /// ROS domain; the default is `ROS_DOMAIN_ID`
     #[arg(long, value_name = "ID")]
     domain: Option<u16>,
-    /// This machine only
+    /// Communicate within this machine only
     #[arg(long)]
     loopback: bool,
-    /// Write the file with which `explore robot` explores this cell
+    /// Write the cell file with which `explore robot` explores this cell
     #[arg(long, value_name = "FILE")]
     write_cell: Option<PathBuf>,
-    /// Stop after this long, seconds; otherwise Ctrl-C does
+    /// Stop after this long, seconds; the default is to run until Ctrl-C
     #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
     seconds: Option<f64>,
     #[command(flatten)]
     output: Output,
 }
 
-/// Topics and frame of the camera, as a `RealSense` has them.
+/// Topics and frame of the camera, named as by a `RealSense`.
 const TOPICS: [&str; 2] = ["/camera/depth/image_rect_raw", "/camera/depth/camera_info"];
 const FRAME: &str = "camera_depth_optical_frame";
-/// A jaw is open above the first angle and closes on what is between its fingers below the second, radians.
+/// A jaw counts as open above the first angle, and grips what is between its fingers below the second, radians.
 const OPEN: f64 = 0.5;
 const CLOSED: f64 = 0.1;
-/// Angle of a jaw that holds something, radians, and its torque for each radian that it is sent to be less open, N·m.
+/// Angle of a jaw that holds something, radians, and its torque for each radian between that angle and the commanded one, N·m.
 const THICKNESS: f64 = 0.2;
 const STIFFNESS: f64 = 0.5;
-/// Time that physics may be behind before some is left out, seconds; how often it is told how it keeps up.
+/// How far physics may be behind the clock before time is skipped, seconds; the interval at which the pace is checked.
 const BEHIND: f64 = 0.1;
 const TOLD: Duration = Duration::from_secs(10);
-/// Share of the clock below which it does not keep up.
+/// Share of real time below which physics does not keep up.
 const KEEPS_UP: f64 = 0.95;
 
-/// What goes between the network and the physics, for one arm.
+/// Data exchanged between the network and the physics, for one arm.
 #[derive(Debug, Clone, Copy)]
 struct Link {
     wanted: RcmFromWrist,
@@ -100,7 +100,7 @@ fn lock(links: &Links) -> MutexGuard<'_, Vec<Link>> {
     links.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// An arm of the simulated cell, as a server sees it.
+/// An arm of the simulated cell, as the server sees it.
 struct SimArm {
     links: Links,
     arm: usize,
@@ -220,7 +220,7 @@ fn links(stands: &[PsmStand]) -> Result<Links, Failure> {
     Ok(Arc::new(Mutex::new(links?)))
 }
 
-/// Physics and camera, in step with the clock.
+/// Runs physics and camera in step with the clock.
 fn run(
     cell: &mut SimCell,
     stands: &[PsmStand],
@@ -231,7 +231,7 @@ fn run(
 ) -> Result<(), Failure> {
     let (step, period) = (cell.step_seconds(), 1.0 / cell.frame_rate());
     let start = Instant::now();
-    // Seconds of the clock that were simulated, those that were left out, and when the next frame is due.
+    // Seconds simulated, seconds skipped, and when the next frame is due.
     let (mut simulated, mut left_out, mut due) = (0.0, 0.0, 0.0);
     let mut told = (Instant::now(), 0.0);
     while !over() {
@@ -250,14 +250,16 @@ fn run(
             due = now.max(due + period);
             let stamp = transport.now();
             let image = cell.depth_image()?;
-            // A reader that does not get it gets the next.
+            // An image that could not be sent is skipped.
             let _unsent = camera.publish(stamp, &image);
         }
         let (last, then) = told;
         if last.elapsed() >= TOLD {
             let pace = (simulated - then) / last.elapsed().as_secs_f64();
             if pace < KEEPS_UP {
-                eprintln!("physics does not keep up: {pace:.2} of real time; try --tetrahedra");
+                eprintln!(
+                    "physics does not keep up: {pace:.2} of real time; use fewer --tetrahedra"
+                );
             }
             told = (Instant::now(), simulated);
         }
@@ -297,7 +299,7 @@ fn advance(cell: &mut SimCell, stands: &[PsmStand], links: &Links) -> Result<(),
     Ok(())
 }
 
-/// The file with which `explore robot` explores this cell.
+/// The cell file with which `explore robot` explores this cell.
 fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<CellFile, Failure> {
     let table = cell.info().table;
     let camera = CameraEntry {
@@ -341,7 +343,7 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
     Ok(file)
 }
 
-/// What is served, for programs.
+/// What is served, as JSON.
 fn served(stands: &[PsmStand], network: &Network) -> serde_json::Value {
     let arms = stands.iter().map(|stand| {
         let centre = stand.camera_from_rcm;
@@ -359,7 +361,7 @@ fn served(stands: &[PsmStand], network: &Network) -> serde_json::Value {
     })
 }
 
-/// What a client has to know.
+/// Prints what a client has to know.
 fn tell(args: &ServeArgs, stands: &[PsmStand], network: &Network) -> Result<(), Failure> {
     let mut out = args.output.words();
     let machine = if *network.interfaces() == Interfaces::Loopback {

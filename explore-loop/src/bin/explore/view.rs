@@ -1,4 +1,4 @@
-//! `explore view`: the report of a run in the browser.
+//! `explore view`: opens the report of a run in the browser.
 
 use crate::{Failure, ViewArgs};
 use mesh_io::program::unless_closed;
@@ -7,10 +7,10 @@ use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// How long a launcher has to say that it failed: a browser that it starts may run as long as it likes.
+/// How long a launcher may take to report a failure; the browser that it starts may run longer.
 const PATIENCE: Duration = Duration::from_secs(3);
 
-/// Opens the report; prints where it is in any case.
+/// Opens the report; always prints its path.
 pub fn view(args: &ViewArgs) -> Result<(), Failure> {
     let report = if args.dir.is_file() {
         args.dir.clone()

@@ -1,7 +1,7 @@
-//! Parts of the method that can be left out, to learn what each of them is worth.
+//! Parts of the method that can be left out, to measure what each contributes.
 //!
-//! Not among them is what the rest is built on and that has no other way to be done: the elastic body that is always bent from its rest shape, the
-//! closed surface that is fitted, filled and written, the gates and robust weights of the matches, and the missing vector area that turns are planned by.
+//! Not among them are parts that everything else depends on: the elastic body that is always deformed from its rest shape, the closed surface that
+//! is fitted, filled and written, the gates and robust weights of the matches, and the missing vector area by which turns are planned.
 
 use crate::Failure;
 use clap::ValueEnum;
@@ -15,39 +15,39 @@ use topo_ekf::body::Table;
 pub(crate) enum Part {
     /// The table: no constraint, contact or friction in the filter
     Table,
-    /// Surface that keeps its side of other surface
+    /// Self-contact: surface that may not pass through other surface
     SelfContact,
-    /// The whole filter: no momentum, no weight, no grips before the data, no constraints; what is left is registration
+    /// The whole filter: no momentum, weight, grips or constraints; only registration is left
     Filter,
     /// The weight of the body
     Weight,
-    /// The estimate of weight over stiffness: it stays as it is first assumed
+    /// The estimate of weight over stiffness, which keeps its initial value
     WeightEstimate,
     /// Friction with the table
     Friction,
-    /// Pieces of material within a cell: fingers that touch hang together
+    /// Pieces of material within a lattice cell: fingers that touch stick together
     Pieces,
-    /// The hollow body that is followed beside the solid one
+    /// The hollow body that is tracked beside the solid one
     Hollow,
-    /// The fusion of all keyframes at rest: the shape stays as it grew
+    /// The re-fusion of all keyframes at rest: the shape stays as it grew
     Refusion,
-    /// Fitting the poses of the keyframes anew before they are fused again
+    /// Fitting the poses of the keyframes anew before the re-fusion
     Refit,
-    /// The tests of the surface before the end: Betti numbers alone stop, as in the paper
+    /// The tests of the surface before the end: Betti numbers alone decide, as in the paper
     SurfaceTest,
     /// Stretching holes open
     Stretching,
     /// Keeping a long body from being stood on its end
     Lying,
-    /// The speed limit by how far the surface moves between frames: the speed asked for is tried
+    /// The speed limit by the motion of the surface between frames: the requested speed is tried
     SpeedLimit,
-    /// Going on after something was given up: the first trouble is the end
+    /// Recovery: the first failed manipulation ends the run
     Recovery,
 }
 
-/// The smallest standard deviation that the body takes, 1/m: what is assumed stays.
+/// A standard deviation small enough to keep the assumed value, 1/m.
 const CERTAIN: f64 = 1e-9;
-/// Motion of the surface between frames that no arm makes, metres.
+/// Motion of the surface between frames that is never reached, metres.
 const UNLIMITED: f64 = 1.0;
 
 impl Part {
@@ -57,7 +57,7 @@ impl Part {
         value.map_or_else(String::new, |value| value.get_name().to_owned())
     }
 
-    /// Leaves it out of the reconstruction, if it is a part of that.
+    /// Removes the part from the reconstruction, if it belongs there.
     pub fn leave_out_of_reconstruction(self, options: &mut ReconstructOptions) {
         let body = &mut options.body;
         match self {
@@ -71,7 +71,7 @@ impl Part {
             }
             Self::Weight => {
                 (body.initial_weight, body.initial_weight_sigma) = (0.0, CERTAIN);
-                // How hard grips pull is told in weights of the body.
+                // The limit on the pull of a grip is expressed in weights of the body.
                 options.limits.pull = f64::INFINITY;
             }
             Self::WeightEstimate => body.initial_weight_sigma = CERTAIN,
@@ -84,17 +84,17 @@ impl Part {
         }
     }
 
-    /// Whether it is a part of how grips are planned.
+    /// Whether the part belongs to the planning of grips.
     pub fn is_of_planner(self) -> bool {
         matches!(self, Self::Stretching | Self::Lying | Self::SpeedLimit)
     }
 
-    /// Whether it is a part of exploring, and not of the reconstruction.
+    /// Whether the part belongs to exploring, not to the reconstruction.
     pub fn is_of_exploring(self) -> bool {
         self.is_of_planner() || matches!(self, Self::SurfaceTest | Self::Recovery)
     }
 
-    /// Leaves it out of the loop, if it is a part of that.
+    /// Removes the part from the loop, if it belongs there.
     pub fn leave_out_of_loop(self, options: &mut ExploreOptions) {
         match self {
             Self::SurfaceTest => options.closed_by = ClosedBy::BettiNumbers,
@@ -104,7 +104,7 @@ impl Part {
     }
 }
 
-/// The planner without some parts.
+/// The planner without these parts.
 pub(crate) fn planner_without(parts: &[Part]) -> CoveragePlanner {
     let mut planner = CoveragePlanner::default();
     for part in parts {
@@ -118,7 +118,7 @@ pub(crate) fn planner_without(parts: &[Part]) -> CoveragePlanner {
     planner
 }
 
-/// Refuses parts that are not there to be left out.
+/// Rejects parts that do not exist here.
 pub(crate) fn refuse(parts: &[Part], is: fn(Part) -> bool, who: &str) -> Result<(), Failure> {
     match parts.iter().find(|part| is(**part)) {
         Some(part) => Err(format!("--without {}: {who} this part", part.name()).into()),

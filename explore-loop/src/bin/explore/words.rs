@@ -1,9 +1,9 @@
-//! Plans and phases of an exploration, in words.
+//! Texts for plans and phases of an exploration.
 
 use explore_loop::explore::Phase;
 use grip_planner::Plan;
 
-/// A plan in a line.
+/// A plan in one line.
 pub fn of_plan(plan: &Plan) -> String {
     let arms: Vec<String> = plan
         .grips
@@ -25,7 +25,7 @@ pub fn of_plan(plan: &Plan) -> String {
     )
 }
 
-/// What the arms are doing.
+/// The phase in words.
 pub fn of_phase(phase: Phase) -> &'static str {
     match phase {
         Phase::Home => "arms go home",

@@ -1,6 +1,6 @@
-//! Points sorted into cubes, to find all within a radius.
+//! Points sorted into cubes, to find those within a radius.
 //!
-//! Unlike a search tree it takes any number of coincident points, and its answers come in a fixed order.
+//! Unlike a search tree it accepts any number of coincident points, and returns points in a fixed order.
 
 use nalgebra::Point3;
 use std::collections::HashMap;

@@ -1,7 +1,7 @@
-//! A closed triangle mesh that can be edited: corner `3f + k` is corner `k` of triangle `f`, and stands for the edge from it
+//! An editable closed triangle mesh: corner `3f + k` is corner `k` of triangle `f`, and represents the edge from it
 //! to the next corner.
 //!
-//! Every operation checks first that the mesh stays a closed 2-manifold of the same genus, and does nothing otherwise.
+//! Every operation first checks that the mesh stays a closed 2-manifold of the same genus, and otherwise does nothing.
 
 use super::isosurface::Soup;
 use nalgebra::{Point3, Vector3};
@@ -15,7 +15,7 @@ pub(super) struct Corners {
     pub(super) places: Vec<Point3<f64>>,
     /// Vertex at each corner.
     vertex: Vec<u32>,
-    /// The same edge seen from the triangle on its other side.
+    /// The opposite corner: the same edge in the adjacent triangle.
     twin: Vec<u32>,
     /// One corner at each vertex.
     corner: Vec<u32>,
@@ -32,7 +32,7 @@ pub(super) fn previous(c: u32) -> u32 {
 }
 
 impl Corners {
-    /// The mesh of these triangles, or `None` if they are not a closed 2-manifold. Vertices without a triangle go.
+    /// The mesh of these triangles, or `None` if they are not a closed 2-manifold. Vertices without a triangle are removed.
     pub(super) fn new((places, triangles): &Soup) -> Option<Self> {
         let mut index = vec![GONE; places.len()];
         let mut kept = Vec::new();
@@ -69,7 +69,7 @@ impl Corners {
             let v = self.from(c) as usize;
             self.corner[v] = c;
         }
-        // One fan around each vertex: as many corners as the vertex has in all.
+        // Each vertex has a single fan: walking around it visits all its corners.
         let mut count = vec![0; self.places.len()];
         for &v in &self.vertex {
             count[v as usize] += 1;
@@ -79,7 +79,7 @@ impl Corners {
             .then_some(())
     }
 
-    /// The vertices and triangles that are left.
+    /// The remaining vertices and triangles.
     pub(super) fn soup(&self) -> Soup {
         let mut index = vec![GONE; self.places.len()];
         let mut places = Vec::new();
@@ -127,12 +127,12 @@ impl Corners {
         self.vertex[c as usize] != GONE
     }
 
-    /// Where the edge of a corner begins.
+    /// The vertex at which the edge of a corner begins.
     pub(super) fn from(&self, c: u32) -> u32 {
         self.vertex[c as usize]
     }
 
-    /// Where it ends.
+    /// The vertex at which it ends.
     pub(super) fn to(&self, c: u32) -> u32 {
         self.vertex[next(c) as usize]
     }
@@ -142,7 +142,7 @@ impl Corners {
         self.vertex[previous(c) as usize]
     }
 
-    /// The same edge seen from the other side.
+    /// The same edge in the adjacent triangle.
     pub(super) fn twin(&self, c: u32) -> u32 {
         self.twin[c as usize]
     }
@@ -191,7 +191,7 @@ impl Corners {
         (q - p).cross(&(r - p))
     }
 
-    /// Sum of the faces around a vertex: points outward.
+    /// Sum of the area vectors of the triangles around a vertex; points outward.
     pub(super) fn outward(&self, v: u32) -> Vector3<f64> {
         self.around(v).map(|c| self.face(c)).sum()
     }
@@ -238,7 +238,7 @@ impl Corners {
             && self.valence(self.opposite(self.twin(c))) > 3
     }
 
-    /// Merges the start of the edge of a corner into its end. Only where [`Self::can_collapse`].
+    /// Merges the start of the edge of a corner into its end. Requires [`Self::can_collapse`].
     pub(super) fn collapse(&mut self, c: u32) {
         let t = self.twin(c);
         let (a, b) = (self.from(c), self.to(c));
@@ -251,7 +251,7 @@ impl Corners {
             let (x, y) = (self.twin(next(side)), self.twin(previous(side)));
             self.twin[x as usize] = y;
             self.twin[y as usize] = x;
-            // x and y are the two views of the edge that remains.
+            // x and y are the two corners of the edge that remains.
             for corner in [x, y] {
                 let v = self.from(corner) as usize;
                 self.corner[v] = corner;
@@ -270,7 +270,7 @@ impl Corners {
         );
     }
 
-    /// Whether the edge of a corner may be turned to join its opposite vertices.
+    /// Whether the edge of a corner may be flipped to join its opposite vertices.
     pub(super) fn can_flip(&self, c: u32) -> bool {
         let (l, r) = (self.opposite(c), self.opposite(self.twin(c)));
         l != r
@@ -279,7 +279,7 @@ impl Corners {
             && self.neighbours(l).all(|v| v != r)
     }
 
-    /// Turns the edge of a corner to join its opposite vertices. Only where [`Self::can_flip`].
+    /// Flips the edge of a corner to join its opposite vertices. Requires [`Self::can_flip`].
     pub(super) fn flip(&mut self, c: u32) {
         let t = self.twin(c);
         let (a, b, l, r) = (self.from(c), self.to(c), self.opposite(c), self.opposite(t));
@@ -302,7 +302,7 @@ impl Corners {
     }
 }
 
-/// The piece of a mesh that encloses most, or `None` if none encloses anything.
+/// The connected component that encloses the largest volume, or `None` if none encloses any.
 pub(super) fn largest_piece((places, triangles): Soup) -> Option<Soup> {
     let mut parent: Vec<u32> = (0..places.len() as u32).collect();
     for t in &triangles {

@@ -1,20 +1,20 @@
-//! How a surface is folded around its handles.
+//! How sharply a surface is creased around its handles.
 //!
-//! Where two round parts touch and are taken for one, a crease runs all around the neck that joins them. At a vertex `v` of a loop with
-//! tangent `t`, normal `n` and `b = n × t`, let `n₊` and `n₋` be the mean normals at 0.6 to 1.5 spacings on the side of `b` and of `−b`:
+//! Where two round parts touch and are reconstructed as one, a crease runs around the neck that joins them. At a vertex `v` of a loop with
+//! tangent `t`, normal `n` and `b = n × t`, let `n₊` and `n₋` be the mean normals at 0.6 to 1.5 spacings on the sides of `b` and of `−b`:
 //!
 //! ```text
-//! fold(v) = ± ∠(n₊, n₋),   positive where they lean toward each other,  (n₊ − n₋)·b < 0
+//! fold(v) = ± ∠(n₊, n₋),   positive where they point toward each other,  (n₊ − n₋)·b < 0
 //! crease  = max over loops of the mean of fold over the loop
 //! ```
-//! Around a handle of the object the folds of its inner and its outer side cancel: around the tube of a ring of radii `R` and `r` their mean is
-//! about `w r/(R² − r²)` for a width `w`, next to nothing.
+//! Around a real handle of the object the folds of its inner and its outer side cancel: around the tube of a ring of radii `R` and `r` their mean
+//! is about `w r/(R² − r²)` for a width `w`, which is small.
 
 use super::corners::Corners;
 use super::handles::{Paths, around_handles};
 use nalgebra::{UnitVector3, Vector3};
 
-/// Between which distances to the side of a loop the surface is looked at, in spacings.
+/// Range of distances to the side of a loop in which normals are averaged, in spacings.
 const BESIDE: (f64, f64) = (0.6, 1.5);
 
 /// How far the surface is folded along the most creased loop around a handle, rad, and that loop, as corners head to tail; `None` without handles.

@@ -1,10 +1,10 @@
-//! What can be wrong with the points given.
+//! Errors of the closed surface.
 
-/// Why no closed surface could be drawn.
+/// Why no closed surface could be computed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClosedSurfaceError {
-    /// Points, normals and weights are parallel arrays.
+    /// The arrays of points, normals and weights differ in length.
     #[error("{points} points need as many normals and weights, not {normals} and {weights}")]
     LengthMismatch {
         /// Number of points.
@@ -24,7 +24,7 @@ pub enum ClosedSurfaceError {
     },
     /// A point, normal or weight is not finite, or a weight is negative, or a normal is not of unit length.
     #[error(
-        "point {index}: its position, normal or weight is not usable (not finite, a negative weight, or a normal that is not of unit length)"
+        "point {index}: its position, normal or weight is invalid (not finite, a negative weight, or a normal that is not of unit length)"
     )]
     BadPoint {
         /// Index of the point.
@@ -32,12 +32,12 @@ pub enum ClosedSurfaceError {
     },
     /// Too few points for a surface.
     #[error(
-        "{points} points in one place with a weight; at least {needed} are needed for a surface"
+        "{points} distinct points with a positive weight; at least {needed} are needed for a surface"
     )]
     TooFewPoints {
-        /// Points that count.
+        /// Number of usable points.
         points: usize,
-        /// Points needed.
+        /// Number of points needed.
         needed: usize,
     },
     /// The object is too large for the grid.

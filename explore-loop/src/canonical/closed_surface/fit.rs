@@ -1,32 +1,32 @@
-//! Moves vertices onto the surface that the samples around them describe.
+//! Moves vertices onto the surface that the samples around them define.
 //!
-//! The grid gives the right topology but cuts what is finer than its step. Each vertex `x` with normal `n` moves along `n` by
+//! The grid gives the right topology but loses details finer than its step. Each vertex `x` with normal `n` moves along `n` by
 //!
 //! ```text
 //! s = Σ_i w_i ½(n + n_i)·(x − p_i) / Σ_i w_i,    w_i = weight · exp(−‖x − p_i‖²/2σ²) · max(0, n·n_i)²
 //! ```
-//! over samples that face as it does. The distance along `n` alone lies within a convex surface, the distance to the planes of the
-//! samples lies outside by as much; their mean has no error of second order, so round bodies neither shrink nor swell.
+//! over samples that face the same way. The distance along `n` alone would put the vertex inside a convex surface, the distance to the planes of the
+//! samples as far outside; their mean has no second-order error, so round bodies neither shrink nor swell.
 
 use super::corners::Corners;
 use super::samples::Samples;
 use nalgebra::{Point3, Vector3};
 
-/// Standard deviation of the weights, in spacings: some seven samples count, noise falls to a third.
+/// Standard deviation of the weights, in spacings: about seven samples contribute, which reduces noise to a third.
 const WIDTH: f64 = 0.7;
-/// Samples that face less alike than this are another sheet or the other side of an edge.
+/// Samples whose normals have a smaller cosine belong to another sheet or to the other side of an edge.
 const ALIKE: f64 = 0.3;
-/// From this cosine up the surface between a vertex and a sample counts as round, from this down as an edge.
+/// Above this cosine the surface between a vertex and a sample counts as round; below it, as an edge.
 const SMOOTH: f64 = 0.85;
 const EDGE: f64 = 0.55;
-/// With this much weight around a vertex it moves half the way.
+/// A vertex with this total weight around it moves half of the computed distance.
 const FAINT: f64 = 0.05;
-/// How far beyond the outermost sample around it a vertex may lie, in spacings: the tip of an edge may, a spike does.
+/// How far a vertex may lie beyond the outermost sample around it, in spacings: the tip of an edge lies within this, a spike does not.
 const BEYOND: f64 = 0.3;
 /// A vertex moves at most this far in one step, in spacings.
 const FURTHEST: f64 = 0.4;
 
-/// The way of a vertex at `place` with unit `normal` onto the samples.
+/// The displacement that brings a vertex at `place` with unit `normal` onto the samples.
 pub(super) fn onto_samples(
     place: &Point3<f64>,
     normal: &Vector3<f64>,

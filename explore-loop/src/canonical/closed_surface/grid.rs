@@ -1,13 +1,13 @@
-//! A box of grid nodes with a value at each.
+//! A box of grid nodes with a value at each node.
 
 use nalgebra::{Point3, Vector3};
 
-/// A box of nodes in rows along x, then y, then z.
+/// A box of nodes, ordered along x, then y, then z.
 #[derive(Debug, Clone)]
 pub(crate) struct Grid {
     /// Place of node (0, 0, 0).
     pub(crate) origin: Point3<f64>,
-    /// Distance of neighbouring nodes, m.
+    /// Distance between neighbouring nodes, m.
     pub(crate) step: f64,
     /// Nodes along each axis.
     pub(crate) nodes: [usize; 3],
@@ -28,7 +28,7 @@ impl Grid {
         self.nodes.iter().product()
     }
 
-    /// How far the index moves for one step along each axis.
+    /// The change of the index for one step along each axis.
     pub(crate) fn strides(&self) -> [usize; 3] {
         [1, self.nodes[0], self.nodes[0] * self.nodes[1]]
     }
@@ -43,12 +43,12 @@ impl Grid {
         self.origin + Vector3::from(node.map(|n| n as f64)) * self.step
     }
 
-    /// A place in steps from the origin.
+    /// A position in steps from the origin.
     pub(crate) fn local(&self, point: &Point3<f64>) -> Vector3<f64> {
         (point - self.origin) / self.step
     }
 
-    /// The nodes around a place and their trilinear weights.
+    /// The nodes around a position and their trilinear weights.
     pub(super) fn stencil(&self, point: &Point3<f64>) -> [(usize, f64); 8] {
         let local = self.local(point);
         let low = [0, 1, 2].map(|a| (local[a].max(0.0) as usize).min(self.nodes[a] - 2));

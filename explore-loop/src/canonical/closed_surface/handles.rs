@@ -1,24 +1,24 @@
-//! Handles too small to be real are cut off.
+//! Removes handles that are too small to be real.
 //!
-//! Noise joins two sheets by a bridge, or bores a tunnel through a thin one; either adds a handle to the mesh (Euler number
-//! `2 − 2 · handles`). Round each there is a short loop that does not split the surface in two. The mesh is cut along the shortest
-//! such loop and both sides are capped: that breaks a bridge and fills a tunnel. Loops longer than a given length are those of the
-//! object, a ring say, and stay.
+//! Noise can join two sheets by a bridge, or open a tunnel through a thin one; either adds a handle to the mesh (Euler number
+//! `2 − 2 · handles`). Around each handle there is a short loop that does not split the surface in two. The mesh is cut along the shortest
+//! such loop and both sides are capped, which breaks a bridge and fills a tunnel. Loops longer than a given length belong to handles of the
+//! object, of a ring for example, and are kept.
 //!
-//! A spanning tree of the vertices and one of the triangles across the other edges leave two edges per handle; the loops they
+//! A spanning tree of the vertices, and one of the triangles across the other edges, leave two edges for each handle; the loops that these edges
 //! close generate all others (Eppstein, Dynamic generators of topologically embedded graphs, SODA 2003), so every loop that does not split
-//! the surface crosses one of them. The shortest are therefore looked for at the vertices of those loops alone, in a
-//! neighbourhood of half the length.
+//! the surface crosses one of them. The shortest loops are therefore searched for only from the vertices of those loops, in a neighbourhood
+//! of half the length.
 
 use super::corners::{Corners, next, previous};
 use nalgebra::{Point3, Vector3};
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 
-/// At most so many handles are cut: a mesh with more is not one of a surface.
+/// Most handles that are cut; a mesh with more does not represent a surface.
 const MOST: usize = 200;
 
-/// Cuts handles with a loop shorter than `longest`.
+/// Cuts handles around which a loop shorter than `longest` runs.
 pub(super) fn cut_small(mut mesh: Corners, longest: f64) -> Corners {
     for _ in 0..MOST {
         if mesh.handles() == 0 {
@@ -32,9 +32,9 @@ pub(super) fn cut_small(mut mesh: Corners, longest: f64) -> Corners {
     mesh
 }
 
-/// Loops around the handles of a mesh, as corners head to tail: shortest ones through each of the vertices of two for every handle.
+/// Loops around the handles of a mesh, each a list of consecutive vertices: for every vertex of the two generating loops of each handle, the shortest.
 ///
-/// None of them splits the surface: the loops that a tree of shortest paths and a tree of the triangles leave over are independent in homology.
+/// None of them splits the surface: edges outside both the tree of shortest paths and the tree of triangles close loops that are independent in homology.
 pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
     let Some(start) = mesh.vertices().next().filter(|_| mesh.handles() > 0) else {
         return Vec::new();
@@ -44,7 +44,7 @@ pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
     for (_, c) in everywhere.leftovers(mesh) {
         roots.extend(everywhere.close(mesh, c).into_iter().map(|c| mesh.from(c)));
     }
-    // Loops through neighbouring roots are alike.
+    // Loops through neighbouring roots are similar, so only every n-th root is used.
     let apart = roots.len().div_ceil(MOST_ROOTS).max(1);
     let mut loops = Vec::new();
     for &root in roots.iter().step_by(apart) {
@@ -55,10 +55,10 @@ pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
     loops
 }
 
-/// Most vertices through which loops are looked for.
+/// Most vertices from which loops are searched for.
 const MOST_ROOTS: usize = 60;
 
-/// A tree of shortest paths: distance of each vertex reached, and the corner whose edge leads to it.
+/// A tree of shortest paths: the distance of each reached vertex, and the corner whose edge leads to it.
 pub(super) struct Paths {
     pub(super) reached: BTreeMap<u32, (f64, Option<u32>)>,
 }
@@ -67,7 +67,7 @@ impl Paths {
     /// From `root` to all vertices within `radius`.
     pub(super) fn new(mesh: &Corners, root: u32, radius: f64) -> Self {
         let mut reached: BTreeMap<u32, (f64, Option<u32>)> = BTreeMap::new();
-        // Distances are not negative: their bits are in order.
+        // Distances are not negative, so their bit patterns are ordered like their values.
         let mut front = BinaryHeap::from([Reverse((0u64, root, None))]);
         while let Some(Reverse((bits, v, by))) = front.pop() {
             if reached.contains_key(&v) {
@@ -116,8 +116,8 @@ impl Paths {
         around
     }
 
-    /// Edges among the vertices reached that neither the tree nor a tree of the triangles across the others contains,
-    /// with the length of the loop they close, shortest first.
+    /// Edges among the reached vertices that are in neither the vertex tree nor the triangle tree, with the length of the loop that each closes,
+    /// shortest first.
     fn leftovers(&self, mesh: &Corners) -> Vec<(f64, u32)> {
         let mut edges: Vec<(f64, u32)> = Vec::new();
         for (&v, &(distance, _)) in &self.reached {
@@ -130,14 +130,14 @@ impl Paths {
                 }
             }
         }
-        // Longest first into the tree of triangles: the shortest are left over.
+        // The longest edges enter the triangle tree first, so that the shortest are left over.
         edges.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
         let mut sets = Sets::default();
         let side = |c: u32| {
             let whole = [c, next(c), previous(c)]
                 .iter()
                 .all(|&x| self.has(mesh.from(x)));
-            // All triangles that are not wholly within reach count as one.
+            // All triangles that are not entirely within reach count as one.
             if whole { c / 3 } else { u32::MAX }
         };
         let mut left: Vec<(f64, u32)> = edges
@@ -166,7 +166,7 @@ impl Sets {
         x
     }
 
-    /// Joins the sets of two members; false if they were one already.
+    /// Joins the sets of two members; false if they were already in one set.
     fn join(&mut self, a: u32, b: u32) -> bool {
         let (a, b) = (self.root(a), self.root(b));
         if a != b {
@@ -202,7 +202,7 @@ fn shortest_loop(mesh: &Corners, longest: f64) -> Option<Vec<u32>> {
     best.map(|b| b.1)
 }
 
-/// Whether the surface falls in two when cut along a loop.
+/// Whether cutting along a loop splits the surface in two.
 fn splits(mesh: &Corners, around: &[u32]) -> bool {
     let wall: BTreeSet<u32> = around.iter().flat_map(|&c| [c, mesh.twin(c)]).collect();
     let mut seen = vec![false; mesh.corner_count() / 3];

@@ -1,26 +1,26 @@
-//! The surface of a level of a field, by marching cubes without ambiguity.
+//! The level set of a field as a mesh, by marching cubes without ambiguous cases.
 //!
-//! On each face of a cube every run of corners inside is cut off by a segment of its own. The rule sees the four corners of the face
-//! alone, so the cubes on both sides agree, the segments of a cube chain to loops, and the surface is a closed 2-manifold
-//! for any values. Loops of more than four corners are filled with a fan around their middle: a diagonal between
-//! two corners on one face of the cube could be drawn by the cube behind it as well.
+//! On each face of a cube every run of inside corners is cut off by a segment of its own. This depends only on the four corners of the face,
+//! so the cubes on both sides agree, the segments of a cube form closed loops, and the surface is a closed 2-manifold for any values. Loops of
+//! more than four corners are filled with a fan around their centre: a diagonal between two corners on one face of the cube could be drawn by
+//! the adjacent cube as well.
 
 use super::grid::Field;
 use nalgebra::{Point3, Vector3};
 use std::collections::HashMap;
 
-/// How close a crossing may come to a node, as a share of the edge: keeps triangles from degenerating.
+/// Least distance of a crossing from a node, as a share of the edge: keeps triangles from degenerating.
 const CLOSEST: f64 = 0.08;
 
 /// A triangle mesh: vertices, and triangles counter-clockwise seen from outside.
 pub(crate) type Soup = (Vec<Point3<f64>>, Vec<[u32; 3]>);
 
-/// The surface where `field` falls below `level`, outward from the larger values.
+/// The surface where `field` equals `level`, oriented away from the larger values.
 pub(super) fn extract(field: &Field, level: f64) -> Soup {
     extract_where(field, level, |_| true)
 }
 
-/// The same among the cubes all of whose corners are `known`, by index: open where others begin.
+/// The same for the cubes whose corners are all `known`, by index; the surface is open where other cubes begin.
 pub(crate) fn extract_where(field: &Field, level: f64, known: impl Fn(usize) -> bool) -> Soup {
     let table: Vec<Vec<Vec<usize>>> = (0..256).map(loops).collect();
     let grid = &field.grid;
@@ -108,13 +108,13 @@ const FACES: [[usize; 4]; 6] = [
     [4, 5, 7, 6],
 ];
 
-/// The loops of edges that the surface runs through when the corners in `mask` are inside.
+/// The loops of cube edges that the surface crosses when the corners in `mask` are inside.
 fn loops(mask: usize) -> Vec<Vec<usize>> {
     let inside = |corner: usize| mask >> corner & 1 == 1;
     let mut next = [usize::MAX; 12];
     for face in FACES {
         for k in 0..4 {
-            // A run of corners inside begins here: the segment joins the edges where it begins and where it ends.
+            // A run of inside corners begins here: the segment joins the edges before its first and after its last corner.
             if inside(face[k]) && !inside(face[(k + 3) % 4]) {
                 let begin = edge(face[(k + 3) % 4], face[k]);
                 let last = (0..4).take_while(|j| inside(face[(k + j) % 4])).count();

@@ -1,20 +1,20 @@
-//! A closed surface through points with normals, and what of it the points support.
+//! A closed surface through oriented points, and which of its parts the points support.
 //!
 //! | file | step |
 //! |---|---|
-//! | `samples` | check the input; average normals over neighbours that face alike |
-//! | `poisson`, `grid` | inside and outside: an indicator function on a grid, without the points off its surface |
-//! | `isosurface`, `corners` | its surface: always a closed 2-manifold; the piece that encloses most is kept |
-//! | `handles` | handles shorter around than six spacings are cut |
-//! | `crease` | how the surface is folded around those that stay |
-//! | `contact` | parts that only touch are parted; what is near in space and far along the surface |
-//! | `remesh`, `fit` | even triangles, with vertices on the points |
-//! | `support` | what was seen; the trimmed mesh; an even sample |
+//! | `samples` | check the input; average normals over neighbours that face the same way |
+//! | `poisson`, `grid` | an indicator function on a grid that separates inside from outside; points off its surface are dropped |
+//! | `isosurface`, `corners` | its level set: always a closed 2-manifold; the component that encloses the largest volume is kept |
+//! | `handles` | cut handles around which a loop shorter than six spacings runs |
+//! | `crease` | measure the crease of the surface around the remaining handles |
+//! | `contact` | separate parts that only touch; pairs of points that are near in space and far along the surface |
+//! | `remesh`, `fit` | even triangles, vertices moved onto the points |
+//! | `support` | which parts were seen; the trimmed mesh; an even sample |
 //!
 //! # Figures
-//! Points 4.25 mm apart or more with 0.4 mm noise along the normal and 10 degrees of the normal, one seed. Distance of the mesh from the truth,
-//! mean / 95 % in mm; volume; Euler number; edges that are not manifold. *Round* spreads each normal over the eight nodes around it
-//! and draws surface nets, at a step of 6 and of 3 mm.
+//! Points at least 4.25 mm apart with 0.4 mm noise along the normal and 10 degrees noise of the normal, one seed. Distance of the mesh from the
+//! truth, mean / 95 % in mm; change of volume; Euler number; number of non-manifold edges. For comparison, *round* spreads each normal over the
+//! eight nodes around it and extracts surface nets, at grid steps of 6 and of 3 mm.
 //!
 //! | body | this module | round, 6 mm | round, 3 mm |
 //! |---|---|---|---|
@@ -26,8 +26,8 @@
 //! | sheet of 4 mm | 0.18/0.47, −1.2 %, 2, 0 | 1.08/1.83, −21 %, −56, 29 | 0.43/0.95, +2.3 %, −4, 91 |
 //!
 //! # Limits
-//! Where a patch at a margin or at the rim of a thin body is missing on both sides, the surface closes early within reach of the points
-//! around, and [`ClosedSurface::bare`] does not show it. A second sheet less than half a spacing away is not told from noise.
+//! Where a patch at the rim of a thin body is missing on both sides, the surface closes within reach of the surrounding points, so
+//! [`ClosedSurface::bare`] does not show the gap. A second sheet less than half a spacing away cannot be told from noise.
 
 use super::genus::{CONTACT, Genus, Handles};
 use corners::Corners;
@@ -58,18 +58,18 @@ pub use unseen::Unseen;
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ClosedSurfaceOptions {
-    /// Distance of neighbouring points, m.
+    /// Distance between neighbouring points, m.
     pub spacing: f64,
-    /// Step of the grid on which inside and outside are told apart, m. Parts thinner than about one and a half steps are lost. Default 0.4
+    /// Step of the grid that separates inside from outside, m. Parts thinner than about one and a half steps are lost. Default 0.4
     /// spacings.
     pub grid: f64,
-    /// A vertex within this distance of a point that faces as it does was seen, m. Default 1.4 spacings: with more, a patch
-    /// of 2 % of the body can hide; with less, chance gaps count.
+    /// A vertex counts as seen within this distance of a point that faces the same way, m. Default 1.4 spacings: with more, a patch
+    /// of 2 % of the body can be missed; with less, random gaps between points count as unseen.
     pub reach: f64,
-    /// Length of the edges of the mesh, m. Default 0.7 spacings.
+    /// Edge length of the mesh, m. Default 0.7 spacings.
     pub edge: f64,
-    /// Handles with a loop around them shorter than this are noise and are cut, m. Default 6 spacings: fewer
-    /// points around it cannot show that there is one.
+    /// Handles around which a loop shorter than this runs are noise and are cut, m. Default 6 spacings: fewer points around a
+    /// handle do not prove that it exists.
     pub handle: f64,
     /// Parts that touch are parted where the surface is creased by more than this on average all around a handle, rad. Default
     /// [`CONTACT`](super::genus::CONTACT), which lies between what a ring and what round parts that touch have; with π nothing is parted.
@@ -79,7 +79,7 @@ pub struct ClosedSurfaceOptions {
 }
 
 impl ClosedSurfaceOptions {
-    /// Defaults for points at this distance from each other, m.
+    /// Defaults for points at this spacing, m.
     pub fn new(spacing: f64) -> Self {
         Self {
             spacing,
@@ -113,21 +113,21 @@ impl ClosedSurfaceOptions {
         self
     }
 
-    /// Sets how far from a point the surface counts as seen, m.
+    /// Sets the distance from a point within which the surface counts as seen, m.
     #[must_use]
     pub fn with_reach(mut self, reach: f64) -> Self {
         self.reach = reach;
         self
     }
 
-    /// Sets the length of edges, m.
+    /// Sets the edge length, m.
     #[must_use]
     pub fn with_edge(mut self, edge: f64) -> Self {
         self.edge = edge;
         self
     }
 
-    /// Sets the length of loops below which a handle is noise, m.
+    /// Sets the length of loops below which a handle counts as noise, m.
     #[must_use]
     pub fn with_handle(mut self, handle: f64) -> Self {
         self.handle = handle;
@@ -160,7 +160,7 @@ impl Default for ClosedSurfaceOptions {
     }
 }
 
-/// A surface, and what of it the points support.
+/// A surface, and which of its parts the points support.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct ClosedSurface {
@@ -170,18 +170,18 @@ pub struct ClosedSurface {
     pub normals: Vec<UnitVector3<f64>>,
     /// Triangles, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Index of the nearest input point of each vertex that does not face away from it; `u32::MAX` if there is none.
+    /// For each vertex, the index of the nearest input point that does not face away from it; `u32::MAX` if there is none.
     pub nearest: Vec<u32>,
-    /// Distance to it, m; infinite if there is none.
+    /// Distance to that point, m; infinite if there is none.
     pub distance: Vec<f64>,
-    /// Share of the area without support: of triangles two of whose corners are farther than the reach from any point that faces as they do, or one
-    /// farther than 1.75 spacings.
+    /// Share of the area without support: triangles with two corners farther than the reach from any point that faces the same way, or with
+    /// one corner farther than 1.75 spacings.
     pub bare: f64,
-    /// Greatest distance, where it has no support, from the nearest point that faces as it does, m; 0 if all of it has support.
+    /// Greatest distance of an unsupported part from the nearest point that faces the same way, m; 0 if all of it has support.
     pub farthest: f64,
-    /// Input points left out: off the surface, or facing away from it.
+    /// Input points that were dropped: off the surface, or facing away from it.
     pub strays: Vec<u32>,
-    /// Handles of the surface as it was drawn, before anything was trimmed.
+    /// Handles of the closed surface, before anything was trimmed.
     pub handles: Handles,
     /// The contacts at which parts that touch were parted: the loop around each, m.
     pub contacts: Vec<Vec<Point3<f64>>>,
@@ -189,11 +189,11 @@ pub struct ClosedSurface {
     reach: f64,
 }
 
-/// Draws a closed surface through `points` with outward `normals`.
+/// Computes a closed surface through `points` with outward `normals`.
 ///
 /// # Errors
-/// Arrays of unequal length, options or points that are not usable, too few points, points that enclose nothing, or an object too
-/// large for the grid.
+/// Arrays of unequal length, invalid options or points, too few points, points that enclose no volume, or an object too large for
+/// the grid.
 pub fn closed_surface(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -267,7 +267,7 @@ impl ClosedSurface {
         surface
     }
 
-    /// The surface with vertices `source` of this one and new triangles.
+    /// The surface with the vertices `source` of this one and new triangles.
     fn with_mesh(&self, source: &[u32], triangles: Vec<[u32; 3]>) -> Self {
         let mut surface = Self {
             vertices: source.iter().map(|&v| self.vertices[v as usize]).collect(),
@@ -284,7 +284,7 @@ impl ClosedSurface {
     }
 }
 
-/// Normals of vertices, from the triangles around them by area.
+/// Normals of vertices: the area-weighted mean over the triangles around each.
 pub(crate) fn vertex_normals(
     vertices: &[Point3<f64>],
     triangles: &[[u32; 3]],
@@ -302,12 +302,12 @@ pub(crate) fn vertex_normals(
         .collect()
 }
 
-/// How far off the surface a point may lie, in spacings.
+/// Largest distance of a point from the surface, in spacings.
 const OFF: f64 = 0.5;
-/// How far the nearest vertex that faces as a point does may be, in spacings.
+/// Largest distance of a point from the nearest vertex that faces the same way, in spacings.
 const AWAY: f64 = 1.0;
 
-/// Points that no vertex facing as they do lies near.
+/// Points without a nearby vertex that faces the same way.
 fn strays(
     vertices: &[Point3<f64>],
     facing: &[UnitVector3<f64>],
@@ -326,7 +326,7 @@ fn strays(
         .collect()
 }
 
-/// The samples without those that the mesh passes by: what is left of them bends it no more.
+/// The samples without those that the mesh misses, so that these do not deform it any more.
 fn without_strays(samples: Samples, mesh: &Corners, spacing: f64) -> Samples {
     let (vertices, triangles) = mesh.soup();
     let facing = vertex_normals(&vertices, &triangles);

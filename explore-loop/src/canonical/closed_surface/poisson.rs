@@ -1,36 +1,36 @@
-//! The indicator function of the body: one inside, zero outside, from oriented points.
+//! The indicator function of the body, one inside and zero outside, from oriented points.
 //!
-//! Its gradient is a sheet of inward normals on the surface. Each sample spreads its normal over a disc in its own tangent
-//! plane, wide enough to overlap its neighbours but only two grid steps thick, so that two sheets a few millimetres apart
-//! do not blur into one another (a round splat does that). The indicator is the function whose gradient fits best,
+//! Its gradient is concentrated on the surface and points inwards. Each sample spreads its normal over a disc in its own tangent
+//! plane, wide enough to overlap its neighbours but only two grid steps thick, so that two sheets a few millimetres apart are not
+//! blurred into one, as they would be by round kernels. The indicator is the function whose gradient fits best,
 //!
 //! ```text
 //! min_χ  Σ_edges (χ_b − χ_a − V_ab)²  +  α Σ_i (χ(p_i) − ½)²
 //! ```
-//! over the edges of a grid, `V_ab` what the discs put on the edge (Kazhdan and Hoppe, Screened Poisson surface
-//! reconstruction, 2013, with discs). It is solved on the whole box on two coarse grids, each starting from the one before,
-//! and then on the finest grid in a band around the samples and the coarse surface alone.
+//! over the edges of a grid, where `V_ab` is the contribution of the discs to the edge (Kazhdan and Hoppe, Screened Poisson surface
+//! reconstruction, 2013, with discs). It is solved on the whole box on two coarse grids, each starting from the previous one,
+//! and then on the finest grid, only in a band around the samples and the coarse surface.
 
 use super::grid::{Field, Grid};
 use super::samples::Samples;
 use nalgebra::{Point3, Vector3};
 
-/// Standard deviation of a disc, in spacings: with 0.6, the discs of a sheet sum to the same everywhere within 3 %.
+/// Standard deviation of a disc, in spacings: with 0.6, the sum of the discs of a sheet varies by less than 3 %.
 pub(super) const DISC: f64 = 0.6;
-/// Where discs end, in standard deviations.
+/// Radius at which discs end, in standard deviations.
 const DISC_END: f64 = 2.3;
 /// Half the thickness of a disc, in steps.
 const HALF_THICKNESS: f64 = 1.0;
-/// Strength with which samples hold the value ½.
+/// Weight of the term that keeps the value at samples at ½.
 const SCREEN: f64 = 1.0;
-/// Coarse cells between the samples and the boundary of the box, where the indicator is held at zero.
+/// Number of coarse cells between the samples and the boundary of the box, where the indicator is zero.
 const MARGIN: f64 = 3.0;
-/// Most nodes of the finest grid: 64 million hold an object of 0.8 m at 2 mm.
+/// Most nodes of the finest grid: 64 million suffice for an object of 0.8 m at 2 mm.
 const MOST_NODES: f64 = 6.4e7;
-/// A sample whose value is further than this from the surface's is not on the surface: first the gross ones.
+/// A sample whose value differs by more than this from that of the surface is off the surface: a first, coarse bound, then a finer one.
 const STRAY: [f64; 2] = [0.38, 0.27];
 
-/// The grid for samples at `step`: a margin around them, and a number of nodes that halves twice. `None` if too large.
+/// The grid for samples at `step`: with a margin around them, and node counts that can be halved twice. `None` if too large.
 pub(super) fn grid_around(points: &[Point3<f64>], step: f64) -> Option<Grid> {
     let first = points.first()?;
     let low = points.iter().fold(*first, |a, p| a.inf(p));
@@ -61,7 +61,7 @@ pub(super) fn indicator(samples: Samples, grid: &Grid, spacing: f64) -> (Field, 
     (fine, samples)
 }
 
-/// Solves the coarse grids, leaves out the samples that their surface passes by, and solves again.
+/// Solves the coarse grids, drops the samples that are off their surface, and solves again.
 fn loop_strays(samples: &mut Samples, coarsest: &mut Field, middle: &Grid, spacing: f64) -> Field {
     let all = |grid: &Grid| {
         let mut nodes = Vec::with_capacity(grid.len());
@@ -80,7 +80,7 @@ fn loop_strays(samples: &mut Samples, coarsest: &mut Field, middle: &Grid, spaci
             .map(|p| (field.at(p) - level).abs() < most)
             .collect();
         let lost = keep.iter().filter(|k| !**k).count();
-        // Where much would go the surface is not one that samples could be judged by.
+        // If many samples would be dropped, the surface is too poor to judge them by.
         if lost > 0 && 4 * lost < samples.len() {
             *samples = samples.retain(&keep, spacing);
             solve(&mut field, &every_middle, samples, spacing, 3e-3);
@@ -89,7 +89,7 @@ fn loop_strays(samples: &mut Samples, coarsest: &mut Field, middle: &Grid, spaci
     field
 }
 
-/// The value of the surface: the median over the samples, kept away from the values inside and outside.
+/// The level of the surface: the median over the samples, kept away from the values inside and outside.
 pub(super) fn level(field: &Field, samples: &Samples) -> f64 {
     let mut values: Vec<f64> = samples.points.iter().map(|p| field.at(p)).collect();
     values.sort_by(f64::total_cmp);
@@ -121,7 +121,7 @@ fn band(coarse: &Field, samples: &Samples, fine: &Grid, spacing: f64) -> Vec<u32
         let inside = coarse.values[i] > level;
         for s in strides {
             if inside != (coarse.values[i + s] > level) {
-                // Two cells to each side.
+                // Two cells on each side.
                 for t in strides {
                     near[i] = true;
                     near[i + s] = true;
@@ -185,7 +185,7 @@ fn solve(field: &mut Field, unknowns: &[u32], samples: &Samples, spacing: f64, t
     }
 }
 
-/// Conjugate gradients stop after so many steps at the latest.
+/// Most steps of conjugate gradients.
 const MOST_ITERATIONS: usize = 200;
 
 /// The normal equations of the fit.
@@ -212,7 +212,7 @@ impl<'a> System<'a> {
             let normal = samples.normals[i];
             spread(grid, &samples.points[i], &normal, share, sigma, &mut right);
             let stencil = grid.stencil(&samples.points[i]);
-            // Area of the sample in squares of the grid: 2πσ² shared by the samples around.
+            // Area of the sample in squares of the grid: 2πσ², divided among the samples around it.
             let area = std::f64::consts::TAU * (sigma / grid.step).powi(2) * share;
             let hold = SCREEN * area.min(4.0);
             for (node, weight) in stencil {
@@ -229,7 +229,7 @@ impl<'a> System<'a> {
         }
     }
 
-    /// `y = A x` at the unknowns; `x` elsewhere counts as given.
+    /// `y = A x` at the unknowns; the other entries of `x` are given.
     fn apply(&self, x: &[f64], y: &mut [f64]) {
         let [_, b, c] = self.strides;
         for &i in self.unknowns {
@@ -245,7 +245,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// Puts the inward normal of a disc on the edges of the grid that pass through it, straight into the right-hand side.
+/// Adds the inward normal of a disc to the grid edges that pass through it, directly in the right-hand side.
 fn spread(
     grid: &Grid,
     centre: &Point3<f64>,
@@ -257,11 +257,11 @@ fn spread(
     let sigma = sigma / grid.step;
     let radius = DISC_END * sigma;
     let strides = grid.strides();
-    // The axis most along the normal is the innermost loop: the disc is thin along it.
+    // The innermost loop runs along the axis closest to the normal, along which the disc is thin.
     let m = normal.iamax();
     let (u, v) = ((m + 1) % 3, (m + 2) % 3);
     for axis in 0..3 {
-        // The middles of the edges along `axis` form a grid of their own, shifted by half a step.
+        // The midpoints of the edges along `axis` form a grid of their own, shifted by half a step.
         let mut local = grid.local(centre);
         local[axis] -= 0.5;
         let range = |a: usize, half: f64| {

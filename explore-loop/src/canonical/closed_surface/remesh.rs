@@ -1,22 +1,22 @@
-//! Triangles of even size and shape: long edges are split, short ones collapsed, edges turned toward six at every vertex,
-//! and vertices drawn to the middle of their neighbours within the surface.
+//! Remeshing to triangles of even size and shape: long edges are split, short ones collapsed, edges flipped toward valence six,
+//! and vertices moved toward the centroid of their neighbours within the surface.
 //!
-//! Botsch and Kobbelt, A remeshing approach to multiresolution modeling, SGP 2004; vertices are put back on the samples
-//! instead of on the first mesh.
+//! Botsch and Kobbelt, A remeshing approach to multiresolution modeling, SGP 2004; here vertices are projected onto the samples
+//! instead of onto the original mesh.
 
 use super::corners::{Corners, next, previous};
 use super::fit;
 use super::samples::Samples;
 use nalgebra::{Point3, Vector3};
 
-/// Edges longer than this share of the wanted length are split, shorter ones collapsed.
+/// Edges longer than this multiple of the target length are split, shorter ones collapsed.
 const LONG: f64 = 4.0 / 3.0;
 const SHORT: f64 = 4.0 / 5.0;
-/// A triangle may turn by this much when an edge is collapsed or turned: 60 degrees.
+/// Cosine of the largest rotation of a triangle when an edge is collapsed or flipped: 60 degrees.
 const TURN: f64 = 0.5;
-/// Rounds of all steps: the share of edges outside the bounds has settled by then.
+/// Rounds of all steps; by then the share of edges outside the bounds no longer changes.
 const ROUNDS: usize = 4;
-/// Triangles of lower quality (`4√3 area / Σ edges²`, 1 for an equilateral one) are mended at the end.
+/// Triangles of lower quality (`4√3 area / Σ edges²`, 1 for an equilateral one) are repaired at the end.
 const POOR: f64 = 0.15;
 
 /// Collapses edges until none is much shorter than `length`.
@@ -28,12 +28,12 @@ pub(super) fn coarsen(mesh: &mut Corners, length: f64) {
     }
 }
 
-/// Makes the edges of `mesh` about `length` long and its vertices lie on the samples.
+/// Makes the edges of `mesh` about `length` long and moves its vertices onto the samples.
 pub(super) fn remesh(mesh: &mut Corners, length: f64, samples: &Samples, spacing: f64) {
     rounds(mesh, length, samples, spacing, ROUNDS);
 }
 
-/// The last rounds, and no needle is left.
+/// The last rounds, and the repair of needle triangles.
 pub(super) fn finish(mesh: &mut Corners, length: f64, samples: &Samples, spacing: f64) {
     rounds(mesh, length, samples, spacing, 2);
     fit::all_onto_samples(mesh, samples, spacing);
@@ -75,7 +75,7 @@ fn collapse_short(mesh: &mut Corners, shortest: f64, longest: f64) -> usize {
     count
 }
 
-/// Whether the triangles around the edge of `c` keep their direction and their edges their length when it shrinks to `to`.
+/// Whether the triangles around the edge of `c` keep their orientation, and their edges stay short enough, when it is collapsed to `to`.
 fn collapse_keeps_shape(mesh: &Corners, c: u32, to: &Point3<f64>, longest: f64) -> bool {
     let (a, b) = (mesh.from(c), mesh.to(c));
     [(a, b), (b, a)].into_iter().all(|(v, other)| {
@@ -95,7 +95,7 @@ fn keeps_direction(before: &Vector3<f64>, after: &Vector3<f64>) -> bool {
     before.dot(after) > TURN * before.norm() * after.norm()
 }
 
-/// Turns edges where that brings the number of neighbours nearer to six.
+/// Flips edges where that brings the valences nearer to six.
 fn turn_edges(mesh: &mut Corners) {
     for c in mesh.edges() {
         if !mesh.can_flip(c) {
@@ -112,7 +112,7 @@ fn turn_edges(mesh: &mut Corners) {
     }
 }
 
-/// Whether the two triangles at the edge of `c` face the same way after it is turned, and are not needles.
+/// Whether the two triangles at the edge of `c` face the same way after it is flipped, and are not needles.
 fn flip_keeps_shape(mesh: &Corners, c: u32) -> bool {
     let t = mesh.twin(c);
     let [a, b, l, r] =
@@ -136,7 +136,7 @@ fn quality(p: &Point3<f64>, q: &Point3<f64>, r: &Point3<f64>) -> f64 {
     }
 }
 
-/// Draws vertices to the middle of their neighbours, within the surface.
+/// Moves vertices toward the centroid of their neighbours, within the surface.
 fn relax(mesh: &mut Corners) {
     let moved: Vec<(u32, Point3<f64>)> = mesh
         .vertices()
@@ -144,7 +144,7 @@ fn relax(mesh: &mut Corners) {
             let normal = mesh.outward(v).try_normalize(0.0)?;
             let (mut sum, mut total) = (Vector3::zeros(), 0.0);
             for c in mesh.around(v) {
-                // Area weights keep the density even where sizes differ.
+                // Area weights keep the density even where triangle sizes differ.
                 let area = mesh.face(c).norm() + mesh.face(mesh.twin(c)).norm();
                 sum += (mesh.place(mesh.to(c)) - mesh.place(v)) * area;
                 total += area;
@@ -158,7 +158,7 @@ fn relax(mesh: &mut Corners) {
     }
 }
 
-/// Moves a vertex unless a triangle at it would turn over.
+/// Moves a vertex unless that flips the normal of a triangle at it.
 fn try_move(mesh: &mut Corners, v: u32, to: Point3<f64>) {
     let keeps = mesh.around(v).all(|c| {
         let (q, r) = (mesh.place(mesh.to(c)), mesh.place(mesh.opposite(c)));
@@ -169,7 +169,7 @@ fn try_move(mesh: &mut Corners, v: u32, to: Point3<f64>) {
     }
 }
 
-/// Mends needles: collapses their shortest edge, or turns their longest.
+/// Repairs needles: collapses their shortest edge, or flips their longest.
 fn mend(mesh: &mut Corners, length: f64) {
     for _ in 0..4 {
         let poor: Vec<u32> = mesh
@@ -204,7 +204,7 @@ fn mend_triangle(mesh: &mut Corners, c: u32, length: f64) {
     } else if mesh.can_flip(long) {
         let before = worst(mesh, long);
         mesh.flip(long);
-        // Turned back if it did not help: turning twice restores the edge.
+        // Flipped back if it did not help: flipping twice restores the edge.
         if worst(mesh, long) <= before && mesh.can_flip(long) {
             mesh.flip(long);
         }

@@ -1,36 +1,36 @@
-//! The points as the other steps want them: checked, in one place, with normals averaged over their own sheet.
+//! The input points, checked and merged, with normals averaged over their own sheet.
 //!
-//! Two sheets of a thin body lie closer to each other than two points of one sheet. What tells them apart is the way they
-//! face, so every average here runs over neighbours whose normals agree.
+//! Two sheets of a thin body can be closer to each other than two points of one sheet. Only their normals distinguish them, so every
+//! average here is taken over neighbours whose normals agree.
 
 use super::cells::Cells;
 use super::{ClosedSurfaceError, ClosedSurfaceOptions};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
-/// Fewer points than this enclose nothing worth a mesh.
+/// Fewest points from which a mesh is computed.
 const FEWEST: usize = 12;
-/// Clusters further apart than this, in spacings, are apart: wider than any patch that a view leaves out by chance.
+/// Clusters farther apart than this, in spacings, are separate: wider than any gap that a view leaves by chance.
 const APART: f64 = 8.0;
-/// Clusters below this share of the points are clutter.
+/// Clusters with less than this share of the points are clutter.
 const CLUTTER: f64 = 0.08;
-/// Normals whose mean is longer than this all face one way, as those of a flat patch do; half a ball has 0.5.
+/// If the mean of the normals is longer than this, all face one way, as on a flat patch; for half a ball it is 0.5.
 const ONE_WAY: f64 = 0.97;
-/// Normals within 60 degrees are averaged: more than noise makes, less than the edge of a box.
+/// Normals within 60 degrees are averaged: more than the noise, less than the angle at the edge of a box.
 const ALIKE: f64 = 0.5;
 
-/// Points that count, with normals averaged over neighbours.
+/// The points used, with normals averaged over neighbours.
 pub(super) struct Samples {
     pub(super) points: Vec<Point3<f64>>,
     pub(super) normals: Vec<Vector3<f64>>,
     pub(super) weights: Vec<f64>,
-    /// Index of each in the input.
+    /// Index of each point in the input.
     pub(super) source: Vec<u32>,
-    /// The points by place, in cubes of 1.5 spacings.
+    /// The points sorted into cubes of 1.5 spacings.
     pub(super) cells: Cells,
 }
 
 impl Samples {
-    /// Checks the input, leaves out points without weight and clutter far from the object, and averages the normals.
+    /// Checks the input, drops points without weight and clutter far from the object, and averages the normals.
     pub(super) fn new(
         points: &[Point3<f64>],
         normals: &[UnitVector3<f64>],
@@ -55,7 +55,7 @@ impl Samples {
         if facing.norm() > ONE_WAY * used.len() as f64 {
             return Err(ClosedSurfaceError::NothingEnclosed);
         }
-        // Only ratios of weights matter; the largest is 1 so that sums neither overflow nor vanish.
+        // Only ratios of weights matter; the largest is scaled to 1 so that sums neither overflow nor underflow.
         let heaviest = used
             .iter()
             .map(|&i| weights[i as usize])
@@ -98,7 +98,7 @@ impl Samples {
         }
     }
 
-    /// Normals averaged over neighbours that face alike, with weights that fall with distance and angle.
+    /// Normals averaged over neighbours that face the same way, with weights that fall with distance and angle.
     fn averaged_normals(&self, spacing: f64) -> Vec<Vector3<f64>> {
         (0..self.len())
             .map(|i| {
@@ -111,14 +111,14 @@ impl Samples {
                         sum += self.normals[j] * (self.weights[j] * alike * (-far).exp());
                     }
                 });
-                // The sum contains the normal itself with weight: it is never zero.
+                // The sum contains the normal itself, so it is never zero.
                 sum.normalize()
             })
             .collect()
     }
 
-    /// How much of a sheet with its normal lies around each sample: `Σ_j w_j exp(−t_ij²/2σ²)` over samples that face alike
-    /// and lie within `1.2 σ` of its tangent plane, `t` the distance within the plane.
+    /// The density of samples around each sample: `Σ_j w_j exp(−t_ij²/2σ²)` over samples that face the same way
+    /// and lie within `1.2 σ` of its tangent plane; `t` is the distance within the plane.
     pub(super) fn crowding(&self, sigma: f64) -> Vec<f64> {
         (0..self.len())
             .map(|i| {
@@ -163,7 +163,7 @@ fn check(
     }
 }
 
-/// Refuses boxes so large that cubes could not be counted: a wrong unit, most likely.
+/// Rejects boxes so large that cubes could not be counted, most likely a wrong unit.
 fn within_reach(
     points: &[Point3<f64>],
     used: &[u32],
@@ -187,10 +187,10 @@ fn within_reach(
     Ok(())
 }
 
-/// Leaves out clusters that hold few of the points and lie far from the others.
+/// Drops clusters that hold few of the points and lie far from the others.
 fn without_clutter(points: &[Point3<f64>], used: Vec<u32>, spacing: f64) -> Vec<u32> {
     let chosen: Vec<Point3<f64>> = used.iter().map(|&i| points[i as usize]).collect();
-    // Cubes of the linking distance that touch are linked: a little generous, and quick however many points share a cube.
+    // Touching cubes of the linking distance are linked: slightly generous, and fast however many points share a cube.
     let side = APART * spacing;
     let cells = Cells::new(&chosen, side);
     let mut cluster = vec![usize::MAX; chosen.len()];

@@ -1,28 +1,27 @@
-//! What of the surface was seen, and the mesh and points of that part alone.
+//! Which parts of the surface were seen, and the mesh and a sample of those parts.
 
 use super::ClosedSurface;
 use super::cells::Cells;
 use nalgebra::{Point3, UnitVector3, Vector3};
 use std::collections::BTreeMap;
 
-/// A patch without support is a chance gap between samples when nothing of it is farther from them than so many spacings; otherwise it is a
-/// place that was not seen.
+/// A patch without support is a random gap between samples if none of it is farther than this from them, in spacings; otherwise it was not seen.
 const CHANCE: f64 = 1.75;
-/// Share of the area that chance gaps may be, all together.
+/// Largest total share of the area of random gaps.
 const SCATTERED: f64 = 0.003;
-/// Pieces of a trimmed mesh below this share of its area go.
+/// Pieces of a trimmed mesh below this share of its area are dropped.
 const SMALL_PIECE: f64 = 0.05;
 
 /// A connected patch without support.
 pub(super) struct Gap {
     /// m².
     pub area: f64,
-    /// Greatest distance of its corners from the nearest point that faces as they do, m.
+    /// Greatest distance of its corners from the nearest point that faces the same way, m.
     pub farthest: f64,
     pub triangles: Vec<usize>,
 }
 
-/// The nearest point that does not face away from each vertex, and its distance.
+/// The nearest point that does not face away, and its distance, for each vertex.
 pub(super) fn nearest_facing(
     places: &[Point3<f64>],
     facing: &[UnitVector3<f64>],
@@ -37,7 +36,7 @@ pub(super) fn nearest_facing(
         .map(|v| {
             let mut best = (f64::INFINITY, u32::MAX);
             let mut radius = 1.5 * spacing;
-            // Wider and wider, then all: what is far off is rare.
+            // The search radius grows, and in the end all points are tried: distant ones are rare.
             while best.0 > radius * radius && radius < 7.0 * spacing {
                 cells.visit(&places[v], radius, |i| {
                     if matches(v, i) {
@@ -66,20 +65,20 @@ fn least(a: (f64, u32), b: (f64, u32)) -> (f64, u32) {
 }
 
 impl ClosedSurface {
-    /// Whether a vertex has a point that faces as it does within reach.
+    /// Whether a point that faces the same way lies within reach of a vertex.
     pub fn is_supported(&self, vertex: usize) -> bool {
         self.distance[vertex] <= self.reach
     }
 
-    /// Whether what has no support is chance gaps between points alone: nothing farther from them than 1.75 spacings, and all of it together
-    /// less than three thousandths of the area.
+    /// Whether the unsupported area consists only of random gaps between points: none of it farther from them than 1.75 spacings, and in total less
+    /// than three thousandths of the area.
     ///
-    /// The share alone cannot tell one hole from gaps scattered over the body, and would weigh the same hole less on a larger body.
+    /// The share alone cannot tell one hole from scattered gaps, and would weigh the same hole less on a larger body.
     pub fn is_wholly_seen(&self) -> bool {
         self.bare <= SCATTERED && self.farthest <= CHANCE * self.spacing
     }
 
-    /// Fills in which share is bare, and how far from any point the surface gets there.
+    /// Computes the unsupported share, and the distance of that part from any point.
     pub(super) fn measure_gaps(&mut self) {
         let all: Vec<usize> = (0..self.triangles.len()).collect();
         let total = self.area(&all).max(f64::MIN_POSITIVE);
@@ -89,7 +88,7 @@ impl ClosedSurface {
         self.farthest = gaps.iter().map(|gap| gap.farthest).fold(0.0, f64::max);
     }
 
-    /// Which triangles have no support: two of their corners are beyond the reach of any point, or one is farther than a chance gap allows.
+    /// Which triangles have no support: two of their corners are beyond the reach of any point, or one is farther than a random gap allows.
     pub(crate) fn bare_triangles(&self) -> Vec<bool> {
         let far = self.reach.max(CHANCE * self.spacing);
         let beyond = |t: &[u32; 3], limit: f64| {
@@ -120,7 +119,7 @@ impl ClosedSurface {
         gaps
     }
 
-    /// The patches without support that are not chance gaps, the smallest first.
+    /// The patches without support that are not random gaps, the smallest first.
     pub(super) fn places_not_seen(&self) -> Vec<Gap> {
         let all: Vec<usize> = (0..self.triangles.len()).collect();
         let (mut so_far, most) = (0.0, SCATTERED * self.area(&all));
@@ -132,11 +131,11 @@ impl ClosedSurface {
         gaps
     }
 
-    /// The mesh of what was seen: triangles without support are left out, and the mesh is open there.
+    /// The mesh of the seen part: triangles without support are removed, and the mesh is open there.
     ///
-    /// A triangle has support if two of its corners have and the third is not far off. Patches without it that are nowhere farther than
-    /// 1.75 spacings from a point are chance gaps and stay, so that a body seen from all sides stays watertight; the smallest first, as long
-    /// as all of them together are less than three thousandths of the area. Pieces of less than a twentieth of the area go.
+    /// A triangle has support if two of its corners have and the third is not far away. Patches without support that are nowhere farther than
+    /// 1.75 spacings from a point are random gaps and are kept, so that a body seen from all sides stays watertight; the smallest first, as long
+    /// as their total is less than three thousandths of the area. Pieces of less than a twentieth of the area are dropped.
     /// The result is a 2-manifold with boundary: a vertex where two parts touch is doubled.
     #[must_use]
     pub fn trimmed(&self) -> ClosedSurface {
@@ -156,10 +155,10 @@ impl ClosedSurface {
         self.only(&keep)
     }
 
-    /// Vertices with support at a distance of at least `spacing` from each other, with their normals: an even sample of what was
-    /// seen. Sheets that face away from each other are sampled on their own.
+    /// Supported vertices at least `spacing` apart, with their normals: an even sample of the seen part. Sheets that face away from each other are
+    /// sampled separately.
     ///
-    /// Besides the vertices, places on the triangles are candidates, so that no gap wider than `spacing` is left.
+    /// Besides the vertices, points inside triangles are candidates, so that no gap wider than `spacing` is left.
     pub fn resample(&self, spacing: f64) -> (Vec<Point3<f64>>, Vec<UnitVector3<f64>>) {
         let mut places: Vec<Point3<f64>> = Vec::new();
         let mut normals: Vec<UnitVector3<f64>> = Vec::new();
@@ -191,7 +190,7 @@ impl ClosedSurface {
         (places, normals)
     }
 
-    /// Vertices with support, then points within triangles whose corners all have it.
+    /// Supported vertices, then points within triangles whose corners are all supported.
     fn candidates(&self) -> Vec<(Point3<f64>, UnitVector3<f64>)> {
         const PARTS: [[f64; 3]; 4] = [
             [1.0, 1.0, 1.0],
@@ -232,7 +231,7 @@ impl ClosedSurface {
             .sum()
     }
 
-    /// Triangles with `chosen[t]`, in pieces joined over edges.
+    /// Connected components, over edges, of the triangles with `chosen[t]`.
     fn pieces(&self, chosen: &[bool]) -> Vec<Vec<usize>> {
         let mut across: BTreeMap<[u32; 2], usize> = BTreeMap::new();
         for (t, [a, b, c]) in self.triangles.iter().enumerate() {
@@ -270,7 +269,7 @@ impl ClosedSurface {
             .filter(|&t| keep[t])
             .map(|t| self.triangles[t])
             .collect();
-        // Outgoing edge at each vertex → triangle, to walk the fans.
+        // Maps each vertex and its outgoing edge to the triangle, to walk the fans.
         let mut fan_of: BTreeMap<(u32, usize), u32> = BTreeMap::new();
         let mut across: BTreeMap<[u32; 2], usize> = BTreeMap::new();
         for (t, [a, b, c]) in kept.iter().enumerate() {

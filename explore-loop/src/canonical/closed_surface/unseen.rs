@@ -1,4 +1,4 @@
-//! Where a surface was never seen: its patches without support that are more than chance gaps, each with its place, its size and the way it faces.
+//! Where a surface was never seen: its unsupported patches that are more than random gaps, each with position, size and orientation.
 //!
 //! ```text
 //! middle = Σ a_t c_t / Σ a_t        facing = Σ a_t n_t / |Σ a_t n_t|        over the triangles t of the patch: area, centroid, outward normal
@@ -12,20 +12,20 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Unseen {
-    /// Its middle, in the frame of the points, m.
+    /// Its centroid, in the frame of the points, m.
     pub middle: Point3<f64>,
-    /// Which way it faces: its vector area made a unit. A patch that faces all ways alike has that of no direction in particular.
+    /// The direction it faces: its normalised vector area. For a patch that faces all ways equally this direction is arbitrary.
     pub facing: UnitVector3<f64>,
     /// Its area, m².
     pub area: f64,
     /// Its share of the area of the surface.
     pub share: f64,
-    /// Greatest distance of its corners from the nearest point that faces as they do, m; infinite if there is none.
+    /// Greatest distance of its corners from the nearest point that faces the same way, m; infinite if there is none.
     pub farthest: f64,
 }
 
 impl ClosedSurface {
-    /// The patches that were never seen, the largest first; none when it was wholly seen. They are those at which [`Self::trimmed`] is open.
+    /// The patches that were never seen, the largest first; none when all was seen. [`Self::trimmed`] is open at these patches.
     pub fn unseen(&self) -> Vec<Unseen> {
         let all: Vec<usize> = (0..self.triangles.len()).collect();
         let total = self.area(&all).max(f64::MIN_POSITIVE);

@@ -1,4 +1,4 @@
-//! The cell itself, once its arms are powered and homed.
+//! The cell with its arms powered and homed.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -20,23 +20,23 @@ use super::preflight::{home, workspace};
 use crate::cell::see::{Eye, Seen, links};
 use crate::cell::{ArmInfo, ArmState, Cell, CellError, CellInfo, Observation, Plane, Poses};
 
-/// A camera that is silent for this long gives frames without points, one a period, and after so much longer the cell has failed.
+/// A camera that is silent for this long yields frames without points, one each period, and after `DEAD` longer the cell has failed.
 const SILENT: Duration = Duration::from_secs(1);
 const DEAD: Duration = Duration::from_secs(30);
-/// A camera whose frames come a little sooner than its rate says is not made to skip every second one.
+/// Fraction of the period after which a frame is used: a camera slightly faster than its rate must not lose every second frame.
 const NEARLY: f64 = 0.8;
-/// How often it is looked for a frame while waiting for one, and where the arms are then.
+/// Interval at which a new frame is checked for, and the poses of the arms recorded.
 const LOOK: Duration = Duration::from_millis(5);
-/// Longest time for a jaw, and for a way home.
+/// Longest time for a jaw to move, and for an arm to go home.
 const JAW: Duration = Duration::from_secs(5);
 const HOME: Duration = Duration::from_secs(60);
-/// A jaw has come to rest so long after its set-point.
+/// A jaw counts as at rest this long after its set-point was reached.
 const JAW_RESTS: Duration = Duration::from_millis(300);
-/// How far an arm backs out before it goes home, along its tool and up, metres, and the shares of it that are tried.
+/// How far an arm retreats before it goes home, along its tool and upwards, metres, and the fractions of it that are tried.
 const RETREAT: (f64, f64) = (0.03, 0.05);
 const SHARES: [f64; 4] = [1.0, 0.5, 0.25, 0.1];
 
-/// An arm that a thread drives.
+/// An arm driven by a thread of its own.
 #[derive(Debug)]
 pub(super) struct Driven {
     entry: ArmEntry,
@@ -45,12 +45,12 @@ pub(super) struct Driven {
     thread: ArmThread,
     history: History,
     joints: Option<[f64; 6]>,
-    /// Whether the jaw was closed on something.
+    /// Whether the jaw was commanded to close.
     closed: bool,
 }
 
 impl Driven {
-    /// `look` is taken at the arm after each tick.
+    /// `look` is called with the arm after each tick.
     pub fn new(
         entry: ArmEntry,
         arm: Arm,
@@ -68,7 +68,7 @@ impl Driven {
         })
     }
 
-    /// Notes where the arm is.
+    /// Records the pose of the arm.
     fn note(&mut self) {
         let arm = self.thread.lock();
         let (tip, joints) = (arm.rcm_from_tip(), arm.joints());
@@ -80,7 +80,7 @@ impl Driven {
         self.joints = joints.map(|joints| joints.value).or(self.joints);
     }
 
-    /// As it was at an instant. An arm that is silent is nowhere.
+    /// The state at an instant. A silent arm has no finite pose.
     fn state(&self, stamp: Duration) -> ArmState {
         let arm = self.thread.lock();
         let (jaw, speaks) = (arm.jaw(), arm.rcm_from_tip().is_some());
@@ -99,7 +99,7 @@ impl Driven {
         }
     }
 
-    /// What of the arm may be in view.
+    /// The links of the arm that may be in view.
     fn links(&self) -> Result<Vec<Capsule>, Error> {
         let Some(joints) = &self.joints else {
             return Ok(Vec::new());
@@ -121,9 +121,9 @@ impl Driven {
     }
 }
 
-/// A cell of dVRK arms and a depth camera: see [`dvrk`](super). Made by [`Preflight::start`](super::Preflight::start).
+/// A cell of dVRK arms and a depth camera: see [`dvrk`](super). Created by [`Preflight::start`](super::Preflight::start).
 ///
-/// When it is dropped, the arms hold where they are; they stay powered, and their jaws as they are.
+/// When it is dropped, the arms hold their positions; they stay powered, and their jaws are not moved.
 pub struct DvrkCell {
     info: CellInfo,
     arms: Vec<Driven>,
@@ -135,7 +135,7 @@ pub struct DvrkCell {
     silent_since: Option<Duration>,
     /// Stamp of the last frame that was used.
     last: Duration,
-    /// Time between two that are.
+    /// Least time between two used frames.
     period: Duration,
     interlock: Interlock,
 }
@@ -182,15 +182,15 @@ impl DvrkCell {
         })
     }
 
-    /// With a flag that stops everything when it is set, from a signal handler or another thread: the arms hold where they are, the jaws stay as
-    /// they are, and every call is answered with [`CellError::Failed`].
+    /// With a flag, set from a signal handler or another thread, that stops everything: the arms hold their positions, the jaws are not moved, and
+    /// every call returns [`CellError::Failed`].
     #[must_use]
     pub fn stop_flag(self, flag: Arc<AtomicBool>) -> Self {
         self.interlock.listen(flag);
         self
     }
 
-    /// All hold but those that were stopped by a fault: they hold already, or are in the hands of somebody else.
+    /// All arms hold except those stopped by a fault: these hold already, or somebody else controls them.
     fn hold(&self) {
         for (index, arm) in self.arms.iter().enumerate() {
             if self.interlock.fault_of(index).is_none() {
@@ -199,7 +199,7 @@ impl DvrkCell {
         }
     }
 
-    /// Notes where the arms are.
+    /// Records the poses of the arms.
     fn note(&mut self) {
         self.arms.iter_mut().for_each(Driven::note);
     }
@@ -208,14 +208,14 @@ impl DvrkCell {
         if self.interlock.is_asked_to_stop() {
             self.hold();
             return Err(CellError::Failed(
-                "stopped: the arms hold where they are, the jaws stay as they are".into(),
+                "stopped: the arms hold their positions, the jaws stay as they are".into(),
             ));
         }
         Ok(())
     }
 
     /// # Errors
-    /// An arm has a fault: none is commanded then.
+    /// An arm has a fault: no arm is commanded then.
     fn without_fault(&mut self) -> Result<(), CellError> {
         self.goes_on()?;
         self.note();
@@ -226,7 +226,7 @@ impl DvrkCell {
         })
     }
 
-    /// An arm to command.
+    /// The arm with this index, ready for a command.
     fn arm(&mut self, arm: usize) -> Result<&mut Driven, CellError> {
         self.without_fault()?;
         let count = self.arms.len();
@@ -235,9 +235,9 @@ impl DvrkCell {
             .ok_or(CellError::NoSuchArm { arm, count })
     }
 
-    /// The next frame, no sooner after the last one than the rate that is wanted says; nothing when the camera is silent.
+    /// The next frame, at least one period after the last; `None` when the camera is silent.
     fn next_frame(&mut self) -> Result<Option<CameraFrame>, CellError> {
-        // Whoever lowers something while the camera is silent is not slower at it.
+        // A silent camera must not slow down the lowering of what is held.
         let patience = match self.silent_since {
             None => SILENT + self.period,
             Some(_) => self.period,
@@ -247,7 +247,7 @@ impl DvrkCell {
         loop {
             self.goes_on()?;
             self.note();
-            // What cannot be read is as good as nothing.
+            // A frame that cannot be read is skipped.
             if let Ok(Some(frame)) = self.camera.try_frame()
                 && frame.stamp >= least
             {
@@ -287,7 +287,7 @@ impl DvrkCell {
         }
     }
 
-    /// Ends what the last motion of an arm has left: an arm that something held back may go on, any other reason is a fault.
+    /// Clears the outcome of the last motion of an arm: after an obstruction the arm may go on, any other reason is a fault.
     fn ready(&self, arm: usize) -> Result<(), CellError> {
         match self.arms[arm].thread.wait(Duration::ZERO) {
             Ok(()) | Err(Error::ArmTimeout { .. }) => Ok(()),
@@ -296,7 +296,7 @@ impl DvrkCell {
         }
     }
 
-    /// What has just been sent is not to go on where trouble had begun: the other arms were held before this one set off.
+    /// The last command must not continue if trouble had already begun: the other arms were stopped before this one started to move.
     fn unless_trouble(&mut self) -> Result<(), CellError> {
         let well = self.without_fault();
         if well.is_err() {
@@ -305,13 +305,13 @@ impl DvrkCell {
         well
     }
 
-    /// Opens or closes a jaw to an angle and waits until it is there.
+    /// Opens or closes a jaw to an angle and waits until it is reached.
     fn jaw(&mut self, arm: usize, angle: f64) -> Result<(), CellError> {
         let sent = self.arms[arm].thread.lock().start_jaw(angle);
         sent.map_err(|error| refusal(arm, error))?;
         self.unless_trouble()?;
         let ended = self.arms[arm].thread.wait(JAW);
-        // Who was held tells nothing of why.
+        // An arm that was held does not know why.
         ended.or_else(|error| {
             self.without_fault()?;
             Err(refusal(arm, error))
@@ -324,7 +324,9 @@ impl DvrkCell {
             self.without_fault()?;
             if self.transport.now() >= end {
                 self.hold();
-                return Err(CellError::Failed("the arms did not get home".into()));
+                return Err(CellError::Failed(
+                    "the arms did not reach their home poses".into(),
+                ));
             }
             self.transport.wait(self.transport.now() + LOOK);
         }
@@ -334,11 +336,11 @@ impl DvrkCell {
         })
     }
 
-    /// Back along the tool and up, as far as the arm can.
+    /// Moves back along the tool and upwards, as far as the arm can.
     fn back_out(&self, arm: usize, speed: f64) -> Result<(), CellError> {
         let driven = &self.arms[arm];
         let Some(here) = driven.here() else {
-            let reason = "it does not say where it is".to_owned();
+            let reason = "it does not report its pose".to_owned();
             return Err(CellError::ArmFault { arm, reason });
         };
         let up = self.info.table.normal.into_inner();
@@ -354,7 +356,7 @@ impl DvrkCell {
     }
 }
 
-/// What an error of an arm is to the loop.
+/// Translates an error of an arm for the loop.
 fn refusal(arm: usize, error: Error) -> CellError {
     let reason = error.to_string();
     match error {
@@ -393,13 +395,13 @@ impl Cell for DvrkCell {
         if frame.frame != self.camera_frame {
             let (found, expected) = (frame.frame, &self.camera_frame);
             return Err(CellError::Failed(format!(
-                "the camera speaks of the frame {found}, not {expected}"
+                "the images of the camera are in the frame {found}, not {expected}"
             )));
         }
         self.note();
         let links: Result<Vec<_>, Error> = self.arms.iter().map(Driven::links).collect();
         let seen = links.and_then(|links| self.eye.look(&frame.scan, &links.concat()));
-        // A frame in which nothing can be found is one that shows nothing.
+        // A frame in which no object can be found has no points.
         Ok(self.observation(frame.stamp, seen.unwrap_or_default()))
     }
 
@@ -412,7 +414,7 @@ impl Cell for DvrkCell {
         self.arm(arm)?;
         self.ready(arm)?;
         match self.arms[arm].go(camera_from_tip, speed) {
-            // The loop sees where the arm is, and gives up when it does not get on.
+            // The loop sees where the arm is, and gives up when it makes no progress.
             Err(Error::ArmStopped { reason, .. }) if matches!(*reason, Stop::Blocked { .. }) => {}
             other => other.map_err(|error| refusal(arm, error))?,
         }

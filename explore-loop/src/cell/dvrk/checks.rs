@@ -1,4 +1,4 @@
-//! What is looked at of one arm: what is known of it from the file, and what it says.
+//! The checks of one arm: its entry in the file, and what it reports.
 
 use std::time::Duration;
 
@@ -9,19 +9,19 @@ use dvrk_io::kinematics::Joint;
 use super::entries::ArmEntry;
 use super::file::CellFile;
 
-/// A joint reading that is this old or this far in the future tells clocks that are not synchronised.
+/// Age of a joint reading, in either direction, that indicates unsynchronised clocks, seconds.
 const CLOCKS: f64 = 0.1;
-/// What is found of an arm without power.
-const NOT_YET: &str = "not told before the arm is powered";
+/// The finding for an arm without power.
+const NOT_YET: &str = "not reported before the arm is powered";
 
-/// Where the arm stands before the camera, and how well that is known.
+/// The calibration from camera to arm, and its residuals.
 pub(super) fn calibration(file: &CellFile, entry: &ArmEntry) -> Result<String, String> {
     let Some(found) = &entry.calibrated else {
-        return Ok("camera_from_base of the file, which tells no residuals".into());
+        return Ok("camera_from_base of the file, without residuals".into());
     };
     let (frame, camera) = (&found.camera_frame, &file.camera.frame);
     let text = format!(
-        "{} samples, {} of them left out, off by {:.1} mm rms and {:.1} mm at most",
+        "{} samples, {} of them rejected, residuals {:.1} mm rms and {:.1} mm at most",
         found.samples,
         found.outliers.len(),
         1e3 * found.rms,
@@ -29,7 +29,7 @@ pub(super) fn calibration(file: &CellFile, entry: &ArmEntry) -> Result<String, S
     );
     if frame != camera {
         Err(format!(
-            "it is to the frame {frame}, and the camera has {camera}"
+            "it is for the frame {frame}, but the camera has {camera}"
         ))
     } else if found.rms > CheckOptions::default().limit {
         Err(format!("{text}: calibrate anew"))
@@ -38,7 +38,7 @@ pub(super) fn calibration(file: &CellFile, entry: &ArmEntry) -> Result<String, S
     }
 }
 
-/// How fast the arm may go, and how far its home is from the limits of its joints.
+/// The speed limit of the arm, and the distance of its home from the limits of its joints.
 pub(super) fn limits(file: &CellFile, entry: &ArmEntry) -> Result<String, String> {
     let margins = entry.kinematics().and_then(|arm| arm.margins(&entry.home));
     let margins = margins.map_err(|error| error.to_string())?;
@@ -98,7 +98,7 @@ pub(super) fn empty(arm: &Arm, entry: &ArmEntry) -> Result<String, String> {
     let (angle, gap) = (jaw.value.angle, jaw.value.gap());
     if gap > entry.jaw.holds_above.get() {
         return Err(format!(
-            "it holds something, {gap:.2} rad more open than it was sent to be: an exploration begins by opening the jaws"
+            "it seems to hold something, {gap:.2} rad more open than commanded: an exploration begins by opening the jaws"
         ));
     }
     Ok(format!("{angle:.2} rad, holds nothing"))
@@ -106,7 +106,7 @@ pub(super) fn empty(arm: &Arm, entry: &ArmEntry) -> Result<String, String> {
 
 pub(super) fn frames(arm: &mut Arm) -> Result<String, String> {
     if arm.status().mode != Mode::Enabled {
-        return Ok("not told before the arm is powered; checked then".into());
+        return Ok("not reported before the arm is powered; checked then".into());
     }
     let found = arm.check().map_err(|error| error.to_string())?;
     Ok(format!(
@@ -121,10 +121,10 @@ pub(super) fn nobody_else(arm: &Arm) -> Result<String, String> {
     if arm.is_teleoperated() {
         Err("teleoperation is enabled at the console: switch it off".into())
     } else if arm.is_clutched() {
-        Err("somebody guides the arm by hand".into())
+        Err("the arm is guided by hand".into())
     } else if others.is_empty() {
         Ok("nobody".into())
     } else {
-        Err(format!("somebody publishes {}", others.join(", ")))
+        Err(format!("another node publishes {}", others.join(", ")))
     }
 }

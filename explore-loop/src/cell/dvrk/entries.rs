@@ -1,4 +1,4 @@
-//! The parts of a file that describes a cell, and what the rest of the program makes of them: a network, topics, a plane, lengths and limits.
+//! The entries of a cell file, and their conversions to a network, topics, a plane, lengths and limits.
 
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -15,20 +15,20 @@ use serde::{Deserialize, Serialize};
 use super::values::{Direction, PoseEntry, Positive};
 use crate::cell::Plane;
 
-/// Fewest frames a second that can be asked for: arms go no farther than a frame ahead.
+/// Lowest frame rate that can be requested: arms move no farther than one frame ahead.
 const LEAST_RATE: f64 = 0.1;
 
 /// The network.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct NetworkEntry {
-    /// The domain.
+    /// The ROS domain.
     #[serde(default)]
     pub domain: u16,
-    /// This machine only.
+    /// Whether to communicate within this machine only.
     #[serde(default)]
     pub loopback: bool,
-    /// Addresses of the interfaces of this machine that are used; empty: all.
+    /// Addresses of the interfaces of this machine to use; empty: all.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub interfaces: Vec<IpAddr>,
 }
@@ -37,20 +37,20 @@ pub struct NetworkEntry {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraEntry {
-    /// Its optical frame, as it names it.
+    /// Its optical frame, by the name in its messages.
     pub frame: String,
-    /// Frames a second that are used: no more than the camera sends, nor than the computer can follow.
+    /// Frames used each second: not more than the camera sends or the computer can process.
     pub rate: Positive,
     /// Topic of the depth images.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<String>,
-    /// Topic of their camera.
+    /// Topic of the `CameraInfo`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub info: Option<String>,
     /// Topic of the clouds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cloud: Option<String>,
-    /// What is this near to an arm is taken for the arm, metres.
+    /// Points within this distance of an arm are removed with it, metres.
     #[serde(default = "arm_clearance")]
     pub arm_clearance: Positive,
 }
@@ -63,7 +63,7 @@ fn arm_clearance() -> Positive {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TableEntry {
-    /// Towards the camera.
+    /// Unit normal, towards the camera.
     pub normal: Direction,
     /// `normal · x + offset = 0`, metres.
     pub offset: f64,
@@ -73,9 +73,9 @@ pub struct TableEntry {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct LimitsEntry {
-    /// Of the fastest point of the jaws, m/s.
+    /// Speed of the fastest point of the jaws, m/s.
     pub speed: Positive,
-    /// m/s².
+    /// Acceleration, m/s².
     pub acceleration: Positive,
 }
 
@@ -98,7 +98,7 @@ pub enum Kind {
     Si,
 }
 
-/// An arm; where it stands says either `calibration` or `camera_from_base`.
+/// An arm; its pose is given by either `calibration` or `camera_from_base`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ArmEntry {
@@ -108,16 +108,16 @@ pub struct ArmEntry {
     pub kind: Kind,
     /// Joint values out of the camera's view: radians, metres for the insertion.
     pub home: [f64; 6],
-    /// A calibration of dvrk-io, beside the file.
+    /// A calibration file of dvrk-io; the path is relative to the cell file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub calibration: Option<PathBuf>,
-    /// Where its remote centre is.
+    /// Pose of the frame of its remote centre in the camera frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub camera_from_base: Option<PoseEntry>,
-    /// That calibration, once the file was read.
+    /// The content of the calibration file, once it was read.
     #[serde(skip)]
     pub calibrated: Option<Calibration>,
-    /// Lengths of its instrument; nothing: large needle driver.
+    /// Lengths of its instrument; the default is a large needle driver.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tool: Option<ToolEntry>,
     /// Its jaw.
@@ -137,17 +137,17 @@ pub struct ToolEntry {
     pub jaw: f64,
 }
 
-/// A jaw: angles in radians, 0 closed.
+/// A jaw: angles in radians, 0 when closed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct JawEntry {
-    /// Where it is open.
+    /// Angle when open.
     pub open: f64,
-    /// Where it is sent to hold; negative squeezes.
+    /// Angle commanded to hold something; negative values squeeze.
     pub closed: f64,
-    /// By how much a jaw that holds something stays more open than it was sent to be.
+    /// By how much a jaw that holds something stays more open than commanded.
     pub holds_above: Positive,
-    /// Half of what fits between the open jaws, metres.
+    /// Half the width that fits between the open jaws, metres.
     pub radius: Positive,
 }
 
@@ -165,7 +165,7 @@ impl Default for JawEntry {
 impl NetworkEntry {
     pub(super) fn check(&self) -> Result<(), String> {
         if self.loopback && !self.interfaces.is_empty() {
-            return Err("either `loopback = true` or `interfaces`".into());
+            return Err("give either `loopback = true` or `interfaces`, not both".into());
         }
         let network = self.network();
         network.map(drop).map_err(|error| error.to_string())
@@ -183,7 +183,7 @@ impl NetworkEntry {
 }
 
 impl CameraEntry {
-    /// Time between two frames that are used.
+    /// Least time between two used frames.
     pub(super) fn period(&self) -> Result<Duration, String> {
         let rate = self.rate.get();
         if rate < LEAST_RATE {
@@ -197,7 +197,7 @@ impl CameraEntry {
     /// Its topics.
     ///
     /// # Errors
-    /// Neither `cloud` nor `image` and `info`, or all of them.
+    /// Neither `cloud` nor both `image` and `info` are given, or all of them.
     pub fn topics(&self) -> Result<CameraTopics, String> {
         match (&self.cloud, &self.image, &self.info) {
             (Some(cloud), None, None) => Ok(CameraTopics::Cloud(cloud.clone())),
@@ -229,7 +229,7 @@ impl TableEntry {
 }
 
 impl ArmEntry {
-    /// Takes where it stands from its calibration.
+    /// Takes the pose of its remote centre from its calibration.
     pub(super) fn place(&mut self, cell: &Path) -> Result<(), String> {
         match (&self.calibration, self.camera_from_base) {
             (None, Some(_)) => Ok(()),
@@ -238,7 +238,7 @@ impl ArmEntry {
                 let found = Calibration::load(&path)
                     .map_err(|error| format!("{}: {error}", path.display()))?;
                 if found.arm != self.name {
-                    return Err(format!("{} is of {}", path.display(), found.arm));
+                    return Err(format!("{} belongs to {}", path.display(), found.arm));
                 }
                 self.camera_from_base = Some(PoseEntry(found.camera_from_rcm));
                 self.calibrated = Some(found);
@@ -266,7 +266,7 @@ impl ArmEntry {
         Ok(())
     }
 
-    /// Where its remote centre is in the camera frame; the identity before the file was loaded.
+    /// Pose of its remote centre in the camera frame; the identity before the file was loaded.
     pub fn camera_from_rcm(&self) -> Isometry3<f64> {
         self.camera_from_base
             .map_or_else(Isometry3::identity, |pose| pose.0)
@@ -275,7 +275,7 @@ impl ArmEntry {
     /// Its lengths and limits.
     ///
     /// # Errors
-    /// [`dvrk_io::Error::OutOfRange`]: a length that no instrument has.
+    /// [`dvrk_io::Error::OutOfRange`]: a length outside the range of instruments.
     pub fn kinematics(&self) -> Result<Kinematics, dvrk_io::Error> {
         let arm = Kinematics::new(match self.kind {
             Kind::Classic => Psm::Classic,

@@ -1,23 +1,23 @@
-//! A cell of dVRK arms as a TOML file: which arms, where they stand, which camera, how fast.
+//! The TOML file that describes a cell of dVRK arms: arms, poses, camera, limits.
 //!
 //! ```toml
 //! format = "explore cell"
 //! version = 1
 //!
-//! [network]                         # left out: ROS_DOMAIN_ID and so on
+//! [network]                         # optional; default: the environment variables of ROS 2
 //! domain = 0
-//! loopback = false                  # this machine only
-//! # interfaces = ["192.168.1.5"]    # those of this machine with these addresses; left out: all
+//! loopback = false                  # true: communicate within this machine only
+//! # interfaces = ["192.168.1.5"]    # addresses of the interfaces to use; default: all
 //!
 //! [camera]
 //! frame = "camera_depth_optical_frame"
-//! rate = 10.0                       # frames a second that are used: what the camera sends and the computer can follow
+//! rate = 10.0                       # frames used each second: at most what the camera sends and the computer can process
 //! image = "/camera/depth/image_rect_raw"
 //! info = "/camera/depth/camera_info"
 //! # cloud = "/camera/depth/color/points"      instead of both
-//! arm_clearance = 0.005             # what is this near to an arm is taken for the arm, m
+//! arm_clearance = 0.005             # points within this distance of an arm are removed with it, m
 //!
-//! [table]                           # left out: found in the first frame
+//! [table]                           # optional; default: found in the first frame
 //! normal = [0.0, 0.0, -1.0]
 //! offset = 0.55                     # normal · x + offset = 0
 //!
@@ -31,11 +31,11 @@
 //! home = [0.0, 0.7, 0.07, 0.0, 0.0, 0.0]      # joint values out of the camera's view: rad, m
 //! calibration = "PSM1.toml"         # of dvrk-io, beside this file; or
 //! # camera_from_base = { translation = [0.1, 0.0, 0.3], quaternion_xyzw = [0.0, 0.0, 0.0, 1.0] }
-//! # tool = { shaft = 0.4670, wrist = 0.0091, jaw = 0.0102 }    left out: large needle driver
+//! # tool = { shaft = 0.4670, wrist = 0.0091, jaw = 0.0102 }    # default: large needle driver
 //! jaw = { open = 1.0, closed = -0.2, holds_above = 0.08, radius = 0.008 }
 //! ```
-//! `camera_from_base` takes coordinates in the frame of the remote centre (`PSM1_base`) to the optical frame of the camera: x to the right, y down,
-//! z away. `holds_above`: a jaw that stays this much more open than it was sent to be holds something, rad. `radius`: half of what fits between the
+//! `camera_from_base` is the pose of the frame of the remote centre (`PSM1_base`) in the optical frame of the camera: x to the right, y down,
+//! z away. `holds_above`: a jaw that stays this much more open than commanded holds something, rad. `radius`: half the width that fits between the
 //! open jaws, m.
 
 use std::path::Path;
@@ -54,15 +54,15 @@ use crate::cell::replay::{RecordedArm, ScanOptions};
 pub struct CellFile {
     format: Format,
     version: Version,
-    /// The network; nothing: what the environment variables of ROS 2 say.
+    /// The network; by default that of the environment variables of ROS 2.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub network: Option<NetworkEntry>,
     /// The depth camera.
     pub camera: CameraEntry,
-    /// The table; nothing: it is found in the first frame.
+    /// The table; by default it is found in the first frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<TableEntry>,
-    /// How fast the arms may go.
+    /// The limits of motion.
     #[serde(default)]
     pub limits: LimitsEntry,
     /// The arms.
@@ -70,7 +70,7 @@ pub struct CellFile {
 }
 
 impl CellFile {
-    /// A cell of a camera and arms; the rest by default.
+    /// A cell with this camera and these arms; everything else has its default.
     pub fn new(camera: CameraEntry, arm: Vec<ArmEntry>) -> Self {
         Self {
             format: Format,
@@ -83,10 +83,10 @@ impl CellFile {
         }
     }
 
-    /// Reads a file; calibrations that it names are read too, so that afterwards every arm has its `camera_from_base`.
+    /// Reads a file and the calibrations that it names; afterwards every arm has its `camera_from_base`.
     ///
     /// # Errors
-    /// [`CellError::BadFile`] with the line of what is wrong.
+    /// [`CellError::BadFile`] with the line of the mistake.
     pub fn load(path: &Path) -> Result<Self, CellError> {
         let text = std::fs::read_to_string(path).map_err(|error| CellError::BadFile {
             path: path.to_owned(),
@@ -96,7 +96,7 @@ impl CellFile {
         Self::parse(&text, path)
     }
 
-    /// Reads the text of a file that lies at `path`.
+    /// Parses the text of a file at `path`.
     ///
     /// # Errors
     /// See [`CellFile::load`].
@@ -127,7 +127,7 @@ impl CellFile {
             checked.map_err(|reason| bad(line("[table]", 0), reason))?;
         }
         if file.arm.len() < 2 {
-            let reason = format!("{} arms: at least 2 are needed", file.arm.len());
+            let reason = format!("{} arms, but at least 2 are needed", file.arm.len());
             return Err(bad(line("[[arm]]", 0), reason));
         }
         for index in 0..file.arm.len() {
@@ -135,7 +135,7 @@ impl CellFile {
             let twice = names.into_iter().any(|name| *name == file.arm[index].name);
             let arm = &mut file.arm[index];
             let checked = if twice {
-                Err(format!("a second arm {}", arm.name))
+                Err(format!("there is a second arm with the name {}", arm.name))
             } else {
                 arm.place(path).and_then(|()| arm.check())
             };
@@ -147,15 +147,15 @@ impl CellFile {
     /// The text of the file.
     ///
     /// # Errors
-    /// [`CellError::Failed`]: it cannot be written as TOML.
+    /// [`CellError::Failed`]: it cannot be serialised as TOML.
     pub fn to_toml(&self) -> Result<String, CellError> {
         toml::to_string(self).map_err(|error| CellError::Failed(error.to_string()))
     }
 
-    /// How the object is found in a recording of this cell.
+    /// Options for finding the object in a recording of this cell.
     ///
     /// # Errors
-    /// [`dvrk_io::Error::OutOfRange`]: a length that no instrument has.
+    /// [`dvrk_io::Error::OutOfRange`]: a length outside the range of instruments.
     pub fn scan_options(&self) -> Result<ScanOptions, dvrk_io::Error> {
         let recorded = |arm: &ArmEntry| -> Result<RecordedArm, dvrk_io::Error> {
             Ok(RecordedArm {

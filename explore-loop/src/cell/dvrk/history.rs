@@ -1,4 +1,4 @@
-//! Where a tip was at the instant of a frame.
+//! The pose of a tip at the time of a frame.
 //!
 //! ```text
 //! t₀ ≤ t ≤ t₁:   p = lerp(p₀, p₁, s),  q = slerp(q₀, q₁, s),  s = (t − t₀)/(t₁ − t₀)
@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use nalgebra::Isometry3;
 
-/// Poses that are kept.
+/// Number of poses that are kept.
 const KEPT: usize = 600;
 
 /// Poses with their stamps, in order of time.
@@ -28,7 +28,7 @@ impl History {
         self.0.push_back((stamp, pose));
     }
 
-    /// The pose at an instant; before the first and after the last, those.
+    /// The pose at an instant; before the first and after the last, the nearest one.
     pub fn at(&self, stamp: Duration) -> Option<Isometry3<f64>> {
         let after = self.0.partition_point(|(time, _)| *time <= stamp);
         let Some((from_time, from)) = after.checked_sub(1).and_then(|i| self.0.get(i)) else {
@@ -55,7 +55,7 @@ mod tests {
         assert_eq!(history.at(second), None);
         history.add(second, at(1.0));
         history.add(3 * second, at(2.0));
-        // One that comes late is not taken.
+        // A pose that arrives late is dropped.
         history.add(2 * second, at(9.0));
         let x = |time: Duration| history.at(time).map(|pose| pose.translation.x);
         assert_eq!(x(Duration::ZERO), Some(1.0));

@@ -1,12 +1,12 @@
-//! Arms that stop together.
+//! Stops all arms together.
 //!
-//! The thread that drives an arm looks at it after each tick, 100 times a second, whatever the loop is computing:
+//! The thread that drives an arm checks it after each tick, 100 times a second, independently of what the loop computes:
 //!
 //! ```text
-//! trouble   state not ENABLED · hand · teleoperation · other writer · silence            moving or at rest
-//!           the reason why its motion ended, unless it arrived, was held, kept back, or is out of reach
-//! trouble begins            ⇒  the others are told to hold, once; a fault is kept, as what was interrupted must not go on when it is over
-//! somebody asks to stop     ⇒  all are told to hold
+//! trouble   state not ENABLED · guided by hand · teleoperation · other publisher · silence   moving or at rest
+//!           or its motion ended for another reason than arrival, hold, obstruction or an unreachable pose
+//! trouble begins            ⇒  the other arms are told to hold, once; a fault is kept: the interrupted motion must not continue after it
+//! stop is requested         ⇒  all arms are told to hold
 //! ```
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -14,15 +14,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use dvrk_io::arm::{Arm, Stop};
 
-/// What the threads of the arms of one cell share.
+/// The state shared by the threads of the arms of one cell.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Interlock(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
-    /// How often trouble has begun.
+    /// Number of times that trouble has begun.
     trips: AtomicU64,
-    /// The first fault of each arm that has had one.
+    /// The first fault of each arm that had one.
     faults: Mutex<Vec<(usize, String)>>,
     asked_to_stop: Mutex<Arc<AtomicBool>>,
 }
@@ -32,24 +32,24 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Interlock {
-    /// Listens to this flag from now on.
+    /// Also stops when this flag is set.
     pub fn listen(&self, flag: Arc<AtomicBool>) {
         *lock(&self.0.asked_to_stop) = flag;
     }
 
-    /// Whether somebody asks to stop.
+    /// Whether a stop was requested.
     pub fn is_asked_to_stop(&self) -> bool {
         lock(&self.0.asked_to_stop).load(Ordering::Relaxed)
     }
 
-    /// The first fault that an arm had; nothing but a new cell makes it good.
+    /// The first fault of an arm; only a new cell clears it.
     pub fn fault_of(&self, arm: usize) -> Option<String> {
         let faults = lock(&self.0.faults);
         let found = faults.iter().find(|(of, _)| *of == arm);
         found.map(|(_, reason)| reason.clone())
     }
 
-    /// The look at an arm for its thread.
+    /// The check of an arm, for its thread.
     pub fn look(&self, index: usize) -> impl FnMut(&mut Arm) + Send + 'static {
         let shared = self.clone();
         let (mut seen, mut troubled) = (self.trips(), false);
@@ -58,7 +58,7 @@ impl Interlock {
             if let Some(stop) = &trouble {
                 shared.keep(index, stop);
             }
-            // The arm itself has stopped; this is for the others.
+            // The arm itself has already stopped; this stops the others.
             if trouble.is_some() && !troubled {
                 shared.0.trips.fetch_add(1, Ordering::Relaxed);
             }
@@ -83,7 +83,7 @@ impl Interlock {
     }
 }
 
-/// Why the others must not go on, if so.
+/// Why the other arms must stop, if they must.
 fn trouble(arm: &Arm) -> Option<Stop> {
     if arm.is_moving() {
         return None;
@@ -92,17 +92,17 @@ fn trouble(arm: &Arm) -> Option<Stop> {
     ended.cloned().or_else(|| arm.unready())
 }
 
-/// Whether an arm that stopped for this may be commanded again without more ado.
+/// Whether an arm that stopped for this reason may be commanded again.
 pub(super) fn goes_on_after(reason: &Stop) -> bool {
     matches!(reason, Stop::Arrived | Stop::Held | Stop::Blocked { .. })
 }
 
-/// What is in the way of one arm, or out of its reach, is no reason for the others to stop.
+/// Whether a reason stops the other arms: an obstruction, or a pose that only this arm cannot reach, does not.
 fn stops_all(reason: &Stop) -> bool {
     !(goes_on_after(reason) || matches!(reason, Stop::Unreachable(_)))
 }
 
-/// Whether somebody has to look why an arm stopped. One that was silent may speak again.
+/// Whether a reason needs attention by a person. An arm that was silent may recover.
 fn is_fault(reason: &Stop) -> bool {
     stops_all(reason) && !matches!(reason, Stop::Stale { .. })
 }

@@ -1,25 +1,25 @@
-//! A cell of dVRK arms and a depth camera over ROS 2, real or served.
+//! A cell of dVRK arms and a depth camera over ROS 2, real or simulated.
 //!
 //! ```text
-//! CELL.toml ─► preflight: network, arms, clocks, frames, others who command, limits, camera, table, object     nothing moves
-//!                 │ all is well
+//! CELL.toml ─► preflight: network, arms, clocks, frames, other commanders, limits, camera, table, object     nothing moves
+//!                 │ all checks passed
 //!                 ▼
 //!              start: power, home ─► DvrkCell: a thread drives and watches each arm
 //!
-//! observe    newest frame ─► find_object without table and arms;  tips as they were when it was taken
-//! move_arm   straight line at the next 10 ms;  close_jaw: closed, and does it stay open?
+//! observe    newest frame ─► find_object removes table and arms;  poses of the tips at the time of the frame
+//! move_arm   straight line, starts within 10 ms;  close_jaw: holds something if the jaw stays open
 //! ```
 //!
-//! | what happens | what the loop sees |
+//! | event | what the loop sees |
 //! |---|---|
-//! | FAULT, a missing instrument, a hand at the clutch, teleoperation, somebody else who commands, a moved base frame, a set-point that is not where it was sent | [`CellError::ArmFault`](super::CellError::ArmFault) at the next command: it ends, jaws stay as they are |
-//! | something is in the way of an arm | the arm holds and reports where it is; the loop waits, and gives up what is under way |
-//! | an arm is silent | its pose is not finite: the frame is not taken, the arms are stopped |
-//! | the camera is silent | frames without points: the arms are stopped, what is held is lowered |
-//! | Ctrl-C ([`DvrkCell::stop_flag`]) | [`CellError::Failed`](super::CellError::Failed), from then on: arms hold where they are, jaws stay as they are |
+//! | FAULT, a missing instrument, a hand at the clutch, teleoperation, another commander, a moved base frame, a set-point that differs from the one sent | [`CellError::ArmFault`](super::CellError::ArmFault) at the next command: the exploration ends, jaws are not moved |
+//! | something obstructs an arm | the arm holds and reports its pose; the loop waits, and gives the manipulation up |
+//! | an arm is silent | its pose is not finite: the frame is skipped, the arms are stopped |
+//! | the camera is silent | frames without points: the arms are stopped, what they hold is lowered |
+//! | Ctrl-C ([`DvrkCell::stop_flag`]) | [`CellError::Failed`](super::CellError::Failed) from then on: arms hold their positions, jaws are not moved |
 //!
-//! Trouble of one arm, moving or at rest, and Ctrl-C stop all arms within 100 ms, whatever the loop computes meanwhile; an arm is silent once nothing
-//! has come from it for 0.2 s.
+//! Trouble of one arm, moving or at rest, and Ctrl-C stop all arms within 100 ms, whatever the loop computes meanwhile; an arm counts as silent
+//! when nothing has arrived from it for 0.2 s.
 
 mod cell;
 mod checks;

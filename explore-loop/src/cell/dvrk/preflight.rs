@@ -1,4 +1,4 @@
-//! What is looked at before anything moves: a line for each, and why not.
+//! The checks before anything moves, each with its finding.
 
 use std::fmt;
 use std::sync::Arc;
@@ -19,23 +19,23 @@ use super::interlock::Interlock;
 use crate::cell::CellError;
 use crate::cell::see::{Eye, links};
 
-/// States that were published before we came arrive with the next heartbeat of DDS, up to 3 s later.
+/// Latched states that were published earlier arrive with the next heartbeat of DDS, up to 3 s later.
 const PATIENCE: Duration = Duration::from_secs(8);
-/// Time in which latched messages come, once the first has.
+/// Time in which further latched messages arrive after the first.
 const SETTLES: Duration = Duration::from_millis(300);
-/// Fewest points that are an object.
+/// Fewest points that count as an object.
 const FEWEST: usize = 20;
 /// Least height of a waiting tip above the table, metres.
 const HOME_HEIGHT: f64 = 0.03;
-/// Where arms must reach: this high above the middle of the object, metres.
+/// Height above the centre of the object that arms must reach, metres.
 const ABOVE: f64 = 0.02;
 
-/// One thing that was looked at.
+/// One check.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Check {
-    /// What.
+    /// What is checked.
     pub what: String,
-    /// What was found, or why it will not do.
+    /// What was found, or why the check failed.
     pub found: Result<String, String>,
 }
 
@@ -48,7 +48,7 @@ impl fmt::Display for Check {
     }
 }
 
-/// The list of checks, and what was connected for it.
+/// The list of checks, and the connections made for it.
 pub struct Preflight {
     checks: Vec<Check>,
     file: CellFile,
@@ -67,7 +67,7 @@ impl fmt::Debug for Preflight {
 }
 
 impl Preflight {
-    /// Connects to what a file names and looks at it; commands nothing. `node` gives an end of the network for each arm and the camera; `seed`:
+    /// Connects to what a file names and checks it; commands nothing. `node` returns a network endpoint for each arm and for the camera; `seed` is
     /// a point on or next to the object where there are several, camera frame.
     pub fn run(
         file: &CellFile,
@@ -95,12 +95,12 @@ impl Preflight {
         preflight
     }
 
-    /// What was looked at, in order.
+    /// The checks, in order.
     pub fn checks(&self) -> &[Check] {
         &self.checks
     }
 
-    /// Whether all is well.
+    /// Whether all checks passed.
     pub fn is_ok(&self) -> bool {
         self.checks.iter().all(|check| check.found.is_ok())
     }
@@ -108,7 +108,7 @@ impl Preflight {
     /// Powers and homes the arms: **they may move**. From then on each has a thread that drives and watches it.
     ///
     /// # Errors
-    /// [`CellError::Failed`] when not all is well; [`CellError::ArmFault`] for an arm that cannot be powered or homed.
+    /// [`CellError::Failed`] when a check failed; [`CellError::ArmFault`] for an arm that cannot be powered or homed.
     pub fn start(self) -> Result<DvrkCell, CellError> {
         let failed = self.checks.iter().find(|check| check.found.is_err());
         if let Some(check) = failed {
@@ -157,7 +157,7 @@ impl Preflight {
                 return;
             }
         };
-        // Of the states that were said before we came the last one counts: they come one after the other.
+        // Of the latched states the last one counts; they arrive one after the other.
         let settled = clock.now() + SETTLES;
         while clock.now() < settled {
             arm.tick();
@@ -167,7 +167,7 @@ impl Preflight {
         self.say(format!("{name}, state"), checks::state(&arm));
         self.say(format!("{name}, clock"), checks::clocks(&arm, clock.now()));
         self.say(
-            format!("{name}, who else commands"),
+            format!("{name}, other commanders"),
             checks::nobody_else(&arm),
         );
         self.say(format!("{name}, jaw"), checks::empty(&arm, entry));
@@ -175,7 +175,7 @@ impl Preflight {
         self.arms.push((entry.clone(), arm));
     }
 
-    /// The middle of the object, if it is seen.
+    /// The points of the object, if it is seen.
     fn camera(&mut self, transport: Arc<dyn Transport>) -> Option<Vec<Point3<f64>>> {
         let entry = self.file.camera.clone();
         let topics = match entry.topics() {
@@ -238,7 +238,7 @@ impl Preflight {
             "found"
         };
         let share = self.eye.on_table().map_or_else(String::new, |share| {
-            format!(", {:.0} % of what is seen on it", 1e2 * share)
+            format!(", {:.0} % of the points on it", 1e2 * share)
         });
         let found = if table.offset > 0.0 {
             let offset = table.offset;
@@ -267,7 +267,10 @@ impl Preflight {
     fn object(&mut self, seen: Option<&[Point3<f64>]>) {
         let Some(points) = seen else { return };
         let found = if points.len() < FEWEST {
-            Err(format!("{} points: nothing on the table?", points.len()))
+            Err(format!(
+                "{} points: is there nothing on the table?",
+                points.len()
+            ))
         } else {
             Ok(format!("{} points", points.len()))
         };
@@ -281,7 +284,7 @@ impl Preflight {
         let above = sum / points.len() as f64 + table.normal.into_inner() * ABOVE;
         let down = UnitQuaternion::face_towards(&-table.normal.into_inner(), &Vector3::y());
         for entry in self.file.arm.clone() {
-            // Some turn of the jaws about the approach will do.
+            // One feasible rotation of the jaws about the approach direction suffices.
             let reach = workspace(&entry).map(|space| {
                 let turned = (0..8).map(|k| {
                     let about = f64::from(k) * std::f64::consts::FRAC_PI_4;
@@ -294,14 +297,14 @@ impl Preflight {
             });
             let found = match reach {
                 Ok((0, Some(error))) | Err(error) => Err(error.to_string()),
-                Ok((ok, _)) => Ok(format!("from above with {ok} of 8 turns of the jaws")),
+                Ok((ok, _)) => Ok(format!("from above with {ok} of 8 rotations of the jaws")),
             };
             self.say(format!("{}, reaches the object", entry.name), found);
         }
     }
 }
 
-/// How an arm is driven.
+/// The options for driving an arm.
 fn options(file: &CellFile, entry: &ArmEntry) -> Result<ArmOptions, Error> {
     let speed = file.limits.speed.get();
     let options = ArmOptions::default();
@@ -312,7 +315,7 @@ fn options(file: &CellFile, entry: &ArmEntry) -> Result<ArmOptions, Error> {
         step: (1.5 * speed * period).max(1e-3),
     };
     let jaw = [entry.jaw.closed, entry.jaw.open];
-    // Plans keep the margins; what lies between two of their poses may be a little nearer to a limit.
+    // Plans keep margins to the limits; poses between two planned ones may be slightly nearer to a limit.
     Ok(options
         .with_kinematics(entry.kinematics()?)
         .with_motion(motion)
@@ -320,13 +323,13 @@ fn options(file: &CellFile, entry: &ArmEntry) -> Result<ArmOptions, Error> {
         .with_margins(SafetyMargins::NONE))
 }
 
-/// Where the tip of an arm waits, camera frame.
+/// Home pose of the tip of an arm, camera frame.
 pub(super) fn home(entry: &ArmEntry) -> Result<Isometry3<f64>, Error> {
     let tip = entry.kinematics()?.rcm_from_tip(&entry.home)?;
     Ok(entry.camera_from_rcm() * tip.0)
 }
 
-/// Where the tip of an arm can be.
+/// The reachable poses of the tip of an arm.
 pub(super) fn workspace(entry: &ArmEntry) -> Result<PsmWorkspace, Error> {
     let margins = SafetyMargins::default()
         .with_angle(0.02)

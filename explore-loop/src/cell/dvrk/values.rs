@@ -1,4 +1,4 @@
-//! Values of a file that are checked as they are read, so that a wrong one is named with its line.
+//! Values that are checked as they are read, so that an error names the line of the file.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ pub struct Positive(pub(super) f64);
 
 impl Positive {
     /// # Errors
-    /// It is not.
+    /// The number is not.
     pub fn new(value: f64) -> Result<Self, String> {
         if value > 0.0 && value.is_finite() {
             Ok(Self(value))
@@ -42,7 +42,7 @@ impl From<Positive> for f64 {
     }
 }
 
-/// A direction that is none of length 0.
+/// A vector of non-zero length.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "[f64; 3]", into = "[f64; 3]")]
 pub struct Direction(pub UnitVector3<f64>);
@@ -54,7 +54,7 @@ impl TryFrom<[f64; 3]> for Direction {
         let unit = UnitVector3::try_new(Vector3::from(value), 1e-6);
         let unit = unit.filter(|unit| unit.iter().all(|x| x.is_finite()));
         unit.map(Self)
-            .ok_or_else(|| format!("{value:?} is no direction"))
+            .ok_or_else(|| format!("{value:?} is not a direction"))
     }
 }
 
@@ -82,7 +82,7 @@ impl TryFrom<RawPose> for PoseEntry {
     fn try_from(raw: RawPose) -> Result<Self, String> {
         let [x, y, z, w] = raw.quaternion_xyzw;
         let quaternion = Quaternion::new(w, x, y, z);
-        // Typed by hand, with four digits or so.
+        // Typed by hand, with about four digits.
         if !(-1e-3..=1e-3).contains(&(quaternion.norm() - 1.0)) {
             return Err("the quaternion must be four numbers of norm 1, the scalar last".into());
         }

@@ -1,10 +1,10 @@
-//! The arms of the cell: where they stand, where they wait, and what they reach.
+//! The arms of the cell: where they stand, where they wait, and what they can reach.
 //!
 //! ```text
 //!            free                               PSM
-//! stands     0.40 m from the middle             remote centre 0.24 m from a point 3 cm above the middle, 50° up
-//! waits      0.34 m from the middle, 0.16 m up  the shaft straight down from the remote centre, 55 mm beyond it
-//! reaches    every pose within 0.65 m           what the joints of an S or Si with a large needle driver allow
+//! stands     0.40 m from the centre             remote centre 0.24 m from a point 3 cm above the centre, 50° up
+//! waits      0.34 m from the centre, 0.16 m up  the shaft straight down from the remote centre, 55 mm beyond it
+//! reaches    every pose within 0.65 m           poses within the joint limits of an S or Si with a large needle driver
 //! ```
 
 use dvrk_io::Psm;
@@ -15,7 +15,7 @@ use super::SimOptions;
 use super::options::ArmModel;
 use crate::cell::{ArmInfo, Poses};
 
-/// Names and sides of the arms in the world frame; the camera's −y, where the third arm stands, is the world's +y.
+/// Names and sides of the arms in the world frame; the third arm stands at the camera's −y, the world's +y.
 fn sides() -> [(&'static str, Vector3<f64>); 3] {
     [
         ("PSM1", Vector3::x()),
@@ -24,17 +24,17 @@ fn sides() -> [(&'static str, Vector3<f64>); 3] {
     ]
 }
 
-/// What a remote centre looks at (height above the table), how far it is, and how high above the horizon.
+/// The point that a remote centre faces (height above the table), its distance, and its elevation.
 const MIDDLE: f64 = 0.03;
 const AWAY: f64 = 0.24;
 const ELEVATION: f64 = 50.0;
-/// Joints stay so far from their limits: radians and metres.
+/// Distance that joints keep from their limits: radians and metres.
 const MARGIN: f64 = 0.02;
 const LENGTH_MARGIN: f64 = 0.002;
 /// Insertion while an arm waits, metres: its wrist is 55 mm beyond the remote centre.
 const WAITING: f64 = 0.0706;
 
-/// What the arms of a cell are made of.
+/// The properties of the arms of a cell.
 pub(super) fn arms(
     options: &SimOptions,
     camera_from_world: &Isometry3<f64>,
@@ -47,7 +47,7 @@ pub(super) fn arms(
     sides.map(arm).collect()
 }
 
-/// Where the remote centres of the arms are, camera frame, if they have any.
+/// Poses of the remote centres of the arms, camera frame; empty for arms without joints.
 pub(super) fn remote_centres(
     options: &SimOptions,
     camera_from_world: &Isometry3<f64>,
@@ -67,13 +67,13 @@ pub(super) fn kinematics() -> Kinematics {
     Kinematics::new(Psm::Si)
 }
 
-/// Joint values of a simulated PSM that waits: its shaft hangs straight down.
+/// Joint values of a waiting simulated PSM: its shaft hangs straight down.
 pub(super) fn waiting() -> [f64; 6] {
     let down = (90.0 - ELEVATION).to_radians();
     [0.0, down, WAITING, 0.0, 0.0, 0.0]
 }
 
-/// −z, along which the shaft lies where all joints are 0, points to the middle of the table, x is horizontal.
+/// The frame of a remote centre: −z, the direction of the shaft at zero joint values, points to the centre of the table; x is horizontal.
 fn world_from_rcm(side: &Vector3<f64>) -> Isometry3<f64> {
     let (sin, cos) = ELEVATION.to_radians().sin_cos();
     let outward = side * cos + Vector3::z() * sin;
@@ -98,7 +98,7 @@ fn free(
     let approach = -(side + Vector3::z());
     let world_from_home = Isometry3::from_parts(
         Translation3::from(tip.coords),
-        // y is horizontal: the jaws open sideways.
+        // y is horizontal, so the jaws open sideways.
         UnitQuaternion::face_towards(&approach, &side.cross(&Vector3::z())),
     );
     ArmInfo {

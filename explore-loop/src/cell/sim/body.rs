@@ -1,19 +1,19 @@
-//! The soft body on the table, on rapier's constraint solver.
+//! The soft body on the table, simulated by rapier's constraint solver.
 //!
-//! Frames: the **world** is in metres, its origin on the table under the camera, +z up. The engine gets the same frame in
-//! **decimetres**: it works in `f32` and takes a tetrahedron of less than 1.2·10⁻⁷ cubic units for flat and gives it no
-//! elasticity, which in metres is every tetrahedron here. With lengths ×10 and time and mass as they are,
+//! Frames: the **world** is in metres, its origin on the table under the camera, +z up. The engine uses the same frame in
+//! **decimetres**: it computes in `f32`, and takes a tetrahedron of less than 1.2·10⁻⁷ cubic units for degenerate, without
+//! elasticity, which in metres would be every tetrahedron here. With lengths ×10 and time and mass unchanged,
 //!
 //! ```text
 //! gravity ×10,   Young's modulus ÷10  (kg m⁻¹ s⁻²),   density ÷1000  (kg m⁻³).
 //! ```
 //!
-//! A wall thinner than 10 mm would need more tetrahedra than a run can afford. Its tetrahedra fill the solid that lies within
-//! `pad = (10 mm − t)/2` of it instead, with the mass and the bending stiffness of the wall: `ρ' = ρ V/V'`, `E' = E (t/t')³`. The table
-//! lies `pad` deeper, so that it is the surface that touches it.
+//! A wall thinner than 10 mm would need too many tetrahedra. Instead, they fill the solid within `pad = (10 mm − t)/2` of it, with
+//! the mass and the bending stiffness of the wall: `ρ' = ρ V/V'`, `E' = E (t/t')³`. The table is lowered by `pad`, so that the
+//! surface itself touches it.
 //!
-//! Nodes carry a quarter of each of their tetrahedra. Nodes in a jaw are kinematic: they get a target for the end of
-//! each step and the engine gives them the matching velocity.
+//! The mass of each tetrahedron is divided among its four nodes. Nodes in a jaw are kinematic: they get a target for the end of
+//! each step, and the engine gives them the matching velocity.
 
 use nalgebra::{Point3, Vector3};
 use rapier3d::prelude::{
@@ -31,17 +31,17 @@ use super::scene::Placed;
 /// Decimetres in a metre.
 const DM: f64 = 10.0;
 
-/// Thickness of the contact skin, metres: the table lies this much deeper, so that the surface touches it at z = 0.
+/// Thickness of the contact skin, metres: the table is lowered by it, so that the surface touches it at z = 0.
 const SKIN: f64 = 0.001;
 
-/// A node that moved this far from its neighbour, in rest lengths, means that the simulation broke or the tissue tore.
+/// Stretch of an edge, in rest lengths, at which the simulation has diverged or the tissue has torn.
 const MAX_STRETCH: f64 = 3.0;
 
-/// A jaw holds on until the material between it and the rest of the body is stretched so many times.
+/// Stretch of the material next to a jaw, in rest lengths, at which the grip slips.
 const SLIPS_AT: f64 = 2.7;
 
-/// The surface may lie this far outside the tetrahedra, in lattice cells: half a cell is what flat faces cut off a
-/// curved surface; more is a feature that the lattice missed.
+/// Largest distance of the surface from the tetrahedra, in lattice cells: flat faces cut off half a cell of a curved surface; more means
+/// that the lattice missed a feature.
 const MAX_GAP: f64 = 0.5;
 
 pub(super) struct Body {
@@ -96,7 +96,7 @@ impl Body {
         })
     }
 
-    /// Lets one step pass; `targets` are the world positions pinned nodes have at its end.
+    /// Advances one step; `targets` are the world positions of pinned nodes at its end.
     pub fn step(&mut self, targets: &[(usize, Point3<f64>)]) {
         let body = &mut self.world.soft_bodies[self.handle];
         for (node, target) in targets {
@@ -113,7 +113,7 @@ impl Body {
         self.world.soft_bodies[self.handle].set_particle_pinned(node, pinned);
     }
 
-    /// Puts a body that stays where it is beside this one.
+    /// Adds a fixed body beside this one.
     pub fn add_obstacle(&mut self, surface: &TriangleMesh, friction: f64) -> Result<(), SimError> {
         let vertices = surface.vertices.iter().map(engine).collect();
         let triangles = surface.triangles.iter().map(|t| t.map(|v| v as u32));
@@ -126,7 +126,7 @@ impl Body {
         Ok(())
     }
 
-    /// Nodes that carry the surface vertices chosen, with where they are.
+    /// Nodes that carry the chosen surface vertices, with their positions.
     pub fn carriers_of(&self, chosen: impl Fn(&Point3<f64>) -> bool) -> Vec<(usize, Point3<f64>)> {
         let surface = self.surface();
         let mut nodes: Vec<usize> = (0..surface.len())
@@ -149,8 +149,8 @@ impl Body {
 
     /// World positions of the surface vertices.
     ///
-    /// The engine keeps the nodes above the table; the fine surface bulges a millimetre or two beyond the flat faces
-    /// between them, and the table flattens it there.
+    /// The engine keeps the nodes above the table; the fine surface bulges one or two millimetres beyond the flat faces between
+    /// them, and is clamped to the table there.
     pub fn surface(&self) -> Vec<Point3<f64>> {
         let mut surface = self.embedding.place(&self.nodes);
         for p in &mut surface {
@@ -159,7 +159,7 @@ impl Body {
         surface
     }
 
-    /// Fastest node, m/s.
+    /// Speed of the fastest node, m/s.
     pub fn fastest(&self) -> f64 {
         let body = &self.world.soft_bodies[self.handle];
         body.particle_velocities()
@@ -176,7 +176,7 @@ impl Body {
             .sum()
     }
 
-    /// A pinned node that is torn out of its jaw: the most stretched edge between it and a free one is too long.
+    /// A pinned node that is pulled out of its jaw: its most stretched edge to a free node is too long.
     pub fn slipping(&self, pinned: impl Fn(usize) -> bool) -> Option<usize> {
         let (edge, _) = self
             .edges
@@ -188,12 +188,12 @@ impl Body {
         edge.into_iter().find(|&node| pinned(node))
     }
 
-    /// Length of an edge over what it is at rest.
+    /// Length of an edge divided by its rest length.
     fn stretch(&self, ([a, b], rest): &([usize; 2], f64)) -> f64 {
         (self.nodes[*a] - self.nodes[*b]).norm() / rest
     }
 
-    /// What is wrong with the state, if anything.
+    /// Why the state is invalid, if it is.
     pub fn broken(&self) -> Option<String> {
         if let Some(index) = self
             .nodes
@@ -223,21 +223,21 @@ fn engine(p: &Point3<f64>) -> Vector {
     Vector::new((p.x * DM) as f32, (p.y * DM) as f32, (p.z * DM) as f32)
 }
 
-/// A thinner wall, by the mean `t = 2 V/A`, is padded to this thickness, metres.
+/// Walls whose mean thickness `t = 2 V/A` is smaller are padded to this thickness, metres.
 const THINNEST: f64 = 0.010;
 
-/// Cells are at most this long, in thicknesses of the (padded) wall: planes of lattice points, half a cell apart, then always lie
+/// Largest cell, in thicknesses of the (padded) wall: planes of lattice points, half a cell apart, then always lie
 /// within it.
 const CELL: f64 = 1.25;
 
-/// The tetrahedra must fill the volume they stand for, up to this share, or they have holes.
+/// Largest relative difference between the volume of the tetrahedra and that of the solid; more means holes.
 const MAX_VOLUME_ERROR: f64 = 0.05;
 
 /// Tetrahedra that carry a surface.
 struct Filled {
     mesh: TetMesh,
     embedding: Embedding,
-    /// How far they reach beyond the surface, metres.
+    /// How far they extend beyond the surface, metres.
     pad: f64,
 }
 
@@ -245,7 +245,7 @@ fn wall(surface: &TriangleMesh) -> f64 {
     2.0 * surface.volume() / surface.area()
 }
 
-/// The material that makes the padded solid weigh what the wall weighs, and bend as it bends.
+/// The material with which the padded solid has the weight and the bending stiffness of the wall.
 fn padded(material: &Material, surface: &TriangleMesh, mesh: &TetMesh, pad: f64) -> Material {
     if pad == 0.0 {
         return *material;
@@ -258,7 +258,7 @@ fn padded(material: &Material, surface: &TriangleMesh, mesh: &TetMesh, pad: f64)
     }
 }
 
-/// Tetrahedra of the size that gives the number asked for; finer, up to three times that number, where the surface is thin.
+/// Tetrahedra of the size that gives the requested number; up to three times as many where the surface is thin.
 fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError> {
     let distance = surface.signed_distance()?;
     let pad = (0.5 * (THINNEST - wall(surface))).max(0.0);
@@ -268,7 +268,7 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError>
     let bounds = (low - margin, high + margin);
     let volume = surface.volume() + pad * surface.area();
     let wanted = fidelity.tetrahedra as f64;
-    // Twelve tetrahedra to a cube of the lattice; how many pieces the surface cuts come on top, a first filling tells.
+    // Twelve tetrahedra for each cube of the lattice; those cut by the surface come on top, and a first filling counts them.
     let mut cell = (12.0 * volume / wanted).cbrt();
     let first = lattice::fill(&depth, bounds, cell).tets.len();
     cell *= (first.max(1) as f64 / wanted).cbrt().clamp(0.9, 2.0);
@@ -277,8 +277,8 @@ fn fill(surface: &TriangleMesh, fidelity: &Fidelity) -> Result<Filled, SimError>
     cell = start;
     loop {
         let inscribed = lattice::fill(&depth, bounds, cell);
-        // Flat faces cut off what bulges: moved outward by the volume they miss, they cross the surface evenly and weigh
-        // what it weighs.
+        // Flat faces cut off bulges. Moved outward by the missing volume over the area, they cross the surface evenly and enclose the right
+        // volume.
         let missing = (volume - inscribed.volume()) / surface.area();
         let mesh = lattice::fill(&|p| depth(p) + missing, bounds, cell);
         let whole = (mesh.volume() / volume - 1.0).abs() < MAX_VOLUME_ERROR;

@@ -1,4 +1,4 @@
-//! The depth camera: a z-buffer.
+//! The depth camera: a z-buffer renderer.
 //!
 //! The camera frame has its origin in the pinhole, +z along the optical axis. A point `(x, y, z)` falls on the image at
 //! `(f x/z + w/2, f y/z + h/2)`; a pixel looks along the ray through its centre. Inside a projected triangle `1/z` is linear
@@ -14,10 +14,10 @@ use super::options::{CameraModel, CameraOptions};
 use super::realsense::TrueImage;
 use crate::cell::Plane;
 
-/// Nothing nearer than this is drawn, metres.
+/// Near plane, metres.
 const NEAR: f64 = 0.01;
 
-/// Sides of the prism that stands for a round shaft.
+/// Number of sides of the prism that approximates a round shaft.
 const SHAFT_SIDES: usize = 10;
 
 /// What a pixel shows.
@@ -35,9 +35,9 @@ pub(super) struct DepthCamera {
     options: CameraOptions,
     inverse_depth: Vec<f64>,
     thing: Vec<Thing>,
-    /// Cosine of the angle between the surface seen and the ray.
+    /// Cosine of the angle between the normal of the visible surface and the ray.
     cosine: Vec<f64>,
-    /// Triangle that is seen, of those drawn last.
+    /// The visible triangle, in the mesh that was drawn last.
     triangle: Vec<u32>,
 }
 
@@ -114,7 +114,7 @@ impl DepthCamera {
                     (b - a).perp(&(p - a)),
                 ]
                 .map(|w| w / double_area);
-                // Both neighbours of an edge draw a pixel that lies on it: the z-buffer keeps one, and no crack stays.
+                // Both neighbours of an edge draw a pixel on it; the z-buffer keeps one, so there are no cracks.
                 if weights.iter().all(|&w| w >= 0.0) {
                     let depth =
                         weights[0] * inverse[0] + weights[1] * inverse[1] + weights[2] * inverse[2];
@@ -165,7 +165,7 @@ impl DepthCamera {
         .filter(|&at| self.thing[at] == Thing::Object)
     }
 
-    /// What a pixel shows, the triangle of it, and the weights of its corners there; `vertices` are those it was drawn with.
+    /// What a pixel shows, its triangle, and the barycentric weights there; `vertices` must be those it was drawn with.
     pub fn hit(
         &self,
         at: usize,
@@ -185,7 +185,7 @@ impl DepthCamera {
         Some((*t, [of(b, c), of(c, a), of(a, b)]))
     }
 
-    /// Cosine of the angle between the surface that a pixel shows and its ray.
+    /// Cosine of the angle between the normal of the surface at a pixel and its ray.
     pub fn facing(&self, at: usize) -> f64 {
         self.cosine[at]
     }
@@ -198,7 +198,7 @@ impl DepthCamera {
     /// The depth image that the camera sends in frame `frame`, table and arms included.
     ///
     /// # Errors
-    /// None: the image has the size of the camera.
+    /// None in practice: the image has the size of the camera.
     pub fn image(
         &self,
         table: &Plane,
@@ -254,7 +254,7 @@ impl DepthCamera {
     }
 }
 
-/// Depth at which a ray of depth 1 meets the table, and the cosine there; a ray that passes above it sees nothing.
+/// Depth at which a ray of depth 1 meets the table, and the cosine there; infinite for a ray that misses it.
 fn on_table(table: &Plane, ray: &Vector3<f64>) -> (f64, f64) {
     let down = -table.normal.dot(ray);
     if down > 0.0 {
@@ -285,7 +285,7 @@ fn clip(corners: &[Point3<f64>; 3]) -> Vec<Point3<f64>> {
     polygon
 }
 
-/// The visible part of an arm: its shaft, and two fingers that open by `opening` along ±y.
+/// The visible part of an arm: its shaft, and two fingers at a distance of `opening` from the centre plane along ±y.
 pub(super) fn gripper(
     camera_from_tip: &Isometry3<f64>,
     opening: f64,
@@ -304,7 +304,7 @@ pub(super) fn gripper(
         triangles.extend([[a, b, b + 1], [a, b + 1, a + 1]]);
     }
     for side in [-1.0, 1.0] {
-        // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, `opening` off the middle at its end.
+        // A finger: from the end of the shaft to the tip, 4 mm wide and 2 mm thick, its end `opening` away from the centre plane.
         let first = vertices.len();
         for (z, y) in [(-0.014, 0.002), (0.006, opening + 0.001)] {
             for (dx, dy) in [
@@ -345,7 +345,7 @@ fn prism(
 ) {
     const RADIUS: f64 = 0.004;
     let axis = (end - start).try_normalize(0.0).unwrap_or_default();
-    // The coordinate axis that is most square to it.
+    // The coordinate axis that is most nearly perpendicular to it.
     let beside = Vector3::ith(axis.iamin(), 1.0);
     let x = axis.cross(&beside).try_normalize(0.0).unwrap_or_default();
     let y = axis.cross(&x);

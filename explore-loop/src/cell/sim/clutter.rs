@@ -1,4 +1,4 @@
-//! What keeps a body from being explored as if it lay alone and free on the table.
+//! Attachments to the table, and other bodies on it.
 
 use nalgebra::{Isometry3, Point2, Point3, Vector3};
 
@@ -10,17 +10,17 @@ use super::scene::Placed;
 /// A patch of a body's underside that is held to the table.
 ///
 /// ```text
-/// held  ⇔  ‖(x, y) − middle‖ ≤ radius  and  height above the table ≤ 4 mm,    when the body has come to rest
+/// held  ⇔  ‖(x, y) − middle‖ ≤ radius  and  height above the table ≤ 4 mm,    once the body is at rest
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Attachment {
-    /// Middle of the patch in the scene's own frame, metres.
+    /// Centre of the patch in the scene's own frame, metres.
     pub middle: Point2<f64>,
     /// Radius, metres.
     pub radius: f64,
 }
 
-/// What lies this near to the table is held, metres: the underside of a soft body is flat there.
+/// Height above the table up to which nodes are held, metres: the underside of a soft body is flat there.
 const NEAR: f64 = 0.004;
 
 impl Default for Attachment {
@@ -34,17 +34,17 @@ impl Default for Attachment {
 }
 
 impl Attachment {
-    /// The nodes that are held, with where they are.
+    /// The held nodes with their positions.
     pub(super) fn nodes(&self, body: &Body, placed: &Placed<'_>) -> Vec<(usize, Point3<f64>)> {
         let middle = placed.of(&Point3::new(self.middle.x, self.middle.y, 0.0));
         body.carriers_of(|p| p.z <= NEAR && (p.xy() - middle.xy()).norm() <= self.radius)
     }
 }
 
-/// Where a second body lies from the first, metres: out of the way of a turn, well in view.
+/// Position of a second body relative to the first, metres: out of the way of a turn, well in view.
 const BESIDE: [f64; 2] = [0.185, -0.13];
 
-/// A body that is in view, stays where it is, and is not explored.
+/// A fixed body in view that is not explored.
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     /// World frame.
@@ -61,8 +61,8 @@ impl Beside {
     }
 }
 
-/// Which body of a scene is the object, placed, and which is beside it: the object is the one whose surface is next to the seed point (world
-/// frame), the scene's own without one.
+/// Selects which body of a scene is the object, placed, and which is beside it: the object is the body whose surface is nearest to the seed point
+/// (world frame); without one, the main body of the scene.
 pub(super) fn choose(
     scene: &Scene,
     yaw: f64,
@@ -83,7 +83,7 @@ pub(super) fn choose(
     };
     let swapped = seed_point.is_some_and(|seed| nearest(&other, &seed) < nearest(&own, &seed));
     let (object, mut rest) = if swapped { (other, own) } else { (own, other) };
-    // What is not let go lies on the table already.
+    // The other body is not dropped, so it is placed on the table.
     for p in &mut rest.surface.vertices {
         p.z -= at.z;
     }

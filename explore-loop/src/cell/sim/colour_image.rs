@@ -1,10 +1,10 @@
-//! The colour image of the camera, and the features that are found in it.
+//! The colour image of the camera, and the features found in it.
 //!
 //! ```text
-//! pixel = (½ + ½ cos θ) · colour + 2 grey levels of noise        θ between the surface and the ray: a lamp beside the lens
-//! image ──► corners, described ──► points on the object, by the depth image of the same frame      dvrk_io::features
+//! pixel = (½ + ½ cos θ) · colour + 2 grey levels of noise        θ between the normal and the ray: a lamp beside the lens
+//! image ──► corners with descriptors ──► points on the object, by the depth image of the same frame      dvrk_io::features
 //! ```
-//! It has k × k pixels for each of the depth image, as colour cameras are finer than depth cameras.
+//! It has k × k pixels for each pixel of the depth image, as colour cameras have a higher resolution than depth cameras.
 
 use dvrk_io::depth::{Capsule, Intrinsics, Scan};
 use dvrk_io::features::{Feature, FeatureOptions, GreyImage, Surface, detect, lift};
@@ -16,13 +16,13 @@ use super::options::CameraOptions;
 
 /// Standard deviation of the noise of a pixel, grey levels.
 const NOISE: f64 = 2.0;
-/// Apart from the noise of the depth of the same frame.
+/// A random stream separate from the depth noise of the same frame.
 const OWN_STREAM: u64 = 1 << 63;
-/// Grey levels of what is not the object.
+/// Grey levels of everything but the object.
 const ARM: f64 = 190.0;
 const ELSEWHERE: f64 = 128.0;
 
-/// A colour camera that looks along the rays of a depth camera.
+/// A colour camera with the pose and field of view of a depth camera.
 pub(super) struct ColourCamera {
     pub camera: DepthCamera,
     pixels: usize,
@@ -32,7 +32,7 @@ pub(super) struct ColourCamera {
 }
 
 impl ColourCamera {
-    /// One with `scale` × `scale` pixels for each of the depth camera.
+    /// A camera with `scale` × `scale` pixels for each pixel of the depth camera.
     pub fn new(depth: &CameraOptions, scale: usize) -> Result<Self, dvrk_io::Error> {
         let size = [depth.width * scale, depth.height * scale];
         let finer = CameraOptions {
@@ -51,8 +51,8 @@ impl ColourCamera {
         })
     }
 
-    /// The features of what was drawn; `colour` gives the colour of the object at a pixel, `of_object` says which pixels of the depth image
-    /// are taken for the object's.
+    /// The features in the rendered image; `colour` gives the colour of the object at a pixel, `of_object` the pixels of the depth image that belong
+    /// to the object.
     pub fn features(
         &self,
         scan: &Scan,

@@ -1,10 +1,10 @@
-//! The simulated world in the hands of others: each step of the physics is told where the tips are.
+//! The simulated world driven by an external program: each step of the physics is given the poses of the tips.
 //!
 //! ```text
 //! Cell        move_arm, observe:    the cell moves the tips; time passes from frame to frame
-//! here        drive, depth_image:   who drives moves the tips; time passes from step to step, as they say
+//! here        drive, depth_image:   the caller moves the tips; time passes one step at each call
 //! ```
-//! This is how the cell is served to clients of a robot. What is done so is not in the [`Journal`](super::Journal).
+//! This is how the cell is served to clients of a robot. These steps are not recorded in the [`Journal`](super::Journal).
 
 use dvrk_io::depth::{DepthImage, Intrinsics};
 use dvrk_io::kinematics::Kinematics;
@@ -15,13 +15,13 @@ use super::arms::{kinematics, remote_centres, waiting};
 use super::gripper::Gripper;
 use crate::cell::{Cell, CellError};
 
-/// Where a simulated PSM stands, and how it waits.
+/// The base of a simulated PSM, and its waiting position.
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct PsmStand {
     /// Its name.
     pub name: String,
-    /// Where its remote centre is in the camera frame.
+    /// Pose of the frame of its remote centre in the camera frame.
     pub camera_from_rcm: Isometry3<f64>,
     /// Its lengths and joint limits.
     pub kinematics: Kinematics,
@@ -30,7 +30,7 @@ pub struct PsmStand {
 }
 
 impl SimCell {
-    /// Where the arms stand; none for arms without joints ([`ArmModel::Free`](super::ArmModel::Free)).
+    /// The simulated PSMs; none for arms without joints ([`ArmModel::Free`](super::ArmModel::Free)).
     pub fn psms(&self) -> Vec<PsmStand> {
         let stands = remote_centres(&self.options, &self.camera_from_world);
         let arms = stands.into_iter().zip(&self.info.arms);
@@ -43,15 +43,15 @@ impl SimCell {
         .collect()
     }
 
-    /// Time that passes in a [`drive`](Self::drive), seconds.
+    /// Duration of a step of [`drive`](Self::drive), seconds.
     pub fn step_seconds(&self) -> f64 {
         self.step
     }
 
-    /// Lets one step pass, with the tips at `camera_from_tip`, one an arm. Held nodes go with their tips.
+    /// Advances one step, with the tips at `camera_from_tip`, one for each arm. Held nodes move with their tips.
     ///
     /// # Errors
-    /// The physics breaks.
+    /// The physics fails.
     pub fn drive(&mut self, camera_from_tip: &[Isometry3<f64>]) -> Result<(), CellError> {
         for (gripper, pose) in self.grippers.iter_mut().zip(camera_from_tip) {
             gripper.place(*pose);
@@ -69,20 +69,20 @@ impl SimCell {
         gripper.is_some_and(|state| state.holding)
     }
 
-    /// What the depth camera sees now, table and arms included.
+    /// The depth image at present, table and arms included.
     ///
     /// # Errors
-    /// None: the image has the size of the camera.
+    /// None in practice: the image has the size of the camera.
     pub fn depth_image(&mut self) -> Result<DepthImage, CellError> {
         self.frame += 1;
         let view = self.view(0.0);
         self.sight.image(&view, self.frame)
     }
 
-    /// The depth camera.
+    /// Parameters of the depth camera.
     ///
     /// # Errors
-    /// None: the options were checked when the cell was built.
+    /// None in practice: the options were checked when the cell was built.
     pub fn intrinsics(&self) -> Result<Intrinsics, CellError> {
         let camera = &self.options.camera;
         let centre = [camera.width, camera.height].map(|n| 0.5 * n as f64 - 0.5);
@@ -90,7 +90,7 @@ impl SimCell {
             .map_err(|error| CellError::Failed(error.to_string()))
     }
 
-    /// Frames a second.
+    /// Frames each second.
     pub fn frame_rate(&self) -> f64 {
         self.info().camera_rate
     }

@@ -1,9 +1,9 @@
 //! A fine surface carried by coarse tetrahedra.
 //!
-//! Every surface vertex is written as `x = Σ wₖ Xₖ`, `Σ wₖ = 1`, over the nodes of one tetrahedron, and follows them with
-//! the same weights. Inside its tetrahedron all weights are in `[0, 1]`; a vertex a little outside all of them (the
-//! tetrahedra follow a curved surface with flat faces) takes the one whose smallest weight is largest: that is how much a
-//! deformation of the tetrahedron is exaggerated, so a large one a little farther off beats a splinter next to the vertex.
+//! Every surface vertex is written as `x = Σ wₖ Xₖ`, `Σ wₖ = 1`, over the nodes of one tetrahedron, and moves with them by the
+//! same weights. Inside its tetrahedron all weights are in `[0, 1]`. A vertex slightly outside all of them (flat faces cut off a
+//! curved surface) uses the tetrahedron whose smallest weight is largest: negative weights amplify the deformation of a tetrahedron,
+//! so a large one a little farther away is better than a sliver next to the vertex.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
@@ -27,7 +27,7 @@ impl Embedding {
             .iter()
             .map(|p| {
                 let near = bins.at(p);
-                // A vertex far from all tetrahedra is still bound, so that the gap it reports is a true one.
+                // A vertex far from all tetrahedra is bound too, so that the reported gap is right.
                 let all: Vec<usize>;
                 let candidates = if near.is_empty() {
                     all = (0..frames.len()).collect();
@@ -46,7 +46,7 @@ impl Embedding {
         Self { carriers, gap }
     }
 
-    /// Positions of the vertices for the given node positions.
+    /// Positions of the vertices for these node positions.
     pub fn place(&self, nodes: &[Point3<f64>]) -> Vec<Point3<f64>> {
         self.carriers
             .iter()
@@ -94,14 +94,14 @@ impl Frame {
         [1.0 - w.sum(), w.x, w.y, w.z]
     }
 
-    /// How far `p` lies beyond the face it is farthest beyond, metres; 0 inside.
+    /// Distance of `p` beyond its farthest face plane, metres; 0 inside.
     fn outside(&self, p: &Point3<f64>) -> f64 {
         let w = self.weights(p);
         (0..4).map(|k| -w[k] * self.heights[k]).fold(0.0, f64::max)
     }
 }
 
-/// Tetrahedra by cubes of a grid: a vertex looks at those whose box, grown by half a cell, covers its cube.
+/// Tetrahedra by cubes of a grid: a vertex tests those whose bounding box, grown by half a cell, covers its cube.
 struct Bins {
     origin: Point3<f64>,
     cell: f64,

@@ -1,17 +1,17 @@
-//! What can be wrong with a simulated cell before it starts.
+//! Errors in the set-up of a simulated cell.
 
 use nalgebra::Point3;
 
 use crate::mesh::{self, three_digits};
 
-/// Why a simulated cell could not be made.
+/// Why a simulated cell could not be created.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SimError {
     /// The mesh has no triangles.
     #[error("the mesh has no triangles")]
     EmptyMesh,
-    /// The mesh is larger than the simulation can carry.
+    /// The mesh is too large to simulate.
     #[error("the mesh has {count} triangles: at most {max} can be simulated, simplify it first")]
     TooManyTriangles {
         /// Number of triangles.
@@ -19,7 +19,7 @@ pub enum SimError {
         /// Largest number accepted.
         max: usize,
     },
-    /// A vertex is not a point.
+    /// A vertex is not finite.
     #[error("vertex {index} is not finite: {point}")]
     NonFiniteVertex {
         /// Index of the vertex.
@@ -27,17 +27,17 @@ pub enum SimError {
         /// Its coordinates.
         point: Point3<f64>,
     },
-    /// A triangle names a vertex that is not there.
+    /// A triangle refers to a vertex that does not exist.
     #[error("triangle {triangle} uses vertex {vertex}, but there are only {count}")]
     NoSuchVertex {
         /// Index of the triangle.
         triangle: usize,
-        /// Index it uses.
+        /// The index.
         vertex: usize,
         /// Number of vertices.
         count: usize,
     },
-    /// The surface has a rim, or more than two triangles meet in an edge.
+    /// The surface has a boundary, or more than two triangles meet in an edge.
     #[error("the mesh is not closed: edge {a}-{b} belongs to {triangles} triangle(s) instead of 2")]
     NotClosed {
         /// First vertex of the edge.
@@ -47,9 +47,9 @@ pub enum SimError {
         /// Number of triangles at the edge.
         triangles: usize,
     },
-    /// Neighbouring triangles turn against each other.
+    /// Neighbouring triangles have opposite orientations.
     #[error(
-        "the mesh is not oriented: triangle {triangle} and its neighbour across edge {a}-{b} turn against each other"
+        "the mesh is not oriented: triangle {triangle} and its neighbour across edge {a}-{b} have opposite orientations"
     )]
     NotOriented {
         /// First vertex of the edge.
@@ -59,25 +59,25 @@ pub enum SimError {
         /// Index of one of the two triangles.
         triangle: usize,
     },
-    /// The mesh falls into several surfaces.
+    /// The mesh consists of several connected surfaces.
     #[error(
-        "the mesh consists of {pieces} pieces: one object at a time; choose one with --body (1 is the largest)"
+        "the mesh consists of {pieces} pieces, but only one can be simulated: choose one with --body (1 is the largest)"
     )]
     SeveralPieces {
         /// Number of pieces.
         pieces: usize,
     },
-    /// The size is not one an object on the table can have.
+    /// The size is not plausible for an object on the table.
     #[error(
-        "{} m across, outside 0.02 m to 1 m: are the coordinates in metres? Else give --units mm or --units cm, or the size with --size", three_digits(*diagonal)
+        "{} m across, outside 0.02 m to 1 m: if the coordinates are not in metres, give --units mm or --units cm, or the size with --size", three_digits(*diagonal)
     )]
     NotInMetres {
         /// Diagonal as read, in metres.
         diagonal: f64,
     },
-    /// The surface is thinner than the tetrahedra that fit the budget.
+    /// The surface is too thin for the allowed number of tetrahedra.
     #[error(
-        "{tetrahedra} tetrahedra of {} m are too coarse: the surface lies {} m away from them; allow more", three_digits(*cell), three_digits(*gap)
+        "{tetrahedra} tetrahedra of {} m are too coarse: parts of the surface are {} m away from them; allow more tetrahedra", three_digits(*cell), three_digits(*gap)
     )]
     TooCoarse {
         /// Number of tetrahedra.
@@ -93,22 +93,22 @@ pub enum SimError {
     /// There is no built-in scene of that name.
     #[error("there is no scene {name:?}: choose one of {known}")]
     NoSuchScene {
-        /// Name asked for.
+        /// The requested name.
         name: String,
-        /// Names there are.
+        /// The available names.
         known: String,
     },
-    /// An option is outside its range.
+    /// An option is out of range.
     #[error("option {option} is {value}, outside {range}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
         /// Value given.
         value: f64,
-        /// What it may be.
+        /// The allowed range.
         range: &'static str,
     },
-    /// The object cannot be looked for in the images of this camera.
+    /// The object cannot be found in the images of this camera.
     #[error("camera: {0}")]
     Camera(String),
     /// The physics engine failed.

@@ -1,23 +1,23 @@
-//! A filled glove of which two fingers touch.
+//! A filled glove with two fingers that touch.
 //!
-//! It is modelled twice. **Spread**, all fingers are so far apart that tetrahedra of a usual size tell them apart; **at rest**, each finger is
-//! bent in the plane of the palm. Only the bend knows about the contact: the two surfaces meet there and are not joined, so the fingers can be
-//! parted without tearing anything.
+//! It is modelled twice. **Spread**, all fingers are far enough apart for tetrahedra of the usual size to separate them; **at rest**, each finger is
+//! bent in the plane of the palm. The contact exists only in the bent shape: the two surfaces meet there without being joined, so the fingers can be
+//! separated without tearing.
 //!
 //! ```text
 //! finger, spread      straight axis  b + s·d(φ₀),                          d(φ) = (−sin φ, cos φ)
 //! finger, at rest     c(s) = b + ∫₀ˢ d(φ(σ)) dσ,                           φ(σ) = φ₀ + (φ₁ − φ₀) · step((σ − 12 mm)/25 mm)
 //! the bend            b + s·d + t·d⊥ + z·e_z   ↦   c(s) + t·d⊥(φ(s)) + z·e_z
-//! contact             φ₁ of the first finger by bisection: its axis comes within two radii and the clearance of the second one
+//! contact             φ₁ of the first finger by bisection, so that the distance of its axis from the second one is two radii and the clearance
 //! ```
-//! Up to 12 mm from its base, in the palm and between the fingers, the bend is the identity; beyond, every point follows the finger it is
-//! nearest to.
+//! Up to 12 mm from its base, in the palm and between the fingers, the bend is the identity; beyond, every point moves with its
+//! nearest finger.
 
 use nalgebra::{Point3, Vector2};
 
 use super::implicit::{Implicit, round_slab, smooth_min, smooth_step};
 
-/// A finger: where its axis begins, how long it is, how thick, and its angle from +y toward −x, spread and at rest.
+/// A finger: base, length and radius of its axis, and its angle from +y toward −x, spread and at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Finger {
     base: Vector2<f64>,
@@ -27,13 +27,13 @@ struct Finger {
     rest: f64,
 }
 
-/// Height of the axes of the fingers over the middle of the palm, metres: they and the palm rest on the table.
+/// Height of the finger axes over the centre plane of the palm, metres, so that fingers and palm both rest on the table.
 const AXES: f64 = -0.003;
-/// Where the bend of a finger begins and over what length it happens, metres.
+/// Where the bend of a finger begins, and its length, metres.
 const BEND: (f64, f64) = (0.012, 0.025);
-/// What is left between the two fingers that touch, metres.
+/// Gap between the two fingers that touch, metres.
 const CLEARANCE: f64 = 0.0004;
-/// How smoothly fingers grow from the palm, metres; between each other they are sharp.
+/// Radius over which fingers blend into the palm, metres; they do not blend into each other.
 const ROOT: f64 = 0.008;
 /// Steps of the integral along an axis.
 const STEPS: usize = 24;
@@ -87,7 +87,7 @@ impl Glove {
         apart
     }
 
-    /// Where a point of the spread glove lies at rest.
+    /// Position at rest of a point of the spread glove.
     pub fn at_rest(&self, p: &Point3<f64>) -> Point3<f64> {
         let q = p.xy().coords;
         let nearest = self
@@ -149,7 +149,7 @@ impl Finger {
         self.axis(s) + Vector2::new(-way.y, way.x) * t
     }
 
-    /// Least distance of the axes of two fingers at rest, beyond the crotch between them.
+    /// Least distance between the axes of two fingers at rest, beyond the web between them.
     fn distance(&self, other: &Self) -> f64 {
         let points = |finger: &Self| -> Vec<Vector2<f64>> {
             let from = BEND.0 + BEND.1;
@@ -168,7 +168,7 @@ impl Finger {
 
 impl Implicit for Glove {
     fn value(&self, p: &Point3<f64>) -> f64 {
-        // The palm with its cuff: a rounded square with a thickness.
+        // The palm with its cuff: a rounded square plate.
         let beyond = (p.xy().coords - Vector2::new(0.0, -0.012)).abs() - Vector2::new(0.026, 0.038);
         let outline = beyond.sup(&Vector2::zeros()).norm() + beyond.max().min(0.0) - 0.020;
         let palm = round_slab(outline, p.z, 0.013, 0.012);
@@ -185,7 +185,7 @@ impl Implicit for Glove {
     }
 
     fn thickness(&self) -> f64 {
-        // Of a finger: the crotches between them need cubes of some 4 mm.
+        // The thickness of a finger: the webs between them need cubes of about 4 mm.
         0.009
     }
 }

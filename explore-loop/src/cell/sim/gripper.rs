@@ -1,7 +1,7 @@
 //! An arm: a tip that moves along straight lines, and a jaw that holds nodes of the soft body.
 //!
 //! A commanded motion from pose `(p₀, q₀)` to `(p₁, q₁)` at speed `v` takes `T = max(‖p₁ − p₀‖, ℓ θ)/v`, where `θ` is the angle
-//! between the orientations and `ℓ` the reach of the fingers: a pure turn is then no faster at the finger ends than a straight
+//! between the orientations and `ℓ` the reach of the fingers: a pure rotation is then no faster at the fingertips than a straight
 //! motion. In between, `p = p₀ + s (p₁ − p₀)` and `q = slerp(q₀, q₁, s)` with `s = t/T`.
 
 use nalgebra::{Isometry3, Point3};
@@ -10,17 +10,17 @@ use super::body::Body;
 use super::options::JawOptions;
 use crate::cell::{ArmInfo, ArmState};
 
-/// Distance from the tip at which a turn counts as motion, metres.
+/// Distance from the tip at which rotation counts as motion, metres.
 const FINGER: f64 = 0.02;
 
-/// Half the angle between open jaws times two, radians: what the jaw reports when open.
+/// The angle that an open jaw reports, radians.
 const OPEN_ANGLE: f64 = 0.8;
 
-/// A closed jaw holds at most this many nodes and, if there are as many, at least the other number: three points fix an
+/// Least (if there are as many) and largest number of nodes that a closed jaw holds: three points fix an
 /// orientation, a fourth makes the grip firm in all directions.
 const HELD: (usize, usize) = (4, 10);
 
-/// A node that carries at least this share of what the heaviest node in the jaw carries is held too.
+/// Nodes that carry at least this share of the surface in the jaw, relative to the heaviest one, are held too.
 const SHARE: f64 = 0.2;
 
 pub(super) struct Gripper {
@@ -28,7 +28,7 @@ pub(super) struct Gripper {
     pose: Isometry3<f64>,
     motion: Option<Motion>,
     open: bool,
-    /// Held nodes with their places in the tip frame.
+    /// Held nodes with their positions in the tip frame.
     held: Vec<(usize, Point3<f64>)>,
 }
 
@@ -67,7 +67,7 @@ impl Gripper {
         }
     }
 
-    /// How far each finger is off the middle, metres.
+    /// Distance of each finger from the centre plane, metres.
     pub fn finger_opening(&self, jaw: &JawOptions) -> f64 {
         if self.open { jaw.half_opening } else { 0.003 }
     }
@@ -84,7 +84,7 @@ impl Gripper {
         });
     }
 
-    /// Puts the tip to a pose, at once.
+    /// Moves the tip to a pose at once.
     pub fn place(&mut self, pose: Isometry3<f64>) {
         self.pose = pose;
         self.motion = None;
@@ -94,13 +94,13 @@ impl Gripper {
         self.motion = None;
     }
 
-    /// Lets `dt` pass.
+    /// Advances time by `dt`.
     pub fn advance(&mut self, dt: f64) {
         let Some(motion) = &mut self.motion else {
             return;
         };
         motion.elapsed += dt;
-        // Within a millionth of a step of the end is the end: sums of steps do not meet it exactly.
+        // The motion ends within a millionth of a step of its duration: sums of steps do not meet it exactly.
         if motion.elapsed >= motion.duration - 1e-6 * dt {
             self.pose = motion.to;
             self.motion = None;
@@ -109,7 +109,7 @@ impl Gripper {
         }
     }
 
-    /// Where the held nodes must be now, in the camera frame.
+    /// The required positions of the held nodes, in the camera frame.
     pub fn targets(&self) -> impl Iterator<Item = (usize, Point3<f64>)> + '_ {
         self.held
             .iter()
@@ -120,7 +120,7 @@ impl Gripper {
         self.held.iter().any(|&(n, _)| n == node)
     }
 
-    /// Takes hold of the nodes that carry the surface between the jaws; says whether there were any.
+    /// Holds the nodes that carry the surface between the jaws; returns whether there were any.
     ///
     /// `surface` and `camera_from_node` are in the camera frame; `taken` tells which nodes other jaws hold.
     pub fn close(
@@ -162,20 +162,20 @@ impl Gripper {
         true
     }
 
-    /// Opens the jaw and returns the nodes let go.
+    /// Opens the jaw and returns the released nodes.
     pub fn open(&mut self) -> Vec<usize> {
         self.open = true;
         self.lose()
     }
 
-    /// What the jaw held has slipped out of it: returns those nodes.
+    /// Releases the nodes after a slip, and returns them; the jaw stays closed.
     pub fn lose(&mut self) -> Vec<usize> {
         self.held.drain(..).map(|(node, _)| node).collect()
     }
 }
 
 pub(super) fn between(from: &Isometry3<f64>, to: &Isometry3<f64>, s: f64) -> Isometry3<f64> {
-    // Opposite orientations have no shortest way; either start or end is as good.
+    // Opposite orientations have no unique shortest rotation; either end is as good.
     from.try_lerp_slerp(to, s, 1e-9)
         .unwrap_or(if s < 0.5 { *from } else { *to })
 }

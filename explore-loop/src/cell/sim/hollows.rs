@@ -1,9 +1,9 @@
-//! Bodies with folds and hollows: a colon, a beanie; and a ring, which is not a ball.
+//! Bodies with folds and hollows: a colon, a beanie; and a ring, which has genus 1.
 //!
 //! | body | equation |
 //! |---|---|
 //! | [`Colon`] | distance to an arc of 120° less `r(s) = r₀ (1 − 0.22 · ((1 + cos 2πs/λ)/2)⁴)`, `s` along the arc: a fold every λ = 26 mm |
-//! | [`Beanie`] | distance to a profile turned about z, a cylinder that goes over into a half ball, less `t(z)/2`: the wall, 16 mm of wool and lining, with a folded brim of 19 mm |
+//! | [`Beanie`] | distance to a surface of revolution about z, a cylinder joined to a half ball, less `t(z)/2`: the wall, 16 mm of wool and lining, with a folded brim of 19 mm |
 //! | [`Torus`] | `‖(‖(x, y)‖ − R, z)‖ − r` |
 
 use nalgebra::Point3;
@@ -18,9 +18,9 @@ pub(super) struct Colon {
 
 impl Colon {
     const HALF_ANGLE: f64 = std::f64::consts::FRAC_PI_3;
-    /// Radius of the tube between two folds over that of the bend.
+    /// Radius of the tube between two folds, in radii of the bend.
     const SLENDER: f64 = 0.020 / 0.09;
-    /// Depth of a fold, in radii, and how far apart folds are, in radii of the bend.
+    /// Depth of a fold, in radii of the tube, and distance between folds, in radii of the bend.
     const FOLD: (f64, f64) = (0.22, 0.026 / 0.09);
 
     /// The colon whose ends are `size` apart, outside to outside.
@@ -39,7 +39,7 @@ impl Implicit for Colon {
         let angle = y.atan2(x).min(Self::HALF_ANGLE);
         let (s, c) = angle.sin_cos();
         let across = (x - self.bend * c).hypot(y - self.bend * s).hypot(p.z);
-        // The ends lie between two folds: half of the 26 mm beyond the outermost.
+        // Each end lies between two folds, half of the 26 mm beyond the outermost.
         let (depth, apart) = Self::FOLD;
         let wave = (std::f64::consts::TAU * (Self::HALF_ANGLE - angle) / apart - 2.2).cos();
         let fold = (0.5 * (1.0 + wave)).powi(4) * smooth_step((Self::HALF_ANGLE - angle) / 0.05);
@@ -56,9 +56,9 @@ impl Implicit for Colon {
     }
 }
 
-/// A thick cap on its brim, hollow below: the inner side of the wall is its lining.
+/// A thick cap standing on its brim, hollow below; the inner side of the wall is its lining.
 pub(super) struct Beanie {
-    /// Radius of the middle of the wall, metres.
+    /// Radius of the centre of the wall, metres.
     radius: f64,
 }
 
@@ -66,7 +66,7 @@ impl Beanie {
     const WALL: f64 = 0.016;
     /// Height of the cylinder below the half ball, in radii.
     const DEEP: f64 = 0.5;
-    /// How much thicker the folded brim is, and up to what height above the rim, metres; over the same height again it thins out.
+    /// Additional thickness of the folded brim, and its height above the rim, metres; over the same height again it tapers off.
     const BRIM: (f64, f64) = (0.003, 0.018);
 
     /// The beanie that measures `size` across its brim.
@@ -79,7 +79,7 @@ impl Beanie {
 
 impl Implicit for Beanie {
     fn value(&self, p: &Point3<f64>) -> f64 {
-        // z = 0 where the cylinder goes over into the half ball.
+        // z = 0 where the cylinder joins the half ball.
         let rim = -Self::DEEP * self.radius;
         let brim = Self::BRIM.0 * (1.0 - smooth_step((p.z - rim) / Self::BRIM.1 - 1.0));
         // The fold lies on the outside.

@@ -1,12 +1,12 @@
-//! Solids as functions: `f < 0` inside, `f = 0` on the surface, `f` roughly a distance in metres near it.
+//! Solids as functions: `f < 0` inside, `f = 0` on the surface, `f` approximately a signed distance in metres near it.
 //!
 //! ```text
 //! smooth union    f ∪ₖ g = min(f, g) − h²/(4k),  h = max(k − |f − g|, 0)
 //! smooth cut      f ∖ₖ g = −((−f) ∪ₖ g)
 //! round slab      f = max(x, y)⁻ + ‖(x⁺, y⁺)‖ − ρ,  x = outline + ρ,  y = |z| − (half thickness − ρ)
 //! ```
-//! The round slab is a plane outline given a thickness, with its rim rounded at radius `ρ`: thin lobes then never
-//! end in a knife edge that no tetrahedron could carry.
+//! The round slab is a planar outline with a thickness and a rim rounded at radius `ρ`, so that thin lobes do not
+//! end in an edge too sharp for tetrahedra.
 
 use nalgebra::{Point3, Vector2};
 
@@ -16,7 +16,7 @@ pub(super) trait Implicit {
     fn value(&self, p: &Point3<f64>) -> f64;
     /// Corners of a box that contains the solid.
     fn bounds(&self) -> (Point3<f64>, Point3<f64>);
-    /// The least thickness, metres: two sheets nearer than a few edges of a mesh need a finer mesh.
+    /// The least thickness, metres: sheets closer than a few edge lengths need a finer mesh.
     fn thickness(&self) -> f64 {
         f64::INFINITY
     }
@@ -49,7 +49,7 @@ impl Implicit for Ellipsoid {
     }
 }
 
-/// A liver in the large: thick right lobe (−x), thin left lobe (+x), a notch in the front rim between them.
+/// A simplified liver: thick right lobe (−x), thin left lobe (+x), a notch in the front rim between them.
 pub(super) struct Liver;
 
 /// Radius of the rim of both lobes, metres.
@@ -73,11 +73,11 @@ impl Liver {
 impl Implicit for Liver {
     fn value(&self, p: &Point3<f64>) -> f64 {
         let outline = Self::outline(p.xy().coords);
-        // Thickness falls from the right lobe to the left, and from the middle to the rim.
+        // The thickness falls from the right lobe to the left, and from the centre to the rim.
         let right = smooth_step((0.05 - p.x) / 0.10);
         let inward = (-outline / 0.055).clamp(0.0, 1.0);
         let crown = (0.006 + 0.0135 * right) * inward * (2.0 - inward);
-        // The dome rises more above the rim than the hollow side hangs below it.
+        // The upper side bulges more than the lower side.
         let side = if p.z > 0.0 { 1.35 } else { 0.65 };
         round_slab(outline, p.z, RIM + side * crown, RIM)
     }
@@ -90,13 +90,13 @@ impl Implicit for Liver {
     }
 }
 
-/// A plane outline, given by its signed distance, with a thickness and a rim rounded at radius `rim`.
+/// A planar outline, given by its signed distance, with a thickness and a rim rounded at radius `rim`.
 pub(super) fn round_slab(outline: f64, z: f64, half_thickness: f64, rim: f64) -> f64 {
     let (x, y) = (outline + rim, z.abs() - (half_thickness - rim));
     x.max(y).min(0.0) + Vector2::new(x.max(0.0), y.max(0.0)).norm() - rim
 }
 
-/// The union of two solids, its crease filled where their values differ by less than `k`.
+/// The smooth union of two solids: the crease is filled where their values differ by less than `k`.
 pub(super) fn smooth_min(f: f64, g: f64, k: f64) -> f64 {
     let h = (k - (f - g).abs()).max(0.0);
     f.min(g) - h * h / (4.0 * k)

@@ -1,7 +1,7 @@
-//! What a simulated cell was told to do, from which it can be brought to the same state again.
+//! The commands that a simulated cell received, by which its state can be reproduced.
 //!
-//! The engine does not promise that a world read from a file goes on to the same bits as one that was not written; the same commands from the start
-//! do, and take a fraction of the time that following the object takes.
+//! The physics engine does not guarantee that a world restored from a file continues with the same bits as the original. Repeating the commands from
+//! the start does, and takes a fraction of the time of the reconstruction.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// One call of a method of [`Cell`](crate::cell::Cell).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub enum Command {
-    /// A frame was waited for.
+    /// A frame was observed.
     Observe,
     /// An arm was sent to a pose (camera frame) at a speed, m/s.
     Move(usize, Isometry3<f64>, f64),

@@ -8,8 +8,8 @@
 //! 2. a lattice point with a cut point close by moves onto it (`φ = 0`): without that, slivers would be cut off;
 //! 3. of every tetrahedron the part with `φ ≥ 0` is kept: a tetrahedron, a pyramid or a prism, halved into tetrahedra.
 //!
-//! Where the paper chooses the diagonals of the pyramids and prisms by parity we take, on every quadrilateral, the one that
-//! starts at the smallest index (Dompierre et al. 1999): neighbours then always agree, at the price of a looser bound on
+//! Where that paper chooses the diagonals of pyramids and prisms by parity, this code takes on every quadrilateral the diagonal
+//! from the smallest index (Dompierre et al. 1999): neighbours then always agree, at the price of a looser bound on
 //! the angles.
 
 use std::collections::{BTreeMap, HashMap};
@@ -18,8 +18,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::mesh::root;
 
-/// How near (in edge lengths) a cut point may come before the lattice point moves onto it: the paper's values
-/// for its bound on the dihedral angles (10.7°), for the edges along the axes and along the diagonals.
+/// Distance of a cut point, in edge lengths, below which the lattice point moves onto it: the paper's values
+/// for its bound on the dihedral angles (10.7°), for edges along the axes and along the diagonals.
 const WARP_LONG: f64 = 0.249_99;
 const WARP_SHORT: f64 = 0.411_89;
 
@@ -51,7 +51,7 @@ pub(super) fn signed_volume([a, b, c, d]: [Point3<f64>; 4]) -> f64 {
     (b - a).dot(&(c - a).cross(&(d - a))) / 6.0
 }
 
-/// Fills `depth > 0` inside the box `bounds` with a lattice of cubes of side `cell`; only the largest connected piece is kept.
+/// Fills `depth > 0` inside the box `bounds` with a lattice of cubes of side `cell`; only the largest connected component is kept.
 pub(super) fn fill(
     depth: &dyn Fn(&Point3<f64>) -> f64,
     bounds: (Point3<f64>, Point3<f64>),
@@ -83,7 +83,7 @@ struct Lattice {
 
 impl Lattice {
     fn new((low, high): (Point3<f64>, Point3<f64>), cell: f64) -> Self {
-        // One cube of margin and the box centred in the lattice, so that a symmetric solid gets symmetric tetrahedra.
+        // A margin of one cube, and the box centred in the lattice, so that a symmetric solid gets symmetric tetrahedra.
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / cell).ceil() as usize + 3);
         let centre = nalgebra::center(&low, &high);
         let origin = centre - Vector3::from(size.map(|n| 0.5 * (n - 1) as f64)) * cell;
@@ -183,7 +183,7 @@ impl Stuffing {
         }
     }
 
-    /// Moves lattice points onto cut points that are too near; cut points of edges that are no longer cut go.
+    /// Moves lattice points onto cut points that are too near, and removes the cut points of edges that are no longer cut.
     fn warp(&mut self, lattice: &Lattice) {
         let mut around: HashMap<usize, Vec<(Edge, f64)>> = HashMap::new();
         for (key, long) in lattice
@@ -279,7 +279,7 @@ impl Stuffing {
     }
 }
 
-/// Where the surface crosses the segment; bisection needs the side only, which is exact where a distance is not.
+/// Where the surface crosses the segment. Bisection needs only the sign, which is reliable where a distance is not.
 fn crossing(
     a: Point3<f64>,
     b: Point3<f64>,
@@ -308,8 +308,8 @@ fn pyramid(base: [usize; 4], apex: usize) -> [[usize; 4]; 2] {
 
 /// Three tetrahedra of the prism with ends `bottom` and `top` (`bottom[k]` below `top[k]`).
 fn prism(bottom: [usize; 3], top: [usize; 3]) -> [[usize; 4]; 3] {
-    // From the corner of smallest index both quadrilaterals there are cut through it; what it does not touch is a
-    // tetrahedron over the far end and a pyramid over the far quadrilateral.
+    // From the corner of smallest index both adjacent quadrilaterals are cut; the rest is a tetrahedron over the far end and a
+    // pyramid over the far quadrilateral.
     let all = [bottom[0], bottom[1], bottom[2], top[0], top[1], top[2]];
     let smallest = (0..6).min_by_key(|&k| all[k]).unwrap_or(0);
     let (near, far) = if smallest < 3 {
@@ -323,7 +323,7 @@ fn prism(bottom: [usize; 3], top: [usize; 3]) -> [[usize; 4]; 3] {
     [[near[k], far[0], far[1], far[2]], first, second]
 }
 
-/// Keeps the nodes and tetrahedra of the piece with the largest number of tetrahedra.
+/// Keeps the nodes and tetrahedra of the largest connected component.
 fn largest_piece(mesh: &TetMesh) -> TetMesh {
     let mut parent: Vec<usize> = (0..mesh.nodes.len()).collect();
     for t in &mesh.tets {

@@ -1,4 +1,4 @@
-//! What of an arm is behind its fingers: one straight shaft, or a wrist and a shaft through the remote centre.
+//! The links of an arm behind its fingers: one straight shaft, or a wrist and a shaft through the remote centre.
 //!
 //! ```text
 //! free   fingers ─── shaft, straight behind the tip
@@ -14,19 +14,19 @@ use super::arms::kinematics;
 const FINGERS: f64 = 0.012;
 /// Length of a straight shaft, from the tip, metres.
 const LENGTH: f64 = 0.25;
-/// How far a shaft goes on behind its remote centre, metres.
+/// How far a shaft extends behind its remote centre, metres.
 const BEHIND: f64 = 0.1;
 
-/// A chain of points, camera frame, to the fingers.
+/// A chain of points, camera frame, ending at the fingers.
 #[derive(Debug, Clone)]
 pub(super) struct Links {
     pub points: Vec<Point3<f64>>,
-    /// Whether they are one shaft straight behind the tip.
+    /// Whether the chain is one shaft straight behind the tip.
     pub straight: bool,
 }
 
 impl Links {
-    /// Of a shaft straight behind the tip.
+    /// A straight shaft behind the tip.
     pub fn straight(camera_from_tip: &Isometry3<f64>) -> Self {
         let at = |z: f64| camera_from_tip * Point3::new(0.0, 0.0, -z);
         Self {
@@ -35,7 +35,7 @@ impl Links {
         }
     }
 
-    /// Of a shaft through a remote centre.
+    /// A wrist, and a shaft through a remote centre.
     pub fn through(camera_from_tip: &Isometry3<f64>, centre: &Point3<f64>) -> Self {
         let at = |z: f64| camera_from_tip * Point3::new(0.0, 0.0, -z);
         let instrument = kinematics().instrument();

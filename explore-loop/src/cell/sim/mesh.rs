@@ -1,7 +1,7 @@
 //! Triangle meshes that bound a solid.
 //!
-//! A mesh bounds a solid when every directed edge `(a, b)` occurs once and its twin `(b, a)` occurs once:
-//! then the surface has no rim, and all triangles turn the same way. Its signed volume is
+//! A mesh bounds a solid when every directed edge `(a, b)` and its reverse `(b, a)` occur exactly once: then the surface has no
+//! boundary, and all triangles have the same orientation. Its signed volume is
 //! `V = ⅙ Σ a·(b×c)`, positive when the triangles are seen counter-clockwise from outside.
 
 use std::collections::HashMap;
@@ -37,11 +37,11 @@ impl From<Mesh> for TriangleMesh {
 }
 
 impl TriangleMesh {
-    /// The solid a mesh bounds: checked, and turned inside out if it was the other way round.
+    /// The solid that a mesh bounds: checked, and with its triangles reversed if they faced inward.
     ///
     /// # Errors
-    /// Empty or too large a mesh, an index out of range, a vertex that is not finite, a rim, triangles that
-    /// turn against each other, several pieces, or a size that cannot be metres.
+    /// A mesh that is empty or too large, an index out of range, a vertex that is not finite, a boundary, triangles of opposite
+    /// orientations, several pieces, or a size that cannot be in metres.
     pub fn into_solid(mut self) -> Result<Self, SimError> {
         self.check_indices()?;
         self.check_closed()?;
@@ -56,10 +56,10 @@ impl TriangleMesh {
         Ok(self)
     }
 
-    /// Whether every edge has exactly its twin.
+    /// Whether every directed edge has exactly one reverse.
     ///
     /// # Errors
-    /// The first edge, in the order of the triangles, that has not.
+    /// The first edge without one, in the order of the triangles.
     pub fn check_closed(&self) -> Result<(), SimError> {
         let mut directed: HashMap<(usize, usize), usize> = HashMap::new();
         for t in &self.triangles {
@@ -145,7 +145,7 @@ impl TriangleMesh {
 
     /// Signed volume, m³.
     pub fn volume(&self) -> f64 {
-        // About a vertex of its own, so that a mesh far from the origin does not cancel.
+        // Computed about one of its vertices, so that a mesh far from the origin does not lose precision.
         let origin = self
             .vertices
             .first()
@@ -203,14 +203,14 @@ pub(super) fn root(parent: &mut [usize], mut v: usize) -> usize {
     v
 }
 
-/// Distance to a closed surface, negative outside: what the tetrahedra are cut with.
+/// Signed distance to a closed surface, which the tetrahedra are cut with.
 pub(super) struct SignedDistance(TriMesh);
 
 impl SignedDistance {
     fn new(mesh: &TriangleMesh) -> Result<Self, SimError> {
         let vertices = mesh.vertices.iter().map(|p| p.coords.into()).collect();
         let triangles = mesh.triangles.iter().map(|t| t.map(|v| v as u32)).collect();
-        // ORIENTED builds the angle-weighted pseudo-normals that decide the side also at edges and vertices.
+        // ORIENTED computes the angle-weighted pseudo-normals that decide the side also at edges and vertices.
         TriMesh::with_flags(vertices, triangles, TriMeshFlags::ORIENTED)
             .map(Self)
             .map_err(|error| SimError::Engine(format!("the surface has no inside: {error}")))

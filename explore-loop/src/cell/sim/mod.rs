@@ -4,19 +4,19 @@
 //! surface (implicit or file) ──► tetrahedra (isosurface stuffing) ──► soft body (rapier, decimetres)
 //!        │                              │ barycentric weights                │ 10 ms steps, held nodes kinematic
 //!        └──────────────────────────────┴──► fine surface ◄──────────────────┘
-//!                                               │ z-buffer with the arms before it
+//!                                               │ z-buffer, with the arms
 //!                                               ▼
-//!                                          Observation            Truth: only the caller of SimCell::new has it
+//!                                          Observation            Truth: only for the caller of SimCell::new
 //! ```
 //!
 //! | what | where |
 //! |---|---|
-//! | what lies on the table | [`Scene`], [`TriangleMesh`] |
-//! | everything adjustable | [`SimOptions`] |
+//! | the scene on the table | [`Scene`], [`TriangleMesh`] |
+//! | options | [`SimOptions`] |
 //! | the cell | [`SimCell`] |
 //! | the ground truth | [`Truth`] |
 //! | the same world for clients of a robot | [`SimCell::drive`], [`SimCell::depth_image`], [`PsmStand`] |
-//! | what it was told, to bring another cell to the same state | [`Journal`], [`SimCell::repeat`] |
+//! | the recorded commands, to reproduce a state | [`Journal`], [`SimCell::repeat`] |
 //!
 //! ```
 //! use explore_loop::cell::Cell;

@@ -1,4 +1,4 @@
-//! Everything a simulated cell can be told, with the values it has otherwise.
+//! Options of a simulated cell, with their defaults.
 
 use nalgebra::Point3;
 
@@ -7,7 +7,7 @@ use super::sway::Sway;
 use super::{Scene, SimError};
 use crate::setters::setters;
 
-/// What the object is made of.
+/// The material of the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Material {
@@ -17,9 +17,9 @@ pub struct Material {
     pub poisson: f64,
     /// Density, kg/m³.
     pub density: f64,
-    /// Coulomb friction with the table and with itself.
+    /// Coefficient of Coulomb friction, with the table and with itself.
     pub friction: f64,
-    /// Rate at which motion dies away in the air, 1/s.
+    /// Rate at which air drag damps motion, 1/s.
     pub damping: f64,
 }
 
@@ -56,13 +56,13 @@ impl Material {
     }
 }
 
-/// A pinhole depth camera looking straight down on the middle of the table, or swinging about it.
+/// A pinhole depth camera above the centre of the table: fixed and looking straight down, or swinging about it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct CameraOptions {
-    /// Pixels across.
+    /// Width of the image, pixels.
     pub width: usize,
-    /// Pixels down.
+    /// Height of the image, pixels.
     pub height: usize,
     /// Focal length, pixels.
     pub focal: f64,
@@ -72,29 +72,29 @@ pub struct CameraOptions {
     pub rate: f64,
     /// Standard deviation of the depth noise along the ray of an ideal camera, metres.
     pub noise: f64,
-    /// One ray for every `pixel_stride` pixels in each direction, where the object is not looked for in images.
+    /// Casts one ray for every `pixel_stride` pixels in each direction, if the object is not searched for in images.
     pub pixel_stride: usize,
-    /// How it swings; `None`: it stands still.
+    /// How the camera swings; `None` if it does not.
     pub sway: Option<Sway>,
-    /// What is wrong with its images, and how the object is found in them.
+    /// The errors of its images, and how the object is found in them.
     pub model: CameraModel,
-    /// Whether it also has colour images, in which features are found: so many pixels of them for one of the depth image, in each direction.
+    /// Number of colour pixels for each depth pixel in each direction, if the camera has colour images in which features are found.
     /// Default: none.
     pub features: Option<usize>,
 }
 
-/// What is wrong with the images of a camera.
+/// The error model of a camera.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum CameraModel {
-    /// White noise alone; frames come when the loop asks for them, and table, arms and other bodies are taken away without an error.
+    /// Independent Gaussian noise; frames come on request, and table, arms and other bodies are removed without errors.
     #[default]
     Ideal,
-    /// Those of an active stereo camera; the object is found in them as in those of a real one.
+    /// The errors of an active stereo camera; the object is segmented from its images as with a real one.
     Stereo(StereoOptions),
 }
 
 impl CameraOptions {
-    /// The middle of the image of a D435 at 848 × 480: 0.55 m × 0.42 m of the table, a point every 1.3 mm.
+    /// The central part of the image of a D435 at 848 × 480: 0.55 m × 0.42 m of the table, a point every 1.3 mm.
     pub fn realsense() -> Self {
         Self {
             width: 424,
@@ -177,11 +177,11 @@ impl CameraOptions {
 pub struct JawOptions {
     /// Half the width of a finger, along x, metres.
     pub half_width: f64,
-    /// Half of what the jaws span when open, along y, metres.
+    /// Half the distance between the open jaws, along y, metres.
     pub half_opening: f64,
     /// How far behind the tip the fingers reach, along −z, metres.
     pub behind: f64,
-    /// How far before the tip the fingers reach, along z, metres.
+    /// How far in front of the tip the fingers reach, along z, metres.
     pub before: f64,
 }
 
@@ -214,15 +214,15 @@ impl JawOptions {
     }
 }
 
-/// How finely the physics is solved.
+/// Resolution of the physics.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub struct Fidelity {
-    /// About how many tetrahedra the solid is filled with.
+    /// Approximate number of tetrahedra.
     pub tetrahedra: usize,
-    /// Longest time step, seconds; a whole number of steps fills a camera frame.
+    /// Longest time step, seconds; a whole number of steps makes a camera frame.
     pub step: f64,
-    /// Solver substeps in a step.
+    /// Solver substeps in each step.
     pub substeps: usize,
     /// Whether the object collides with itself.
     pub self_contact: bool,
@@ -257,13 +257,13 @@ impl Fidelity {
     }
 }
 
-/// What the arms of a cell can do.
+/// The kinematics of the arms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum ArmModel {
-    /// Every pose within their reach.
+    /// Every pose within their reach is possible.
     #[default]
     Free,
-    /// What the joints of a patient-side manipulator (da Vinci S or Si, large needle driver) allow.
+    /// Joint limits of a patient-side manipulator (da Vinci S or Si, large needle driver).
     Psm,
 }
 
@@ -271,16 +271,16 @@ pub enum ArmModel {
 #[derive(Debug, Clone, PartialEq)]
 #[non_exhaustive]
 pub struct SimOptions {
-    /// What lies on the table.
+    /// The scene on the table.
     pub scene: Scene,
     /// Number of arms, 2 or 3: from the right (+x), from the left (−x), from behind (−y in the camera frame).
     pub arms: usize,
-    /// What they can do.
+    /// Their kinematics.
     pub arm_model: ArmModel,
-    /// Decides how the object lies and, with the frame number, the noise of each frame.
+    /// Determines the initial pose of the object and, with the frame number, the noise of each frame.
     pub seed: u64,
-    /// A point on or next to the body that is to be explored, camera frame, where there are several. Default: the scene's own, which is the
-    /// largest.
+    /// A point on or next to the body to explore, camera frame, where there are several. Default: the main body of the scene, which is
+    /// the largest.
     pub seed_point: Option<Point3<f64>>,
     /// The object's material.
     pub material: Material,
@@ -288,9 +288,9 @@ pub struct SimOptions {
     pub camera: CameraOptions,
     /// The jaws of all arms.
     pub jaw: JawOptions,
-    /// Cost against accuracy.
+    /// Resolution of the physics.
     pub fidelity: Fidelity,
-    /// Fastest a tip may go, m/s.
+    /// Largest speed of a tip, m/s.
     pub max_speed: f64,
 }
 
@@ -310,7 +310,7 @@ setters! {
 }
 
 impl SimOptions {
-    /// Three arms around `scene`, which is made of its own material; everything else by default.
+    /// Three arms around `scene` with its own material, and defaults for everything else.
     pub fn new(scene: Scene) -> Self {
         Self {
             arms: 3,
@@ -340,7 +340,7 @@ impl SimOptions {
     }
 }
 
-/// Refuses a value outside of its range.
+/// Rejects a value out of range.
 pub(super) fn within(
     option: &'static str,
     value: f64,

@@ -1,19 +1,19 @@
-//! An active stereo depth camera, such as a RealSense D435, behind the same pinhole.
+//! An active stereo depth camera, such as a RealSense D435, with the geometry of a pinhole camera.
 //!
-//! A point at depth `z` has the disparity `d = f B / z` between the two imagers, `B` apart. What is matched is off by a fraction of a pixel,
-//! and is given in steps of a fraction of a pixel, so that both errors grow with the square of the depth:
+//! A point at depth `z` has the disparity `d = f B / z` between the two imagers, at a distance of `B`. The matched disparity has an error of a fraction
+//! of a pixel and is rounded to a fraction of a pixel, so that both errors of depth grow with its square:
 //!
 //! ```text
 //! d' = q · round((d + ν)/q),  ν ~ N(0, σ_d²)         z' = u · round(f B / (d' u))
 //! σ_z = z² σ_d / (f B)          step of z = z² q / (f B), at least the unit u of the image
 //! ```
-//! `ν` is the mean of the noise of 3 × 3 pixels, because windows are matched, not pixels. Beyond that the camera
+//! `ν` is averaged over 3 × 3 pixels, because windows are matched, not single pixels. In addition the camera
 //!
-//! - **drops** pixels that look at a surface under a grazing angle `θ`, with probability `s²`, `s = (θ − 55°)/(85° − 55°)` in [0, 1], and one in
+//! - **drops** pixels whose ray meets the surface at a grazing angle `θ`, with probability `s²`, `s = (θ − 55°)/(85° − 55°)` in [0, 1], and one in
 //!   two hundred anywhere;
-//! - **mixes** near and far at edges: where the depths of the four neighbours differ by more than 8 mm, half of the pixels see something
+//! - **mixes** near and far at edges: where the depths of the four neighbours differ by more than 8 mm, half of the pixels get a depth
 //!   between the nearest and the farthest of them;
-//! - **keeps its own time**: frames come at 29.97 Hz whatever the loop does, which gets the newest of them ([`FrameClock`]).
+//! - **has its own clock**: frames come at 29.97 Hz independently of the loop, which gets the newest of them ([`FrameClock`]).
 
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -30,17 +30,17 @@ pub struct StereoOptions {
     pub baseline: f64,
     /// Standard deviation of the disparity, pixels.
     pub disparity_noise: f64,
-    /// Smallest difference of disparities, pixels.
+    /// Resolution of disparities, pixels.
     pub disparity_step: f64,
     /// Unit of the depth image, metres.
     pub unit: f64,
-    /// Angles between normal and ray from which on pixels are dropped, and at which all are, radians.
+    /// Angles between normal and ray at which pixels begin to be dropped, and at which all are, radians.
     pub grazing: [f64; 2],
-    /// Share of pixels that are dropped anywhere.
+    /// Share of pixels that are dropped independently of the angle.
     pub dropped: f64,
-    /// Share of pixels at an edge that mix near and far.
+    /// Share of pixels at an edge that get a mixed depth.
     pub mixed: f64,
-    /// Frames a second of the camera's own clock.
+    /// Frames each second of the camera's own clock.
     pub rate: f64,
 }
 
@@ -88,7 +88,7 @@ pub(super) struct TrueImage<'a> {
 }
 
 impl StereoOptions {
-    /// Refuses what no camera has; `loop_rate` is how often the loop asks for a frame, 1/s.
+    /// Rejects implausible values; `loop_rate` is how often the loop asks for a frame, 1/s.
     pub(super) fn check(&self, loop_rate: f64) -> Result<(), SimError> {
         within("camera baseline", self.baseline, 1e-3, 1.0, "1 mm to 1 m")?;
         let (noise, step) = (self.disparity_noise, self.disparity_step);
@@ -102,24 +102,24 @@ impl StereoOptions {
         for share in [self.dropped, self.mixed] {
             within("share of pixels", share, 0.0, 1.0, "0 to 1")?;
         }
-        // Each frame of the loop shall find a new one of the camera.
+        // Each frame of the loop must find a new frame of the camera.
         let range = "the loop's rate to 1000 Hz";
         within("camera's own rate", self.rate, loop_rate, 1000.0, range)
     }
 
-    /// Standard deviation of the depth at `depth`, metres, through a lens of `focal` pixels.
+    /// Standard deviation of the depth at `depth`, metres, for a focal length of `focal` pixels.
     pub fn depth_noise(&self, depth: f64, focal: f64) -> f64 {
         depth * depth * self.disparity_noise / (focal * self.baseline)
     }
 
-    /// What the camera makes of an image in frame `frame`: depths in units of [`Self::unit`], 0 where it saw nothing.
+    /// The image as the camera measures it in frame `frame`: depths in units of [`Self::unit`], 0 where there is none.
     pub(super) fn measure(&self, image: TrueImage<'_>, seed: u64, frame: u64) -> Vec<u16> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(frame);
         let errors = self.matching_errors(image.width, image.depth.len(), &mut random);
         (0..image.depth.len())
             .map(|pixel| {
-                // As many numbers are drawn for every pixel, so that one does not change the others.
+                // The same number of draws for every pixel, so that pixels do not affect each other.
                 let [drop, mix, share]: [f64; 3] = random.random();
                 if drop < self.drop_probability(image.cosine[pixel]) {
                     return 0;
@@ -148,11 +148,11 @@ impl StereoOptions {
         if disparity <= 0.0 {
             return 0;
         }
-        // Saturates where a 16-bit image ends.
+        // Saturates at the largest 16-bit depth.
         (product / disparity / self.unit).round() as u16
     }
 
-    /// Errors of the disparity: white noise averaged over 3 × 3 pixels, of the standard deviation asked for.
+    /// Errors of the disparity: white noise averaged over 3 × 3 pixels, with the given standard deviation.
     fn matching_errors(&self, width: usize, count: usize, random: &mut impl Rng) -> Vec<f64> {
         let white: Vec<f64> = (0..count)
             .map(|_| super::camera::normal(random) * self.disparity_noise)
@@ -178,7 +178,7 @@ impl StereoOptions {
 }
 
 impl TrueImage<'_> {
-    /// What a pixel sees that lies on an edge: a share of the way from the nearest to the farthest neighbour.
+    /// The depth of a mixed pixel at an edge: `share` of the way from the nearest to the farthest neighbour.
     fn mixed(&self, pixel: usize, share: f64) -> f64 {
         let own = self.depth[pixel];
         let column = pixel % self.width;
@@ -199,7 +199,7 @@ impl TrueImage<'_> {
     }
 }
 
-/// A clock that runs by itself: frame `n` is taken at `phase + n / rate`.
+/// A free-running clock: frame `n` is taken at `phase + n / rate`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FrameClock {
     rate: f64,
@@ -207,7 +207,7 @@ pub(super) struct FrameClock {
 }
 
 impl FrameClock {
-    /// `phase` as a share of the time between frames.
+    /// `phase` as a share of the frame period.
     pub fn new(rate: f64, phase: f64) -> Self {
         Self {
             rate,
@@ -215,9 +215,9 @@ impl FrameClock {
         }
     }
 
-    /// When the newest frame was taken at time `now`, seconds.
+    /// Time of the newest frame at time `now`, seconds.
     pub fn newest(&self, now: f64) -> f64 {
-        // A tick at `now` counts, whatever the last bit of the sum says.
+        // A tick at `now` counts, whatever the rounding.
         let ticks = ((now - self.phase) * self.rate + 1e-9).floor();
         self.phase + ticks / self.rate
     }

@@ -1,4 +1,4 @@
-//! What lies on the table.
+//! Scenes: the object on the table.
 
 use std::path::Path;
 
@@ -33,15 +33,15 @@ pub const SCENES: [&str; 14] = [
     "cap",
 ];
 
-/// What a built-in scene is, in a line; empty for a name that is none.
+/// A one-line description of a built-in scene; empty for an unknown name.
 pub fn about(name: &str) -> &'static str {
     match name {
         "liver" => "a thick and a thin lobe with a notch between them, 20 cm",
         "glove" => "a filled glove with five fingers, two of which touch, 18 cm",
-        "beanie" => "a thick cap on its brim, deep and hollow below, 16 cm",
+        "beanie" => "a thick cap standing on its brim, deep and hollow below, 16 cm",
         "colon" => "a bent tube with folds around it, 20 cm",
         "sheet" => "felt, 4 mm thick, 14 cm",
-        "torus" => "a ring: closed, but no ball, 15 cm",
+        "torus" => "a ring of genus 1, 15 cm",
         "attached" => "the liver, held to the table at one patch",
         "clutter" => "the liver, and a smaller body that stays where it is",
         "ellipsoid" => "smooth and compact, 12 cm",
@@ -54,17 +54,17 @@ pub fn about(name: &str) -> &'static str {
     }
 }
 
-/// Vertices a built-in scene has, about: the paper's liver has 2,194. Thin-walled scenes have more.
+/// Approximate number of vertices of a built-in scene: the paper's liver has 2,194. Thin-walled scenes have more.
 const VERTICES: f64 = 2000.0;
 
-/// Largest edge of the cubes that a surface is marched with, in wall thicknesses: no cube may see both sides of a wall.
+/// Largest edge of the cubes from which a surface is meshed, in wall thicknesses: no cube may contain both sides of a wall.
 const CUBE: f64 = 0.5;
 
-/// How often a net that touches itself is drawn again, and how much finer each time.
+/// How often a mesh that touches itself is computed again, and how much finer each time.
 const REGRIDS: usize = 6;
 const FINER: f64 = 0.96;
 
-/// Loose wool, such as a thick cap is knitted from: a dome of it stands.
+/// Loose wool, as in a thick knitted cap: stiff enough for a dome of it to stand.
 const WOOL: Material = Material {
     young: 100_000.0,
     poisson: 0.3,
@@ -83,7 +83,7 @@ const FELT: Material = Material {
 };
 
 /// A rubber glove filled with a soft substance. Rubber of 0.15 mm and 2 MPa around a finger of 19 mm is as stiff along it as a filling of
-/// `2 E t/r`, some 60 kPa.
+/// `2 E t/r`, about 60 kPa.
 const FILLED_RUBBER: Material = Material {
     young: 60_000.0,
     poisson: 0.35,
@@ -101,28 +101,28 @@ const GUT: Material = Material {
     damping: 1.5,
 };
 
-/// Longest extents that [`Scene::sized`] takes, metres.
+/// Longest extents that [`Scene::sized`] accepts, metres.
 const SIZES: std::ops::RangeInclusive<f64> = 0.1..=0.25;
 
-/// A closed surface, standing on the table as its own z axis points up, and what it is made of.
+/// A closed surface, whose z axis points up on the table, and its material.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scene {
     name: String,
     mesh: TriangleMesh,
     material: Material,
-    /// The same surface with everything apart that touches at rest, and the bend that brings it to rest.
+    /// The same surface with its touching parts separated, and the bend that maps it to rest.
     spread: Option<Spread>,
     cylinder: Option<[f64; 2]>,
     attachment: Option<Attachment>,
     beside: Option<Box<Scene>>,
 }
 
-/// What a surface that touches itself at rest looks like with its parts apart.
+/// The separated form of a surface that touches itself at rest.
 #[derive(Debug, Clone, PartialEq)]
 struct Spread {
     vertices: Vec<Point3<f64>>,
     glove: Glove,
-    /// Size over that of the glove's own.
+    /// Size relative to that of the default glove.
     scale: f64,
 }
 
@@ -136,7 +136,7 @@ impl Scene {
     /// A built-in scene ([`SCENES`]) at its usual size.
     ///
     /// # Errors
-    /// [`SimError::NoSuchScene`] with the names there are.
+    /// [`SimError::NoSuchScene`] with the available names.
     pub fn named(name: &str) -> Result<Self, SimError> {
         let soft = Material::default();
         match name {
@@ -176,7 +176,7 @@ impl Scene {
     /// A built-in scene whose longest extent is `size` metres; star, cap, beanie and sheet keep their thickness.
     ///
     /// # Errors
-    /// [`SimError::NoSuchScene`] with the names there are; [`SimError::BadOption`] for a size outside 0.1 m to 0.25 m.
+    /// [`SimError::NoSuchScene`] with the available names; [`SimError::BadOption`] for a size outside 0.1 m to 0.25 m.
     pub fn sized(name: &str, size: f64) -> Result<Self, SimError> {
         if !SIZES.contains(&size) {
             return Err(SimError::BadOption {
@@ -231,7 +231,7 @@ impl Scene {
     /// An ellipsoid with the given half axes in metres.
     ///
     /// # Errors
-    /// [`SimError::NotInMetres`] for half axes no object has.
+    /// [`SimError::NotInMetres`] for implausible half axes.
     pub fn ellipsoid(half_axes: [f64; 3]) -> Result<Self, SimError> {
         for value in half_axes {
             if !(0.005..=0.5).contains(&value) {
@@ -262,17 +262,17 @@ impl Scene {
         })
     }
 
-    /// Radius and height of the cylinders of its complex, metres.
+    /// Sets radius and height of the cylinders of its complex, metres.
     #[must_use]
     fn with_cylinder(mut self, cylinder: [f64; 2]) -> Self {
         self.cylinder = Some(cylinder);
         self
     }
 
-    /// The solid bounded by the mesh in a file, named after it; `load` says in which unit it is, and what is up.
+    /// The solid bounded by the mesh in a file, named after the file; `load` gives its unit and its upward axis.
     ///
     /// # Errors
-    /// The file cannot be read, or what [`Scene::from_mesh`] refuses.
+    /// The file cannot be read, or [`Scene::from_mesh`] rejects the mesh.
     pub fn from_file(path: &Path, load: &Load) -> Result<Self, SimError> {
         let name = path.file_stem().map_or_else(
             || "mesh".to_owned(),
@@ -291,17 +291,17 @@ impl Scene {
         &self.mesh
     }
 
-    /// What the scene is made of, unless [`SimOptions`](super::SimOptions) say otherwise.
+    /// The material of the scene, unless [`SimOptions`](super::SimOptions) say otherwise.
     pub fn material(&self) -> &Material {
         &self.material
     }
 
-    /// Radius and height of the cylinders that the paper explores this object with, metres, if it does.
+    /// Radius and height of the cylinders that the paper uses for this object, metres, if it has it.
     pub fn cylinder(&self) -> Option<[f64; 2]> {
         self.cylinder
     }
 
-    /// Where it is held to the table, if it is.
+    /// Its attachment to the table, if there is one.
     pub fn attachment(&self) -> Option<Attachment> {
         self.attachment
     }
@@ -312,12 +312,12 @@ impl Scene {
     }
 
     fn implicit(name: &str, solid: &dyn Implicit, material: Material) -> Result<Self, SimError> {
-        // A first coarse mesh measures the area; a vertex then covers about one face of a cube.
+        // A first coarse mesh gives the area; a vertex then covers about one face of a cube.
         let (low, high) = solid.bounds();
         let finest = CUBE * solid.thickness();
         let coarse = triangulate(solid, finest.min((high - low).norm() / 60.0));
         let mut cell = finest.min((coarse.area() / VERTICES).sqrt() * 1.13);
-        // Where the surface just grazes a plane of the grid a net may touch itself: a slightly finer one does not.
+        // Where the surface just grazes a plane of the grid, the mesh may touch itself; a slightly finer one does not.
         for _ in 0..REGRIDS {
             match Self::from_mesh(name, triangulate(solid, cell)) {
                 Err(SimError::NotClosed { .. }) => cell *= FINER,
@@ -331,7 +331,7 @@ impl Scene {
         Self { material, ..self }
     }
 
-    /// The surface turned about the vertical by `yaw`, its bounding box centred on `(x, y)`, its lowest vertex at
+    /// The surface rotated about the vertical by `yaw`, its bounding box centred on `(x, y)`, its lowest vertex at
     /// height `z`.
     pub(super) fn placed(&self, yaw: f64, at: Point3<f64>) -> Placed<'_> {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), yaw);
@@ -349,7 +349,7 @@ impl Scene {
     }
 }
 
-/// A scene where it lies.
+/// A placed scene.
 pub(super) struct Placed<'a> {
     /// Its surface at rest, world frame.
     pub surface: TriangleMesh,
@@ -359,7 +359,7 @@ pub(super) struct Placed<'a> {
 }
 
 impl Placed<'_> {
-    /// The surface that is filled: its parts do not touch each other.
+    /// The surface that is filled with tetrahedra: its parts do not touch.
     pub fn apart(&self) -> TriangleMesh {
         let Some(spread) = self.spread else {
             return self.surface.clone();
@@ -371,7 +371,7 @@ impl Placed<'_> {
         }
     }
 
-    /// Where a point of the solid that is filled lies at rest.
+    /// Position at rest of a point of the filled solid.
     pub fn at_rest(&self, p: &Point3<f64>) -> Point3<f64> {
         let Some(spread) = self.spread else { return *p };
         let own = self.turn.inverse() * (p - self.shift);
@@ -385,7 +385,7 @@ impl Placed<'_> {
         vertices.map(|p| back * (p - self.shift)).collect()
     }
 
-    /// Where a point of the scene's own frame lies.
+    /// World position of a point of the scene's own frame.
     pub fn of(&self, p: &Point3<f64>) -> Point3<f64> {
         self.turn * p + self.shift
     }

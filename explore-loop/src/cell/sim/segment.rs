@@ -1,11 +1,11 @@
-//! From the image of a depth camera to the cloud of one object, the way a real camera takes.
+//! Segments the cloud of one object from the image of a depth camera, as with a real camera.
 //!
 //! ```text
 //! depth image ─► dvrk_io::Scan ─► dvrk_io::find_object ─► points of the object
 //!                                   ▲ table, capsules of the arms, a point of the object
 //! ```
-//! Nothing here knows which pixel shows what. Of several bodies the one next to the seed point is the object, else the largest; from then on the
-//! point of its cloud that was in its middle is the seed.
+//! This does not use the simulator's knowledge of what a pixel shows. Of several bodies the one nearest to the seed point is the object, else the
+//! largest; in later frames the central point of its last cloud is the seed.
 
 use dvrk_io::depth::{
     Capsule, DepthImage, Intrinsics, Object, ObjectOptions, Scan, chain, find_object,
@@ -17,23 +17,23 @@ use super::links::Links;
 use super::options::CameraOptions;
 use crate::cell::Plane;
 
-/// Edge of the voxels, metres: a model of 5 mm spacing wants a point every 2.5 mm.
+/// Edge of the voxels, metres: a model of 5 mm spacing needs a point every 2.5 mm.
 const VOXEL: f64 = 0.0022;
-/// An arm before the object shall not divide it: twice shaft and clearance, metres.
+/// Gap in the cloud that is bridged, so that an arm in front of the object does not divide it: twice shaft and clearance, metres.
 const GAP: f64 = 0.018;
-/// Where arms and table are is known well here, metres.
+/// Clearance around arms and table, metres; their poses are exactly known here.
 const CLEARANCE: f64 = 0.004;
 /// Radius of a shaft, metres.
 const SHAFT: f64 = 0.004;
-/// A finger, metres: its radius, and where it begins and ends along z.
+/// A finger: its radius, and where it begins and ends along z, metres.
 const FINGER: (f64, f64, f64) = (0.0025, -0.014, 0.006);
 
-/// Finds the object in one image after the other.
+/// Finds the object image by image.
 #[derive(Debug, Clone)]
 pub(super) struct Segmenter {
     camera: Intrinsics,
     options: ObjectOptions,
-    /// A point of the object, in the frame of the camera at rest.
+    /// A point of the object, in the frame of the camera in its rest pose.
     seed: Option<Point3<f64>>,
     camera_from_rest: Isometry3<f64>,
 }
@@ -58,10 +58,10 @@ impl Segmenter {
         })
     }
 
-    /// The points of the object with the mean of what `colour` gives for the pixels of each; none when there is nothing that could be it.
+    /// The points of the object, each with the mean of `colour` over its pixels; empty when no object is found.
     ///
     /// # Errors
-    /// An image of another size than the camera's; an arm whose place is not finite.
+    /// An image of another size than the camera's; an arm whose pose is not finite.
     pub fn points(
         &self,
         image: &DepthImage,
@@ -72,7 +72,7 @@ impl Segmenter {
         let seed = self.seed.map(|seed| self.camera_from_rest * seed);
         let near_seed = seed.map(|seed| self.options.with_seed_point(seed));
         let anywhere = Some(self.options);
-        // What is not where it was, or was never asked for, is the largest body in view.
+        // If there is no body near the seed, or no seed, the largest body in view is taken.
         for options in [near_seed, anywhere].into_iter().flatten() {
             match find_object(&scan, arms, &options) {
                 Ok(object) => {
@@ -90,15 +90,15 @@ impl Segmenter {
         Ok(Seen::default())
     }
 
-    /// Of a camera that moves: where its frame at rest is now, and the table there.
+    /// Sets the pose of a moving camera relative to its rest pose, and the table in its frame.
     pub fn look_from(&mut self, camera_from_rest: &Isometry3<f64>, table: &Plane) {
         let table = table.carried(camera_from_rest);
         self.options = self.options.with_table(table.normal, table.offset);
-        // The seed is kept in the frame at rest.
+        // The seed is stored in the frame of the rest pose.
         self.camera_from_rest = *camera_from_rest;
     }
 
-    /// Looks for the object where it was seen last.
+    /// Searches for the object at its last position from now on.
     pub fn follow(&mut self, seen: &Seen) {
         let middle = middle(&seen.points);
         let at_rest = middle.map(|p| self.camera_from_rest.inverse() * p);
@@ -113,11 +113,11 @@ pub(super) struct Seen {
     pub colours: Vec<[u8; 3]>,
     /// Features of the colour image, if there is one.
     pub features: Option<Vec<Feature>>,
-    /// Which pixels were taken for the object's, where it had to be looked for.
+    /// Which pixels belong to the object, if it was segmented.
     pub of_object: Vec<bool>,
 }
 
-/// Mean colour of the pixels that each point is made of.
+/// Mean colour of the pixels of each point.
 fn mean_colours(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 3]> {
     let mut sums = vec![([0_u32; 3], 0_u32); object.points.len()];
     for (pixel, point) in object.point_of.iter().enumerate() {
@@ -135,7 +135,7 @@ fn mean_colours(object: &Object, colour: impl Fn(usize) -> [u8; 3]) -> Vec<[u8; 
         .collect()
 }
 
-/// The point next to the mean of all.
+/// The point nearest to the mean of all.
 fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
     let sum: nalgebra::Vector3<f64> = points.iter().map(|p| p.coords).sum();
     let mean = Point3::from(sum / points.len().max(1) as f64);
@@ -146,7 +146,7 @@ fn middle(points: &[Point3<f64>]) -> Option<Point3<f64>> {
         .copied()
 }
 
-/// The visible part of an arm whose fingers are `opening` off the middle.
+/// The visible part of an arm whose fingers are `opening` away from the centre plane.
 pub(super) fn capsules(
     camera_from_tip: &Isometry3<f64>,
     opening: f64,

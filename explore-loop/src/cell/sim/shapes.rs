@@ -1,9 +1,9 @@
-//! Bodies of everyday shape, from compact to thin-walled, lying as they would on a table.
+//! Bodies of everyday shape, from compact to thin-walled, in stable poses on a table.
 //!
-//! | body | longest extent `s` across | what is hard about it |
+//! | body | longest extent `s` | difficulty |
 //! |---|---|---|
-//! | [`Tube`] | the chord of its bend | it hides half of itself whichever way it lies |
-//! | [`RoundBox`] | its length | flat sides meet in narrow margins |
+//! | [`Tube`] | the chord of its bend | it hides half of itself in every pose |
+//! | [`RoundBox`] | its length | flat sides meet in sharp edges |
 //! | [`Peanut`] | its length | a waist that is seen from few sides |
 //! | [`Star`] | two of its lobes | a flat side that touches the table everywhere |
 //! | [`Cap`] | its rim | a wall with an outer and an inner side, near each other |
@@ -15,7 +15,7 @@ use nalgebra::{Point3, Vector2, Vector3};
 
 use super::implicit::{Implicit, round_slab, smooth_min};
 
-/// A round tube bent through 120 degrees, closed by half balls.
+/// A round tube bent through 120 degrees, with ends of half balls.
 pub(super) struct Tube {
     /// Radius of the bend, metres.
     bend: f64,
@@ -26,7 +26,7 @@ pub(super) struct Tube {
 impl Tube {
     /// Half the angle of the bend.
     const HALF_ANGLE: f64 = std::f64::consts::FRAC_PI_3;
-    /// Radius of the tube over that of the bend.
+    /// Radius of the tube, in radii of the bend.
     const SLENDER: f64 = 0.022 / 0.09;
 
     /// The tube whose ends are `size` apart, outside to outside.
@@ -41,7 +41,7 @@ impl Tube {
 
 impl Implicit for Tube {
     fn value(&self, p: &Point3<f64>) -> f64 {
-        // Symmetric about the x axis, which cuts the bend in halves.
+        // Symmetric about the x axis, which bisects the bend.
         let (x, y) = (p.x, p.y.abs());
         let across = if y.atan2(x) <= Self::HALF_ANGLE {
             x.hypot(y) - self.bend
@@ -89,16 +89,16 @@ impl Implicit for RoundBox {
     }
 }
 
-/// Two balls joined smoothly, a little flattened so that it does not roll.
+/// Two balls joined smoothly, slightly flattened so that it does not roll.
 pub(super) struct Peanut {
-    /// Radius of the balls and distance of their middles from the origin, metres.
+    /// Radius of the balls, and distance of their centres from the origin, metres.
     ball: f64,
 }
 
 impl Peanut {
     /// Height over width.
     const FLAT: f64 = 0.8;
-    /// How smoothly the balls join, in radii.
+    /// Blending radius between the balls, in their radii.
     const JOIN: f64 = 0.8;
 
     /// The peanut of length `size`.
@@ -112,7 +112,7 @@ impl Implicit for Peanut {
         let round = Point3::new(p.x, p.y, p.z / Self::FLAT);
         let ball = |x: f64| (round - Point3::new(x, 0.0, 0.0)).norm() - self.ball;
         let joined = smooth_min(ball(-self.ball), ball(self.ball), Self::JOIN * self.ball);
-        // Flattening shortens distances across it by as much at most.
+        // Flattening shortens distances by at most this factor.
         Self::FLAT * joined
     }
 
@@ -124,7 +124,7 @@ impl Implicit for Peanut {
 
 /// A flat star of three round lobes.
 pub(super) struct Star {
-    /// From the middle to the middle of the end of a lobe, metres.
+    /// Distance from the centre to the centre of the end of a lobe, metres.
     lobe: f64,
     /// Half the width of a lobe, metres.
     half_width: f64,
@@ -133,7 +133,7 @@ pub(super) struct Star {
 impl Star {
     const THICKNESS: f64 = 0.015;
 
-    /// The star that two lobes make `size` long.
+    /// The star that is `size` long over two lobes.
     pub fn new(size: f64) -> Self {
         let half_width = 0.13 * size;
         Self {
@@ -174,13 +174,13 @@ impl Implicit for Star {
 
 /// A dome on its rim: part of a hollow ball, closed around the rim.
 pub(super) struct Cap {
-    /// Radius of the middle of the wall, metres.
+    /// Radius of the centre of the wall, metres.
     radius: f64,
 }
 
 impl Cap {
     const WALL: f64 = 0.0075;
-    /// Angle at the middle of the ball from the crown to the rim.
+    /// Angle at the centre of the ball from the crown to the rim.
     const ANGLE: f64 = 75.0 / 180.0 * std::f64::consts::PI;
 
     /// The cap that measures `size` across its rim.

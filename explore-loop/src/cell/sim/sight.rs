@@ -1,4 +1,4 @@
-//! What the camera sees of the world: everything in view is drawn, and the points of the object are taken from the image.
+//! The view of the camera: everything is rendered, and the points of the object are taken from the image.
 //!
 //! ```text
 //! view at an instant ──► z-buffer ──┬─► pixels that show the object                    (an ideal camera with nothing else in view)
@@ -23,19 +23,19 @@ use crate::cell::{ArmState, CellError, Plane};
 /// The colour of table, arms and other bodies.
 const GREY: [u8; 3] = [128; 3];
 
-/// What is before the camera at an instant.
+/// The scene in front of the camera at an instant.
 pub(super) struct View {
     /// Seconds.
     pub stamp: f64,
     /// Surface of the object, camera frame.
     pub surface: Vec<Point3<f64>>,
     pub arms: Vec<ArmState>,
-    /// How far the fingers of each arm are off its middle, metres.
+    /// Distance of the fingers of each arm from its centre plane, metres.
     openings: Vec<f64>,
 }
 
 impl View {
-    /// What is there now.
+    /// The scene at present.
     pub fn of(
         body: &Body,
         grippers: &[Gripper],
@@ -52,7 +52,7 @@ impl View {
         }
     }
 
-    /// What was `share` of the way from this one to the next.
+    /// The scene interpolated at `share` of the way from this view to the next.
     pub fn toward(self, next: Self, share: f64) -> Self {
         let surface = self.surface.iter().zip(&next.surface);
         let arms = self.arms.into_iter().zip(next.arms);
@@ -69,31 +69,31 @@ impl View {
     }
 }
 
-/// The camera, and what it needs to know to show the object.
+/// The camera, and what is needed to render the object.
 pub(super) struct Sight {
     camera: DepthCamera,
     colours: Option<ColourCamera>,
     seed: u64,
     /// Triangles of the object.
     triangles: Vec<[usize; 3]>,
-    /// Colour of the object, as a function of where its vertices lie in the scene's own frame.
+    /// Colour of the object, as a function of positions in the scene's own frame.
     texture: Texture,
     own: Vec<Point3<f64>>,
     /// The body beside the object, camera frame.
     beside: Option<TriangleMesh>,
-    /// Where the shafts of the arms pass, camera frame; none: straight behind their tips.
+    /// Remote centres that the shafts of the arms pass through, camera frame; empty if they are straight behind their tips.
     remote_centres: Vec<Isometry3<f64>>,
-    /// Finds the object in images, where it has to be looked for.
+    /// Segments the object from images, if this is necessary.
     segmenter: Option<Segmenter>,
     table: Plane,
-    /// Where the camera is now, in the frame that it has at rest; `None`: it stands still.
+    /// Pose of the camera relative to its rest pose; `None` if it does not move.
     camera_from_rest: Option<Isometry3<f64>>,
-    /// Surface of the object as it was drawn last, in the frame of the camera.
+    /// Surface of the object as last rendered, in the frame of the camera.
     drawn: Vec<Point3<f64>>,
 }
 
 impl Sight {
-    /// Of an object with these triangles, whose vertices lie at `own` in the scene's own frame.
+    /// A view of an object with these triangles, whose vertices are at `own` in the scene's own frame.
     pub fn new(
         options: &SimOptions,
         table: &Plane,
@@ -122,7 +122,7 @@ impl Sight {
         })
     }
 
-    /// Of arms whose shafts pass these points.
+    /// For arms whose shafts pass through these points.
     pub fn with_remote_centres(self, remote_centres: Vec<Isometry3<f64>>) -> Self {
         Self {
             remote_centres,
@@ -130,7 +130,7 @@ impl Sight {
         }
     }
 
-    /// Puts the camera in a pose, in the frame that it has at rest.
+    /// Sets the pose of the camera, relative to its rest pose.
     pub fn look_from(&mut self, rest_from_camera: &Isometry3<f64>) {
         let camera_from_rest = rest_from_camera.inverse();
         self.camera_from_rest = Some(camera_from_rest);
@@ -155,7 +155,7 @@ impl Sight {
             .map_or(self.table, |camera| self.table.carried(&camera))
     }
 
-    /// The links of an arm, from its fingers on.
+    /// The links of an arm behind its fingers.
     fn links(&self, arm: usize, camera_from_tip: &Isometry3<f64>) -> Links {
         match self.remote_centres.get(arm) {
             None => Links::straight(camera_from_tip),
@@ -203,7 +203,7 @@ impl Sight {
         Ok(seen)
     }
 
-    /// The depth image of a view, with the noise of frame `frame`: table and arms included.
+    /// The depth image of a view, with the noise of frame `frame`, table and arms included.
     pub fn image(&mut self, view: &View, frame: u64) -> Result<DepthImage, CellError> {
         self.draw(view);
         let image = self.camera.image(&self.own_table(), self.seed, frame);
@@ -264,7 +264,7 @@ impl Sight {
         }
     }
 
-    /// The colour of a pixel of the image that was drawn.
+    /// The colour of a pixel of the rendered image.
     fn colour(&self, camera: &DepthCamera, pixel: usize) -> [u8; 3] {
         if camera.thing(pixel) != Thing::Object {
             return GREY;

@@ -1,10 +1,10 @@
 //! A fine, even triangle mesh of an implicit surface.
 //!
-//! Surface nets (Gibson 1998): space is cut into cubes; every cube the surface passes through gets one vertex, the mean
-//! of the points where the surface cuts the cube's edges; every cut edge joins the vertices of its four cubes to a quad.
-//! Each edge of such a quad belongs to exactly two quads as long as no feature is thinner than a cube, so the net is
-//! closed. Vertices then slide along the surface toward the mean of their neighbours and are put back onto `f = 0` by
-//! Newton steps `p ← p − f ∇f/‖∇f‖²`, which evens the triangles out; the quads are halved along their shorter diagonal.
+//! Surface nets (Gibson 1998): space is divided into cubes; every cube that the surface passes through gets one vertex, the mean
+//! of the points where the surface cuts its edges; every cut edge joins the vertices of its four cubes to a quad. Each edge of a quad
+//! belongs to exactly two quads as long as no feature is thinner than a cube, so the mesh is closed. To make the triangles even, vertices
+//! move along the surface toward the mean of their neighbours and are projected back onto `f = 0` by Newton steps
+//! `p ← p − f ∇f/‖∇f‖²`; the quads are halved along their shorter diagonal.
 
 use std::collections::HashMap;
 
@@ -13,7 +13,7 @@ use nalgebra::{Point3, Vector3};
 use super::implicit::Implicit;
 use super::mesh::TriangleMesh;
 
-/// Rounds of sliding: after ten the triangles stop changing visibly.
+/// Rounds of smoothing: after ten the triangles hardly change any more.
 const SLIDES: usize = 10;
 
 /// Mesh of `solid` with cubes of side `cell`.
@@ -39,7 +39,7 @@ struct Grid {
 impl Grid {
     fn new(solid: &dyn Implicit, cell: f64) -> Self {
         let (low, high) = solid.bounds();
-        // Two cubes of air all round: a cut edge always has four cubes.
+        // A margin of two cubes, so that every cut edge has four cubes.
         let origin = low - Vector3::repeat(2.0 * cell);
         let size = [0, 1, 2].map(|k| ((high[k] - low[k]) / cell).ceil() as usize + 5);
         let mut grid = Self {
@@ -76,7 +76,7 @@ impl Grid {
             .flat_map(move |k| (0..ny - 1).flat_map(move |j| (0..nx - 1).map(move |i| [i, j, k])))
     }
 
-    /// One vertex for each cube the surface passes through.
+    /// One vertex for each cube that the surface passes through.
     fn vertices(&self) -> (Vec<Point3<f64>>, HashMap<usize, usize>) {
         let mut vertices = Vec::new();
         let mut vertex_of_cube = HashMap::new();
@@ -159,7 +159,7 @@ fn relax(solid: &dyn Implicit, vertices: &mut [Point3<f64>], quads: &[[usize; 4]
     }
 }
 
-/// Newton along the gradient; steps are bounded because `f` is a distance only near the surface.
+/// Newton steps along the gradient, bounded because `f` is a distance only near the surface.
 fn onto_surface(solid: &dyn Implicit, mut p: Point3<f64>, cell: f64) -> Point3<f64> {
     for _ in 0..3 {
         let h = 1e-3 * cell;

@@ -1,9 +1,9 @@
-//! A camera that swings about the middle of the table.
+//! A camera that swings about the centre of the table.
 //!
 //! ```text
-//! turn(t) = a (sin ωt · x + ½ sin 2ωt · y),  ω = 2π / T          a rotation vector, about the point of the table below the camera at rest
+//! turn(t) = a (sin ωt · x + ½ sin 2ωt · y),  ω = 2π / T          a rotation vector about the point of the table below the rest pose
 //! ```
-//! It looks at that point all the time, from up to `a` to either side.
+//! It always looks at that point, from up to `a` to either side.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::TAU;
@@ -11,14 +11,14 @@ use std::f64::consts::TAU;
 /// How a camera swings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sway {
-    /// Farthest turn about the first axis, rad; half of it about the second.
+    /// Largest rotation about the first axis, rad; about the second it is half of this.
     pub angle: f64,
-    /// Seconds there and back.
+    /// Period, seconds.
     pub period: f64,
 }
 
 impl Sway {
-    /// Pose of the camera at a time, seconds, in its frame at rest; `height`: of that above the table, metres.
+    /// Pose of the camera at a time, seconds, relative to its rest pose; `height` is that of the rest pose above the table, metres.
     pub fn pose(&self, time: f64, height: f64) -> Isometry3<f64> {
         let phase = TAU * time / self.period;
         let turn = Vector3::new(phase.sin(), 0.5 * (2.0 * phase).sin(), 0.0) * self.angle;

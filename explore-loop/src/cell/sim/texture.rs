@@ -1,4 +1,4 @@
-//! A solid texture: every point of a body has a colour, wherever the body goes.
+//! A solid texture: a colour for every material point of a body.
 //!
 //! ```text
 //! value noise   n(p) = trilinear interpolation of a hash of the corners of the cube around p, smoothed,  in [0, 1]
@@ -6,7 +6,7 @@
 //! veins         v(p) = 1 where |n(p / 18 mm) − ½| < 0.035
 //! colour        base + (second − base) · step(t), darkened to 55 % in veins
 //! ```
-//! The two colours are those of the scene; `p` is in the scene's own frame at rest, so that the texture sticks to the body.
+//! The two colours depend on the scene; `p` is in the scene's own frame at rest, so that the texture moves with the body.
 
 use nalgebra::{Point3, Vector3};
 
@@ -21,7 +21,7 @@ pub(super) struct Texture {
 /// Sizes of the marbling and of the veins, metres.
 const MARBLE: f64 = 0.024;
 const VEIN: f64 = 0.018;
-/// Half the width of a vein, in values of the noise, and how dark it is.
+/// Half the width of a vein, in values of the noise, and its darkness.
 const WIDTH: f64 = 0.035;
 const DARK: f64 = 0.55;
 

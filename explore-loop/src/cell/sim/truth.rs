@@ -1,4 +1,4 @@
-//! What only a simulation knows.
+//! The ground truth of a simulation.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -8,8 +8,8 @@ use super::mesh::TriangleMesh;
 
 /// The true surface, for measuring a reconstruction.
 ///
-/// It is handed out once, beside the cell; nothing that implements or receives a `Cell` leads to it. Positions are in the
-/// camera frame and belong to frames: they change when the cell observes, not in between.
+/// It is returned once, beside the cell; no `Cell` gives access to it. Positions are in the camera frame and belong to frames: they
+/// change only when the cell observes.
 #[derive(Debug, Clone)]
 pub struct Truth {
     shared: Arc<Mutex<Snapshot>>,
@@ -36,7 +36,7 @@ impl Truth {
         }
     }
 
-    /// The surface as it lay at the first observation.
+    /// The surface at the first observation.
     pub fn rest(&self) -> TriangleMesh {
         let snapshot = self.lock();
         TriangleMesh {
@@ -45,7 +45,7 @@ impl Truth {
         }
     }
 
-    /// Where the same vertices are at the last observation.
+    /// Positions of the same vertices at the last observation.
     pub fn live(&self) -> Vec<Point3<f64>> {
         self.lock().live.clone()
     }

@@ -1,7 +1,7 @@
-//! [`SimCell`]: object, arms and camera put together behind [`Cell`].
+//! [`SimCell`]: object, arms and camera behind the trait [`Cell`].
 //!
-//! Time passes only inside [`Cell::observe`] and [`Cell::home`], in equal steps, a whole number of them to a frame. A step moves
-//! the tips, gives the held nodes their targets, and lets the engine solve. The same options give the same bits.
+//! Time passes only in [`Cell::observe`] and [`Cell::home`], in equal steps, a whole number for each frame. A step moves the tips,
+//! sets the targets of the held nodes, and solves the physics. The same options give the same bits.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rand::{Rng, SeedableRng};
@@ -19,16 +19,16 @@ use super::sight::{Sight, View};
 use super::{SimError, SimOptions, Truth};
 use crate::cell::{Cell, CellError, CellInfo, Observation, Plane};
 
-/// The object is let go this far above the table, metres.
+/// Height above the table from which the object is dropped, metres.
 const DROP: f64 = 0.002;
 
-/// Longest time the object gets to come to rest, seconds, and the speed of its fastest node that counts as rest, m/s.
+/// Longest time for the object to come to rest, seconds, and the speed of its fastest node at rest, m/s.
 const SETTLE: (f64, f64) = (4.0, 0.002);
 
-/// Speed of the way home, m/s.
+/// Speed of the motion home, m/s.
 const HOME_SPEED: f64 = 0.2;
 
-/// How far an arm backs out of its grip before it turns for home, and how far it rises, metres.
+/// How far an arm retreats from its grip before it turns for home, and how far it rises, metres.
 const RETREAT: (f64, f64) = (0.03, 0.05);
 
 /// A simulated cell.
@@ -36,7 +36,7 @@ pub struct SimCell {
     pub(super) info: CellInfo,
     pub(super) options: SimOptions,
     pub(super) body: Body,
-    /// Nodes that are held to the table, with where they are (world frame).
+    /// Nodes attached to the table, with their positions (world frame).
     pub(super) anchored: Vec<(usize, Point3<f64>)>,
     pub(super) grippers: Vec<Gripper>,
     pub(super) sight: Sight,
@@ -47,7 +47,7 @@ pub struct SimCell {
     pub(super) frame: u64,
     pub(super) failure: Option<String>,
     pub(super) journal: Journal,
-    /// The camera's own clock, if it has one, and what was before it when it last ticked.
+    /// The camera's own clock, if it has one, and the view at its last tick.
     pub(super) clock: Option<FrameClock>,
     pub(super) ticked: Option<View>,
 }
@@ -62,12 +62,12 @@ impl std::fmt::Debug for SimCell {
     }
 }
 
-/// The object on the table, at rest.
+/// The object at rest on the table.
 struct LaidDown {
     body: Body,
-    /// The same surface as it was placed, world frame.
+    /// The same surface as it was placed before it settled, world frame.
     surface: TriangleMesh,
-    /// Where its vertices lie in the scene's own frame.
+    /// Positions of its vertices in the scene's own frame.
     own: Vec<Point3<f64>>,
     anchored: Vec<(usize, Point3<f64>)>,
     /// The body beside it, camera frame.
@@ -75,10 +75,10 @@ struct LaidDown {
 }
 
 impl SimCell {
-    /// Builds the cell, drops the object on the table and waits until it lies still.
+    /// Builds the cell, drops the object on the table and waits until it is at rest.
     ///
     /// # Errors
-    /// An option out of range, a surface too thin for the tetrahedra allowed, or an engine that fails while the object settles.
+    /// An option out of range, a surface too thin for the allowed tetrahedra, or a physics engine that fails while the object settles.
     pub fn new(options: &SimOptions) -> Result<(Self, Truth), SimError> {
         options.check()?;
         let steps_per_frame = (1.0 / (options.camera.rate * options.fidelity.step) - 1e-9)
@@ -136,12 +136,12 @@ impl SimCell {
         Ok((cell, truth))
     }
 
-    /// Number of tetrahedra the object is made of.
+    /// Number of tetrahedra of the object.
     pub fn tetrahedra(&self) -> usize {
         self.body.tetrahedra
     }
 
-    /// Volume of the object now, m³.
+    /// Current volume of the object, m³.
     pub fn volume(&self) -> f64 {
         self.body.volume()
     }
@@ -154,7 +154,7 @@ impl SimCell {
         let end = (self.frame + 1) as f64 / self.info.camera_rate;
         let tick = self.clock.map(|clock| clock.newest(end) - begun);
         for k in 0..self.steps_per_frame {
-            // The share of this step that is over when the camera ticks, if it does.
+            // The fraction of this step at which the camera ticks, if it does.
             let share = tick.map(|tick| tick / self.step - k as f64);
             let last = k + 1 == self.steps_per_frame;
             let share = share.filter(|s| *s > 0.0 && (*s <= 1.0 || last));
@@ -175,7 +175,7 @@ impl SimCell {
         Ok(())
     }
 
-    /// One step of the physics, with the tips where they are.
+    /// One step of the physics, with the tips at their present poses.
     pub(super) fn step_body(&mut self) {
         let world_from_camera = self.camera_from_world.inverse();
         let held = self.grippers.iter().flat_map(Gripper::targets);
@@ -187,7 +187,7 @@ impl SimCell {
         self.slip();
     }
 
-    /// A jaw that pulls too hard loses what it holds, and stays shut.
+    /// A jaw that pulls too hard loses what it holds, and stays closed.
     fn slip(&mut self) {
         let grippers = &self.grippers;
         let torn = self
@@ -202,7 +202,7 @@ impl SimCell {
         }
     }
 
-    /// What is before the camera now.
+    /// The scene in front of the camera at present.
     pub(super) fn view(&self, stamp: f64) -> View {
         View::of(
             &self.body,
@@ -235,16 +235,16 @@ impl SimCell {
         Ok(())
     }
 
-    /// A handle on everything that this cell was told to do.
+    /// A handle on all commands that this cell has received.
     pub fn journal(&self) -> Journal {
         self.journal.clone()
     }
 
-    /// Does again what another cell with the same options was told: afterwards this one is in the same state, to the bit. `seen` is given
+    /// Repeats the commands of another cell with the same options: afterwards this one is in the same state, to the bit. `seen` receives
     /// every observation on the way.
     ///
     /// # Errors
-    /// The world breaks, or `seen` fails.
+    /// The world fails, or `seen` does.
     pub fn repeat<E: From<CellError>>(
         &mut self,
         commands: &[Command],
@@ -263,7 +263,7 @@ impl SimCell {
                 Command::Stop => self.stop(),
             };
             match done {
-                // What was refused then is refused again, and changes nothing.
+                // A command that was refused then is refused again, and has no effect.
                 Ok(())
                 | Err(
                     CellError::NothingGrasped { .. }
@@ -303,7 +303,7 @@ impl SimCell {
             ));
         }
         if info.poses.as_ref().is_some_and(|p| !p.contains(pose)) {
-            return Err("its joints do not reach that pose of the tip".to_owned());
+            return Err("its joints cannot reach that pose of the tip".to_owned());
         }
         let height = self.info.table.height(&tip);
         if height < 0.0 {
@@ -375,7 +375,7 @@ impl Cell for SimCell {
             return Ok(());
         }
         if state.jaw == 0.0 {
-            // Shut by a grip that slipped: it has to open before it can take anything.
+            // Still closed by a grip that slipped: it must be opened before it can grip again.
             return Err(CellError::NothingGrasped { arm });
         }
         let surface = self.surface();
@@ -413,7 +413,7 @@ impl Cell for SimCell {
 
     fn home(&mut self) -> Result<(), CellError> {
         self.journal.add(Command::Home);
-        // Homing with the object in hand would carry it off the table.
+        // Going home with the object in the jaws would carry it off the table.
         (0..self.grippers.len()).try_for_each(|arm| self.let_go(arm))?;
         let up = self.info.table.normal.into_inner();
         let speed = HOME_SPEED.min(self.options.max_speed);
@@ -440,7 +440,7 @@ impl Cell for SimCell {
     }
 }
 
-/// Drops the object on the table, turned and shifted at random, waits until it lies still, and holds it where it is attached.
+/// Drops the object on the table with a random yaw and offset, waits until it is at rest, and fixes its attachment.
 fn lay_down(
     options: &SimOptions,
     camera_from_world: &Isometry3<f64>,

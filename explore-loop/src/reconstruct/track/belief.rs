@@ -1,8 +1,8 @@
-//! What is believed of a frame: how far the surface may have gone since the last one that was taken.
+//! Plausibility of a frame: how far the surface may have moved since the last accepted one.
 //!
 //! ```text
-//! gone      min( 95 % of d(vertices measured last → cloud),  95 % of d(cloud → vertices) )
-//! believed  gone ≤ ξ · frames since,     ξ the motion a frame, or the fall of a body that was let go
+//! moved      min( 95 % of d(vertices measured last → cloud),  95 % of d(cloud → vertices) )
+//! plausible  moved ≤ ξ · frames since,    ξ the largest motion in a frame, or the fall of a released body
 //! ```
 
 use super::Track;
@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use topo_ekf::body::{Embedding, Limits};
 
 impl Track {
-    /// What is believed of this frame: what was not followed for some frames may have gone as much farther.
+    /// The limits for this frame: each missed frame allows as much motion again.
     pub(super) fn limits_now(&self, limits: &Limits) -> Limits {
         let frames = (self.missed + 1) as f64;
         limits
@@ -20,7 +20,7 @@ impl Track {
             .with_fall(limits.fall * frames)
     }
 
-    /// Says so when the cloud shows more motion than is believed.
+    /// Returns a message when the cloud shows more motion than is plausible.
     pub(super) fn gone_too_far(
         &self,
         view: &FrameView,
@@ -39,8 +39,8 @@ impl Track {
         })
     }
 
-    /// A lower bound on how far the seen surface moved, metres: 95 % of what was measured last has a point of the cloud this near, or 95 % of
-    /// the cloud has a vertex. What an arm hides spoils the first, what it shows again the second, what moves both.
+    /// A lower bound on the motion of the seen surface, metres: 95 % of the vertices measured last have a point of the cloud within it, or 95 % of
+    /// the cloud has a vertex. The first fails where an arm hides surface, the second where it reveals surface; a motion affects both.
     fn gone(&self, view: &FrameView) -> f64 {
         let last_taken = self.frame.saturating_sub(self.missed as u32 + 1);
         let seen = self.model.live().iter().zip(self.model.last_seen());
@@ -55,7 +55,7 @@ impl Track {
         left.min(most_of(reached.collect()))
     }
 
-    /// A frame that is not believed: everything stays as it was before it.
+    /// Rejects an implausible frame: the state from before it is kept.
     pub(super) fn refuse(&mut self, why: String) {
         self.refused = Some(why);
         self.missed += 1;
@@ -66,7 +66,7 @@ impl Track {
     }
 }
 
-/// What 95 % of the values do not exceed; 0 of none.
+/// The 95th percentile of the values; 0 if there are none.
 fn most_of(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     let at = values.len() * 95 / 100;

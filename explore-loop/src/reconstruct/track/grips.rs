@@ -1,18 +1,18 @@
-//! What the jaws hold: places in the material that go with the tips.
+//! What the jaws hold: points of the material that move with the tips.
 
 use super::Track;
 use crate::cell::ArmState;
 use nalgebra::Point3;
 use topo_ekf::body::Embedding;
 
-/// Fewest vertices a jaw is taken to hold.
+/// Fewest vertices that a jaw holds.
 const LEAST_HELD: usize = 4;
 
-/// A jaw that holds the body: places in the material and where they are in the frame of the tip.
+/// What a jaw holds: points of the material and their positions in the frame of the tip.
 pub(super) type Grip = Vec<(Embedding, Point3<f64>)>;
 
 impl Track {
-    /// Held places and where the tips have carried them.
+    /// The held points and where the tips have moved them.
     pub fn grips_now(&self, arms: &[ArmState]) -> Vec<(Embedding, Point3<f64>)> {
         let mut held = Vec::new();
         for (arm, grip) in arms.iter().zip(&self.grips) {
@@ -26,7 +26,7 @@ impl Track {
         held
     }
 
-    /// Notes which arms hold what, for the next frame.
+    /// Records what each arm holds, for the next frame.
     pub fn take_grips(&mut self, arms: &[ArmState], radius: f64) {
         self.grips.resize_with(arms.len(), || None);
         for (k, arm) in arms.iter().enumerate() {
@@ -38,7 +38,7 @@ impl Track {
             if !arm.holding {
                 self.grips[k] = None;
             } else if !finite {
-                // Taken as soon as the arm says where it is.
+                // Recorded as soon as the arm reports its pose.
             } else if self.grips[k].is_none() {
                 let tip = Point3::from(arm.camera_from_tip.translation.vector);
                 let mut near: Vec<(f64, usize)> = self
@@ -60,7 +60,7 @@ impl Track {
         }
     }
 
-    /// Whether an arm has just taken hold: its grip is not known yet.
+    /// Whether an arm has just closed, and its grip is not recorded yet.
     pub fn takes_hold(&self, arms: &[ArmState]) -> bool {
         let unknown = |k: usize| self.grips.get(k).is_none_or(Option::is_none);
         arms.iter()
@@ -68,7 +68,7 @@ impl Track {
             .any(|(k, a)| a.holding && unknown(k))
     }
 
-    /// Whether some arm holds the body, as far as is known.
+    /// Whether an arm is known to hold the body.
     pub fn is_held(&self) -> bool {
         self.grips.iter().any(Option::is_some)
     }

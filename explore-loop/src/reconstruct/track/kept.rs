@@ -1,4 +1,4 @@
-//! The frames that a track keeps, and their poses fitted anew once the shape is known better.
+//! The keyframes of a track, and fitting their poses anew to an improved shape.
 
 use super::Track;
 use crate::cell::ArmState;
@@ -11,7 +11,7 @@ use std::sync::Arc;
 use topo_ekf::body::BodyFrame;
 
 impl Track {
-    /// Keeps a frame for re-fusion.
+    /// Stores a frame for the re-fusion.
     pub fn keep_keyframe(&mut self, view: Arc<FrameView>, arms: &[ArmState], at_rest: bool) {
         self.keyframes.keep(Keyframe {
             view,
@@ -24,7 +24,7 @@ impl Track {
         });
     }
 
-    /// Fits the poses of the keyframes anew to their clouds, now that the shape is known better. A pose that cannot be fitted stays.
+    /// Fits the poses of the keyframes to their clouds again, with the improved shape. A pose that cannot be fitted is kept.
     pub fn refit_keyframes(&mut self, options: &ReconstructOptions) {
         let mut keyframes = std::mem::take(&mut self.keyframes);
         for keyframe in keyframes.all_mut().iter_mut().filter(|k| k.frame > 0) {

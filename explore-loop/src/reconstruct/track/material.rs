@@ -1,8 +1,8 @@
-//! The material that carries the surface: filled from the first view, again from what came into view since, and from the closed surface; and where in
-//! it a place of the surface lies.
+//! The material that carries the surface: filled from the first view, later from what was seen since, and finally from the closed surface; and the
+//! embedding of surface points in it.
 //!
 //! ```text
-//! cell of a place      its own; where material parts: the copy whose material is nearest to a point a little behind the surface
+//! cell of a point      the one it lies in; where material is divided: the copy whose material is nearest to a point slightly behind the surface
 //! ```
 
 use super::Track;
@@ -19,20 +19,20 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use topo_ekf::body::{Embedding, Foot, Lattice};
 
-/// Most cells' worth of material in a body.
+/// Largest amount of material in a body, in cells.
 const MOST_CELLS: f64 = 300.0;
-/// The body is filled anew when it has grown by this many vertices, and by one in so many of them.
+/// The body is filled anew when it has grown by this many vertices, and by this fraction of them (one in so many).
 const LEAST_GROWN: usize = 30;
 const SHARE_GROWN: usize = 25;
 
-/// How the column under each point of the first view is filled.
+/// How the columns under the points of the first view are filled.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Fill {
     /// Stiffness and mass below the surface cells, relative to full ones.
     pub inner: f64,
 }
 
-/// Cells under the first view, filled as far as material is taken to be in them, and where they stand.
+/// The lattice of cells under the first view, filled with the assumed material, and its feet.
 pub(super) fn filled(
     view: &FrameView,
     table: &Plane,
@@ -53,7 +53,7 @@ pub(super) fn filled(
     let under = |lattice: &Lattice| Columns::under(seen, Seen::NOTHING, lattice, options.spacing);
     let mut lattice = Lattice::new(options.cell, origin, axes);
     let mut columns = under(&lattice);
-    // A large body gets larger cells: the time of a frame grows faster than their number.
+    // A large body gets larger cells, because the time of a frame grows faster than their number.
     let crowd = columns.volume() / MOST_CELLS;
     if crowd > 1.0 {
         lattice = Lattice::new(options.cell * crowd.cbrt(), origin, axes);
@@ -66,13 +66,13 @@ pub(super) fn filled(
     Ok((lattice, feet))
 }
 
-/// How far behind the surface its material is looked for, in cells, and how much nearer material of a neighbouring cell must be than that of a
-/// place's own.
+/// Distance behind the surface at which its material is searched for, in cells; and how much nearer the material of a neighbouring cell must be than
+/// that of the point's own.
 const BEHIND: f64 = 0.15;
 const NEARER: f64 = 0.15;
 
-/// Where a place of the surface lies, in the material behind it: of the copies of its cell, and of the cells around where the material parts, the one
-/// whose material is nearest.
+/// Embeds a surface point in the material behind it: of the copies of its cell, and of the surrounding cells where material is divided, the one whose
+/// material is nearest is used.
 pub(crate) fn embed_beside(
     lattice: &Lattice,
     rest: &Point3<f64>,
@@ -101,7 +101,7 @@ pub(crate) fn embed_beside(
 }
 
 impl Track {
-    /// Where a place at rest lies whose material is behind it, against `normal`; a cell is made there if there is none.
+    /// Embeds a point at rest whose material is behind it, against `normal`; adds a cell if there is none.
     pub fn embed(&mut self, rest: &Point3<f64>, normal: &UnitVector3<f64>) -> Embedding {
         embed_beside(self.body.lattice(), rest, normal).unwrap_or_else(|| {
             let (place, xi) = self.body.lattice().locate(rest);
@@ -109,14 +109,14 @@ impl Track {
         })
     }
 
-    /// Fills every cell as far as the columns say, parts what is not connected in a cell, and lets the body stand where the columns do.
+    /// Fills every cell from the columns, separates what is not connected in a cell, and sets the feet of the body.
     pub fn refill(&mut self, columns: &Columns, inner: f64, material: Material) {
         let cells = self.body.lattice().cells();
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
         let found = Pieces::new(columns, self.body.lattice(), &surface, inner, material);
         self.body.edit(|lattice| {
-            // Pieces are given for every place, and joined only where they touch.
+            // The pieces cover every needed cell, and are joined only where they touch.
             let _cells = lattice.set_pieces(&found.pieces, &found.joined);
         });
         let feet = columns.feet(self.body.lattice());
@@ -126,7 +126,7 @@ impl Track {
         self.embed_anew();
     }
 
-    /// Embeds everything in the copies of the cells as they now are.
+    /// Embeds everything again in the new copies of the cells.
     fn embed_anew(&mut self) {
         let lattice = self.body.lattice();
         for (i, at) in self.embeddings.iter_mut().enumerate() {
@@ -137,7 +137,7 @@ impl Track {
         }
         let tree = graph::tree(self.model.rest());
         let embeddings = &self.embeddings;
-        // What is held was surface of the model; it stays with the vertex nearest to it.
+        // What is held was surface of the model; it follows its nearest vertex.
         let renew = |grip: &mut Grip| {
             for (at, _) in grip {
                 let place = lattice.cells()[at.cell as usize].place;
@@ -162,7 +162,7 @@ impl Track {
             .for_each(|k| renew(&mut k.grips));
     }
 
-    /// Fills the body anew from what was seen since the first view, once that has grown by enough.
+    /// Fills the body anew from what was seen since the first view, if that has grown enough.
     pub fn refill_as_seen(&mut self, options: &ReconstructOptions) {
         let spacing = options.spacing;
         let later: Vec<usize> = (0..self.model.len())

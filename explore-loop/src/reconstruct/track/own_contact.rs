@@ -1,21 +1,21 @@
-//! Where the surface comes near itself: found anew when the surface has changed, kept apart in every frame.
+//! Self-contact: surface triangles are recomputed when the surface has changed, and contacts are constrained in every frame.
 
 use super::Track;
 use crate::canonical::surface::triangulate;
 use topo_ekf::body::{BodyInequality, SelfContact};
 
-/// The surface as it was looked at last.
+/// The surface when it was last triangulated.
 #[derive(Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct OwnContact {
     triangles: Vec<[u32; 3]>,
-    /// How many vertices there were.
+    /// Its number of vertices.
     vertices: usize,
     #[serde(skip)]
     contact: Option<SelfContact>,
 }
 
 impl OwnContact {
-    /// Whether its triangles are of a model with so many vertices.
+    /// Whether the triangles belong to a model with this number of vertices.
     pub fn is_of(&self, vertices: usize) -> bool {
         let corners = || self.triangles.iter().flatten();
         self.vertices <= vertices && corners().all(|k| (*k as usize) < self.vertices)
@@ -23,7 +23,7 @@ impl OwnContact {
 }
 
 impl Track {
-    /// Looks at the surface as it is now.
+    /// Triangulates the present surface.
     pub fn renew_contact(&mut self, spacing: f64) {
         let model = &self.model;
         self.own_contact = OwnContact {
@@ -33,7 +33,7 @@ impl Track {
         };
     }
 
-    /// What keeps the surface from passing through itself in the next frame.
+    /// The constraints that keep the surface from passing through itself in the next frame.
     pub(super) fn own_contacts(&mut self, separation: Option<f64>) -> Vec<BodyInequality> {
         let own = &mut self.own_contact;
         let Some(separation) = separation else {

@@ -12,7 +12,7 @@ function svg(name, attributes = {}, text) {
   return made;
 }
 
-// Round numbers over a range, about as many as asked for.
+// Round numbers over a range, about as many as requested.
 function ticks(low, high, count) {
   const raw = (high - low) / count;
   const unit = 10 ** Math.floor(Math.log10(raw));
@@ -24,7 +24,7 @@ function ticks(low, high, count) {
 
 const tickText = (value, step) => value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
 
-// Axes with their numbers; gives the scales.
+// Draws axes with their numbers; returns the scales.
 function axes(root, [x0, x1], [y0, y1], unitX, whole, high = HIGH) {
   const x = (value) => PAD.left + ((value - x0) / (x1 - x0)) * (WIDE - PAD.left - PAD.right);
   const y = (value) => high - PAD.bottom - ((value - y0) / (y1 - y0)) * (high - PAD.top - PAD.bottom);
@@ -42,7 +42,7 @@ function axes(root, [x0, x1], [y0, y1], unitX, whole, high = HIGH) {
   return { x, y };
 }
 
-// As many points as there are pixels: the lowest and the highest of each column.
+// Reduces a curve to the resolution of the screen: the lowest and the highest point of each pixel column.
 function slim(xs, ys) {
   const most = 2 * WIDE;
   if (xs.length <= most) return xs.map((_, i) => i);
@@ -61,7 +61,7 @@ function slim(xs, ys) {
   return [...chosen].sort((a, b) => a - b);
 }
 
-// A chart of curves over time: `curves` have a name, `x`, `y`; `marks` also draws their points, `whole` wants whole numbers only.
+// A chart of curves over time: `curves` have a name, `x`, `y`; `marks` also draws their points, `whole` shows only whole numbers.
 function chart(name, unit, curves, { marks = false, whole = false, top = 0 } = {}) {
   const shown = curves
     .map((curve, k) => ({ ...curve, ink: INKS[k], y: curve.y.map((v) => (v === null || v === undefined ? NaN : v)) }))
@@ -104,7 +104,7 @@ function chart(name, unit, curves, { marks = false, whole = false, top = 0 } = {
   return { box, at: (time) => { now.setAttribute('x1', x(time)); now.setAttribute('x2', x(time)); } };
 }
 
-// All curves for which there is something to draw; gives what moves their mark to a time.
+// Draws all curves that have data; returns the functions that move their time marks.
 function curves(root) {
   const { decisions, samples } = DATA;
   const when = decisions.map((d) => d.time);
@@ -116,7 +116,7 @@ function curves(root) {
   const charts = [
     chart('Explored', '% of the true surface', [
       steps('within one spacing', each((d) => share(d.explored))),
-      steps('within two', each((d) => share(d.explored_2eps))),
+      steps('within two spacings', each((d) => share(d.explored_2eps))),
     ], { marks: true, top: 100 }),
     chart('Accuracy and completeness', 'mm', [
       steps('accuracy, mean', each((d) => mm(d.accuracy, 0))),
@@ -146,7 +146,7 @@ function barcode(decision, name) {
   heading.append(' ', element('small', `persistent Betti numbers ${decision.persistent.join(', ')}${decision.obstacle ? `; not closed: ${decision.obstacle}` : '; closed'}`));
   const ends = decision.bars.flatMap((d) => d.bars.flatMap(([birth, death]) => [birth, death ?? birth]));
   const last = Math.max(1.25, ...ends) * 1.04;
-  // No more than a dozen of each: what is short is noise.
+  // At most a dozen of each dimension: short bars are noise.
   const shown = decision.bars.map((d) => d.bars.slice(0, 12));
   const rows = shown.reduce((sum, bars) => sum + bars.length, 0);
   const row = rows > 24 ? 4 : 6;
@@ -166,6 +166,6 @@ function barcode(decision, name) {
   for (const scale of [1, 1.25]) root.append(svg('line', { x1: x(scale), x2: x(scale), y1: 0, y2: high - PAD.bottom, stroke: '#1c2430', 'stroke-width': 0.8, 'stroke-dasharray': '3 3' }));
   box.append(heading, root);
   const more = decision.bars.map((d, k) => d.shorter + d.bars.length - shown[k].length);
-  if (more.some((n) => n > 0)) box.append(element('div', `not drawn, being shorter: ${more.map((n, k) => `${n} of H${'₀₁₂'[k]}`).join(', ')}`, { class: 'keys' }));
+  if (more.some((n) => n > 0)) box.append(element('div', `shorter bars, not drawn: ${more.map((n, k) => `${n} of H${'₀₁₂'[k]}`).join(', ')}`, { class: 'keys' }));
   return box;
 }

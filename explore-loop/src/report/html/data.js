@@ -54,7 +54,7 @@ function timeOfFrame(frame) {
   return time[low] + share * (time[next] - time[low]);
 }
 
-// An element with text in it: text is never taken for markup.
+// An element with text in it; text is never parsed as markup.
 function element(name, text, attributes = {}) {
   const made = document.createElement(name);
   if (text !== undefined) made.textContent = text;

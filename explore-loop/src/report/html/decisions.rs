@@ -1,4 +1,4 @@
-//! What was known before each decision, and what was done then.
+//! The state before each decision, and the action taken.
 
 use super::live::short;
 use super::packed::{Bytes, Indices, Points, Values};
@@ -11,25 +11,25 @@ use grip_planner::{Motion, Plan, Role};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// Most decisions, and most manipulations, that are kept.
+/// Most decisions, and most manipulations, that are stored.
 const MOST_DECISIONS: usize = 32;
 /// Most bytes of all meshes before decisions together.
 const MOST_BYTES: usize = 3_000_000;
-/// Most bars of a dimension that a page shows.
+/// Most bars of a dimension that are shown.
 const MOST_BARS: usize = 40;
 /// Most loops of a decision, the longest first.
 const MOST_LOOPS: usize = 60;
 /// Most positions of a tip in a manipulation.
 const MOST_TIPS: usize = 400;
 
-/// A quantity of every vertex of a mesh: a way to colour it.
+/// A quantity on the vertices of a mesh, by which it can be coloured.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
-    /// Its name in words.
+    /// Its name.
     pub name: &'static str,
     /// Its unit; empty when it has none.
     pub unit: &'static str,
-    /// A value a vertex; not finite where it is unknown.
+    /// A value for each vertex; not finite where unknown.
     pub values: Vec<f64>,
 }
 
@@ -40,16 +40,16 @@ pub struct Mesh {
     pub vertices: Vec<Point3<f64>>,
     /// Triangles, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// What is known of its vertices.
+    /// Quantities on its vertices.
     pub quantities: Vec<Quantity>,
-    /// Red, green and blue of each vertex as the camera saw it, if it has colours. A list of another length than the vertices is no colours.
+    /// Red, green and blue of each vertex, if the camera has colours. Ignored if it has another length than the vertices.
     pub colours: Option<Vec<[u8; 3]>>,
 }
 
-/// What a ground truth says before a decision.
+/// Comparison with the ground truth before a decision.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AgainstTruth {
-    /// Of the points of the model.
+    /// Measures of the points of the model.
     pub shape: Option<ShapeMeasures>,
     /// Distance from the mesh to the true surface, metres.
     pub accuracy: Option<Spread>,
@@ -99,9 +99,9 @@ impl PackedMesh {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Bars {
-    /// Birth and death of the longest ones, by birth; no death: it outlives the complex.
+    /// Birth and death of the longest bars, by birth; no death if the class outlives the complex.
     bars: Vec<(f64, Option<f64>)>,
-    /// How many shorter ones there are.
+    /// Number of shorter bars.
     shorter: usize,
 }
 
@@ -128,7 +128,7 @@ impl Bars {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Decision {
-    /// From 0.
+    /// Counted from 0.
     number: u64,
     time: f64,
     manipulations: usize,
@@ -139,7 +139,7 @@ struct Decision {
     missing: f64,
     bare: f64,
     strays: f64,
-    /// What keeps the surface from counting as closed.
+    /// Why the surface does not count as closed.
     obstacle: Option<String>,
     explored: Option<f64>,
     explored_2eps: Option<f64>,
@@ -156,9 +156,9 @@ struct Decision {
 struct PlannedGrip {
     arm: usize,
     lifts: bool,
-    /// Where it is on the body at rest, m; nothing when the body has no such vertex.
+    /// The position of the gripped vertex at rest, m; `None` when the body has no such vertex.
     rest: Option<[f64; 3]>,
-    /// Where the tip closes its jaws, m.
+    /// The position at which the tip closes its jaws, m.
     at: [f64; 3],
 }
 
@@ -183,7 +183,7 @@ fn paths(motion: &Motion) -> Vec<Path> {
     motion.arms.iter().map(path).collect()
 }
 
-/// Where the tips of all arms were at a time, m.
+/// Positions of the tips of all arms at a time, m.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Tips {
     time: f64,
@@ -192,10 +192,10 @@ struct Tips {
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Manipulation {
-    /// From 1.
+    /// Counted from 1.
     number: usize,
     time: f64,
-    /// In words.
+    /// A description.
     what: String,
     score: f64,
     coverage: f64,
@@ -203,15 +203,15 @@ struct Manipulation {
     duration: f64,
     grips: Vec<PlannedGrip>,
     planned: Vec<Path>,
-    /// Where the tips were frame by frame.
+    /// Positions of the tips, frame by frame.
     tips: Thinned<Tips>,
 }
 
-/// All decisions and manipulations that are kept.
+/// All stored decisions and manipulations.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Decisions {
     known: Thinned<Decision>,
-    /// The last one, if it is not among those.
+    /// The latest one, if it is not among those.
     last: Option<Decision>,
     manipulations: Thinned<Manipulation>,
     under_way: Option<Manipulation>,
@@ -262,11 +262,11 @@ impl Decisions {
         self.last = Some(decision.clone());
         if self.known.takes_next() {
             self.known.keep(decision);
-            // The first one stays, however large it is.
+            // The first one is kept, however large it is.
             while self.size() > MOST_BYTES && self.known.kept().len() > 1 {
                 self.known.halve();
             }
-            // It stands there already, unless it has just gone again.
+            // It was stored, unless it was dropped by halving.
             if self.known.kept().last().map(|d| d.number) == Some(number) {
                 self.last = None;
             }
@@ -278,7 +278,7 @@ impl Decisions {
         kept.map(|decision| decision.mesh.size()).sum()
     }
 
-    /// A manipulation begins.
+    /// Records the beginning of a manipulation.
     pub fn planned(
         &mut self,
         number: usize,
@@ -311,7 +311,7 @@ impl Decisions {
         });
     }
 
-    /// Where the tips are while a manipulation is under way.
+    /// Records the tips during a manipulation.
     pub fn tips(&mut self, time: f64, observation: &Observation) {
         if let Some(manipulation) = &mut self.under_way {
             let arms = observation.arms.iter();
@@ -327,7 +327,7 @@ impl Decisions {
         }
     }
 
-    /// For the page.
+    /// The data for the page.
     pub fn page(&self) -> (serde_json::Value, serde_json::Value) {
         let decisions: Vec<_> = self.known.kept().iter().chain(&self.last).collect();
         let manipulations = self.manipulations.kept().iter().chain(&self.under_way);

@@ -1,4 +1,4 @@
-// The model and the cloud as they moved, with the tools: frame by frame, played or by hand.
+// The moving model and the cloud, with the tools: frame by frame, played or by hand.
 
 function liveView(root, whenTime) {
   const place = root.querySelector('.canvas');
@@ -21,19 +21,19 @@ function liveView(root, whenTime) {
   table(stage, some);
 
   const known = frames.some((frame) => frame.error.data !== '');
-  const MODES = ['first seen', 'seen now', ...(known ? ['distance to the true place'] : []), 'plain'];
+  const MODES = ['first seen', 'seen now', ...(known ? ['distance to the true position'] : []), 'plain'];
   options(colour, MODES, 0);
   const latest = Math.max(0.1, frames[frames.length - 1].time);
   const highest = known ? percentile(frames, 0.98) : 1;
 
   function paints(frame, count) {
     const mode = MODES[Number(colour.value)];
-    const keys = [['#9aa3af', 'what the camera sees']];
+    const keys = [['#9aa3af', 'points of the cloud']];
     if (mode === 'first seen') {
       legend(key, mode, 's', 'time', 0, latest, keys);
       return colours(values(frame.born).map(timeOfFrame), 'time', 0, latest);
     }
-    if (mode === 'distance to the true place') {
+    if (mode === 'distance to the true position') {
       legend(key, mode, 'mm', 'bad', 0, highest, keys);
       const list = frame.error.data === '' ? new Float32Array(count).fill(NaN) : values(frame.error);
       return colours(list, 'bad', 0, highest);
@@ -57,7 +57,7 @@ function liveView(root, whenTime) {
     if (shown('mesh')) {
       const triangles = meshes[frame.mesh] ? indices(meshes[frame.mesh]) : new Uint16Array(0);
       if (triangles.every((i) => i < count)) parts.push(...surface(positions, triangles, list));
-      // Vertices that came after the mesh was drawn.
+      // Vertices that were added after the mesh was computed.
       const meshed = new Uint8Array(count);
       for (const i of triangles) meshed[i] = 1;
       const bare = Array.from({ length: count }, (_, i) => i).filter((i) => !meshed[i]);
@@ -82,7 +82,7 @@ function liveView(root, whenTime) {
     if (playing) { stop(); return; }
     if (slider.value === slider.max) slider.value = '0';
     play.textContent = 'pause';
-    // As fast as it was, three times over, and no faster than can be drawn.
+    // At three times the real speed, but no faster than can be drawn.
     const pace = Math.max(40, 1000 * latest / Math.max(1, frames.length - 1) / 3);
     playing = setInterval(() => {
       if (slider.value === slider.max) { stop(); return; }
@@ -98,7 +98,7 @@ function liveView(root, whenTime) {
   paint();
 }
 
-// The table under what is seen.
+// The table below the object.
 function table(stage, some) {
   const { offset } = DATA.about;
   if (new THREE.Vector3(...DATA.about.up).lengthSq() === 0) return;
@@ -107,12 +107,12 @@ function table(stage, some) {
   const size = 0.05 * Math.ceil(2.2 * low.distanceTo(high) / 0.05);
   const grid = new THREE.GridHelper(size, Math.round(size / 0.05), 0xc3cad3, 0xdde1e6);
   grid.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), UP);
-  // Half a millimetre under it, so that what lies on it is not cut by its lines.
+  // Half a millimetre lower, so that its lines do not cut the object lying on it.
   grid.position.copy(centre).addScaledVector(UP, -(UP.dot(centre) + offset) - 5e-4);
   stage.show('table', [grid]);
 }
 
-// A tool: a shaft that comes from behind the tip, and two fingers.
+// A tool: a shaft that ends at the tip, and two fingers.
 function tool(arm, colour, spacing) {
   const group = new THREE.Group();
   const along = new THREE.Vector3(...arm.along);
@@ -133,7 +133,7 @@ function tool(arm, colour, spacing) {
   return group;
 }
 
-// Where the tips were to go in the manipulation of a frame (dashed), and where they went until then.
+// The planned paths of the tips in the manipulation of a frame (dashed), and their actual paths until then.
 function ways(frame, spacing) {
   const manipulation = DATA.manipulations.find((m) => m.number === frame.manipulation);
   if (!manipulation) return [];
@@ -145,7 +145,7 @@ function ways(frame, spacing) {
   return [...planned, ...gone, ...grips];
 }
 
-// So many of the errors of some frames are smaller.
+// The value that this share of the errors of some frames does not exceed.
 function percentile(frames, share) {
   const all = [];
   for (let i = 0; i < frames.length; i += Math.ceil(frames.length / 20)) {

@@ -1,4 +1,4 @@
-//! The model as it moved, frame by frame, and what the camera saw of it: as many frames as fit.
+//! The moving model and the clouds, frame by frame: as many frames as fit.
 
 use super::packed::{Bytes, Indices, Points, Values, bits};
 use super::thinned::Thinned;
@@ -9,13 +9,13 @@ use crate::reconstruct::FrameReport;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Most frames that are kept.
+/// Most frames that are stored.
 const MOST_FRAMES: usize = 240;
-/// Most bytes of all frames together; Base64 makes a third more of them.
+/// Most bytes of all frames together; Base64 adds a third.
 const MOST_BYTES: usize = 6_000_000;
 /// Most points of a cloud.
 const MOST_POINTS: usize = 1_200;
-/// Share of vertices without a triangle from which on the mesh is drawn anew (until then they are dots).
+/// Largest share of vertices without a triangle (drawn as dots) before the mesh is computed again.
 const MOST_DOTS: f64 = 0.03;
 
 /// A frame as the page shows it.
@@ -25,17 +25,17 @@ struct LiveFrame {
     frame: u32,
     phase: String,
     manipulation: usize,
-    /// The model now.
+    /// The live vertices.
     vertices: Points,
-    /// Number of its mesh.
+    /// Index of its mesh.
     mesh: usize,
-    /// Frame in which each vertex entered the model.
+    /// Frame in which each vertex was added.
     born: Values,
     /// Whether each vertex was measured in this frame.
     measured: Bytes,
-    /// Distance of each vertex to where it truly is, mm; empty where nobody knows.
+    /// Distance of each vertex from its true position, mm; empty where unknown.
     error: Values,
-    /// What the camera saw.
+    /// The cloud.
     cloud: Points,
     arms: Vec<Arm>,
 }
@@ -47,7 +47,7 @@ impl LiveFrame {
     }
 }
 
-/// Where an arm was.
+/// The pose of an arm.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Arm {
     /// Position of the tip, m.
@@ -73,7 +73,7 @@ impl Arm {
     }
 }
 
-/// A hundredth of a millimetre is as fine as the page draws.
+/// Rounded to a hundredth of a millimetre, which is fine enough for drawing.
 pub(super) fn short(vector: [f64; 3]) -> [f64; 3] {
     vector.map(rounded)
 }
@@ -82,19 +82,19 @@ fn rounded(value: f64) -> f64 {
     (value * 1e5).round() / 1e5
 }
 
-/// When a frame was taken and in the course of what.
+/// The time of a frame, and the phase it belongs to.
 pub(super) struct Moment<'a> {
     pub time: f64,
     pub phase: &'a str,
     pub manipulation: usize,
 }
 
-/// The frames that are kept. Frames between which the surface only moved share a mesh.
+/// The stored frames. Frames between which the surface only moved share a mesh.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Live {
     frames: Thinned<LiveFrame>,
     meshes: Vec<Indices>,
-    /// Vertices that the last mesh is of, and how many of them.
+    /// Vertices of the last mesh, and their number.
     drawn: Vec<u64>,
 }
 
@@ -107,7 +107,7 @@ impl Live {
         }
     }
 
-    /// Takes a frame if it is its turn.
+    /// Stores a frame if it is due.
     pub fn push(
         &mut self,
         moment: &Moment<'_>,
@@ -137,18 +137,18 @@ impl Live {
             cloud: Points::of(observation.points.iter().step_by(every)),
             arms: observation.arms.iter().map(Arm::of).collect(),
         });
-        // A single frame of a huge model stays, however large it is.
+        // The first and last frames are kept, however large the model is.
         while self.size() > MOST_BYTES && self.frames.kept().len() > 2 {
             self.frames.halve();
             self.drop_unused();
         }
-        // Frames may have gone because there were too many of them.
+        // Halving may have dropped frames.
         if self.meshes.len() > self.frames.kept().len() {
             self.drop_unused();
         }
     }
 
-    /// Draws the mesh anew when vertices went or many came.
+    /// Computes the mesh again when vertices were removed or many were added.
     fn draw(&mut self, model: &CanonicalModel, spacing: f64) {
         let new = model.len().saturating_sub(self.drawn.len());
         let few = new as f64 <= MOST_DOTS * model.len() as f64;
@@ -160,7 +160,7 @@ impl Live {
         model.ids().clone_into(&mut self.drawn);
     }
 
-    /// Forgets meshes that no frame shows but the last, and numbers the others anew.
+    /// Drops meshes that no frame uses, except the last, and renumbers the others.
     fn drop_unused(&mut self) {
         let Some(last) = self.meshes.len().checked_sub(1) else {
             return;
@@ -180,7 +180,7 @@ impl Live {
         frames + self.meshes.iter().map(Indices::len).sum::<usize>()
     }
 
-    /// For the page.
+    /// The data for the page.
     pub fn page(&self) -> serde_json::Value {
         serde_json::json!({
             "every": self.frames.every(),

@@ -12,7 +12,7 @@ function manipulations(root) {
   if (DATA.manipulations.length === 0) { root.hidden = true; return; }
   const table = root.querySelector('table');
   const head = element('tr');
-  for (const name of ['', 'begins, s', 'what', 'arms', 'coverage', 'score', 'at most, mm/s', 'motion, s']) head.append(element('th', name));
+  for (const name of ['', 'begins, s', 'action', 'arms', 'coverage', 'score', 'largest speed, mm/s', 'motion, s']) head.append(element('th', name));
   const top = element('thead');
   top.append(head);
   table.append(top);

@@ -3,19 +3,19 @@
 //! ```text
 //! frames ─► live model, clouds, tools (every 2^k-th) ─┐
 //! decisions ─► meshes, loops, bars, measures ─────────┼─► JSON, packed arrays in Base64 ─► page with viewer and curves
-//! plans ─► grips, planned and real ways ──────────────┘
+//! plans ─► grips, planned and real paths ─────────────┘
 //! ```
-//! [`Report`] gathers while a run goes on and stays small however long it lasts; [`Report::page`] writes the page. Nothing in it is loaded from
-//! elsewhere, and everything that comes from outside (names of files, reasons of failures) is data that the page shows as text.
+//! [`Report`] collects data while a run goes on and stays small however long it lasts; [`Report::page`] writes the page. It loads nothing from
+//! elsewhere, and all text from outside (file names, reasons of failures) is data that the page shows as text.
 //!
-//! | file | what it holds |
+//! | file | content |
 //! |---|---|
 //! | `live` | the moving model, frame by frame |
-//! | `decisions` | what was known before each decision, and what was done |
-//! | `packed`, `thinned` | few bytes, few entries |
-//! | `page` | the document |
-//! | `page.html`, `page.css`, `*.js` | what the browser is given |
-//! | `vendor/` | three.js, which draws in three dimensions |
+//! | `decisions` | the state before each decision, and the action taken |
+//! | `packed`, `thinned` | compact arrays and lists |
+//! | `page` | assembles the document |
+//! | `page.html`, `page.css`, `*.js` | the parts of the page |
+//! | `vendor/` | three.js, for 3-D drawing |
 
 mod decisions;
 mod live;
@@ -36,15 +36,15 @@ use live::{Live, Moment};
 use serde::{Deserialize, Serialize};
 use thinned::Thinned;
 
-/// Most frames in the curves.
+/// Most points of the curves.
 const MOST_SAMPLES: usize = 4_096;
-/// Most notes; what goes wrong in every frame shall not fill the page.
+/// Most notes: a fault in every frame must not fill the page.
 const MOST_NOTES: usize = 200;
 
-/// What a page says of the run as a whole.
+/// General information about the run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct About {
-    /// What was explored: a scene, a mesh file, a recording.
+    /// The explored object: a scene, a mesh file, a recording.
     pub subject: String,
     /// The command that made it.
     pub command: String,
@@ -61,7 +61,7 @@ pub struct About {
 }
 
 impl About {
-    /// Takes over what is fixed in a cell.
+    /// Takes the arms and the table from a cell.
     #[must_use]
     pub fn with_cell(self, cell: &CellInfo) -> Self {
         Self {
@@ -76,7 +76,7 @@ impl About {
 /// How a run ended.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Closing {
-    /// The closing table: names and values in words.
+    /// The closing table: names and formatted values.
     pub rows: Vec<(&'static str, String)>,
     metrics: serde_json::Value,
 }
@@ -95,7 +95,7 @@ impl Closing {
     }
 }
 
-/// A frame in the curves.
+/// A point of the curves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Sample {
     time: f64,
@@ -111,15 +111,15 @@ struct Sample {
     frame_ms: f64,
 }
 
-/// Gathers what a page shows while a run goes on.
+/// Collects the data of the page while a run goes on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     about: About,
-    /// Stamp of the first frame, s: times are counted from it.
+    /// Stamp of the first frame, s, from which times are counted.
     began: Option<f64>,
     now: f64,
     phase: String,
-    /// Number of the manipulation under way or made last.
+    /// Number of the current or latest manipulation.
     manipulation: usize,
     live: Live,
     decisions: Decisions,
@@ -135,7 +135,7 @@ impl Default for Report {
 }
 
 impl Report {
-    /// A report without anything in it.
+    /// An empty report.
     pub fn new(about: About) -> Self {
         Self {
             about,
@@ -151,7 +151,7 @@ impl Report {
         }
     }
 
-    /// Another command goes on with the run.
+    /// The run is resumed by another command.
     pub fn goes_on(&mut self, about: About) {
         self.about = about;
     }
@@ -171,7 +171,7 @@ impl Report {
         .into();
     }
 
-    /// A frame was processed. `errors` are the distances of the vertices to where they truly are, metres; empty where nobody knows.
+    /// Records a processed frame. `errors` are the distances of the vertices from their true positions, metres; empty where unknown.
     pub fn frame(
         &mut self,
         observation: &Observation,
@@ -209,7 +209,7 @@ impl Report {
         }
     }
 
-    /// The topology before a decision, the surface it was judged by, and what the truth says of it.
+    /// Records the topology before a decision, the surface by which it was judged, and the comparison with the truth.
     pub fn decision(
         &mut self,
         topology: &Topology,
@@ -221,14 +221,14 @@ impl Report {
             .decision(self.now, self.manipulation, topology, model, mesh, truth);
     }
 
-    /// A manipulation was planned; `what` says it in words.
+    /// Records a planned manipulation with its description `what`.
     pub fn planned(&mut self, what: String, plan: &Plan, model: &CanonicalModel) {
         self.manipulation += 1;
         self.decisions
             .planned(self.manipulation, self.now, what, plan, model);
     }
 
-    /// Something happened that a reader should know of.
+    /// Records a message for the reader.
     pub fn note(&mut self, text: String) {
         if self.notes.len() < MOST_NOTES {
             self.notes.push((self.now, text));
@@ -264,7 +264,7 @@ impl Report {
                 "failed": column(|s| s.failed.into()),
             },
         });
-        // What differs between two runs that are otherwise the same stands apart.
+        // Values that differ between two otherwise equal runs are stored separately.
         let times = serde_json::json!({
             "rows": &closing.rows,
             "metrics": &closing.metrics,
@@ -275,7 +275,7 @@ impl Report {
     }
 }
 
-/// As many decimals as a page needs; nothing of what is not finite.
+/// Rounded to the decimals that the page needs; null if not finite.
 fn rounded(value: f64, parts: f64) -> serde_json::Value {
     serde_json::json!((value * parts).round() / parts)
 }
@@ -284,7 +284,7 @@ fn millimetres(metres: Option<f64>) -> serde_json::Value {
     metres.map_or(serde_json::Value::Null, |m| rounded(1e3 * m, 1e4))
 }
 
-/// Mean of the errors of the vertices that were seen (or of the others); nothing when there is none.
+/// Mean of the errors of the vertices for which `seen` equals `wanted`; `None` when there is none.
 fn mean(errors: &[f64], seen: &[bool], wanted: bool) -> Option<f64> {
     let chosen = || errors.iter().zip(seen).filter(|(_, s)| **s == wanted);
     let count = chosen().count();

@@ -1,6 +1,6 @@
-// The model at rest, as it was before each decision: its mesh in colours, its boundary loops, the grips that were chosen on it.
+// The model at rest before each decision: its coloured mesh, its boundary loops, and the selected grips.
 
-// How a quantity is coloured, by the beginning of its name. What is not named here goes from low to high as time does.
+// The colour scale of a quantity, by the beginning of its name; the default is the scale of time.
 const STYLES = [
   ['first seen', 'time'],
   ['confidence', 'good'],
@@ -17,7 +17,7 @@ const LOOP = '#e0259a';
 
 const SEEN = 'colour as seen';
 
-// Colours of the screen, three bytes each, as the renderer wants them.
+// Colours of the screen, three bytes each, in the order of the renderer.
 function seenColours(raw) {
   const out = new Float32Array(raw.length);
   const made = new THREE.Color();
@@ -25,7 +25,7 @@ function seenColours(raw) {
   return out;
 }
 
-// The edges that only one triangle has, as pairs of positions.
+// The edges of only one triangle, as pairs of positions.
 function openEdges(positions, triangles) {
   const count = positions.length / 3;
   const once = new Map();
@@ -56,7 +56,7 @@ function restView(root) {
   if (!stage.renderer) return;
   options(when, decisions.map((d, i) => (i === last ? 'at the end' : `before manipulation ${d.manipulations + 1}`)), last);
 
-  // Names of the quantities of a decision; behind them the colours that the camera saw, if it has any, and the plain surface.
+  // Names of the quantities of a decision; then the colours of the camera, if there are any, and the plain surface.
   const names = (decision) => [...decision.mesh.quantities.map((q) => q.name), ...(decision.mesh.colours === '' ? [] : [SEEN]), 'plain'];
   options(colour, names(decisions[last]), 0);
 
@@ -64,7 +64,7 @@ function restView(root) {
     const decision = decisions[Number(when.value)];
     const positions = points(decision.mesh.vertices);
     const quantity = decision.mesh.quantities[Number(colour.value)];
-    const keys = [['#cd786e', 'seen from within']];
+    const keys = [['#cd786e', 'inner side']];
     const shows = root.querySelector('.holes').checked;
     const loops = shows ? decision.loops : [];
     const rim = shows ? openEdges(positions, indices(decision.mesh.triangles)) : [];
@@ -74,7 +74,7 @@ function restView(root) {
     if (quantity) {
       let list = values(quantity.values);
       if (quantity.name === 'first seen') list = list.map(timeOfFrame);
-      // Vertices without a triangle are not seen and count for nothing.
+      // Vertices without a triangle are not drawn and not counted.
       const used = new Set(indices(decision.mesh.triangles));
       let [low, high] = range(list.map((value, v) => (used.has(v) ? value : NaN)));
       if (styleOf(quantity.name) === 'bad') low = 0;
@@ -95,7 +95,7 @@ function restView(root) {
       ...loops.map((loop) => line(points(loop), LOOP, { closed: true })),
     ]);
 
-    // The grips of the manipulation that follows; at the end those of the last one.
+    // The grips of the next manipulation; at the end those of the last one.
     const shown = root.querySelector('.grips').checked
       ? DATA.manipulations.filter((m) => m.number === decision.manipulations + 1 || (decision === decisions[last] && m.number === decision.manipulations))
       : [];

@@ -1,7 +1,7 @@
-//! Arrays as bytes: what a page can take in without reading a million decimals.
+//! Packed arrays, which a page can load without parsing a million decimals.
 //!
 //! ```text
-//! position  u16 · step + low         a 65,535th of the extent of its cloud: 5 µm over 0.3 m
+//! position  u16 · step + low         resolution 1/65,535 of the extent of the cloud: 5 µm over 0.3 m
 //! value     u16 · step + low         65,535 stands for unknown
 //! index     u16, or u32 above 65,536 vertices
 //! ```
@@ -13,7 +13,7 @@ use nalgebra::Point3;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-/// Bytes that are text where a person could read it.
+/// Bytes that are written as Base64 in text formats.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub(super) struct Bytes(pub Vec<u8>);
 
@@ -38,7 +38,7 @@ impl<'de> Deserialize<'de> for Bytes {
     }
 }
 
-/// Positions in their bounding box.
+/// Positions, relative to their bounding box.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Points {
     low: [f32; 3],
@@ -47,7 +47,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// Of any points; one that is not finite lies in the corner of the box.
+    /// Packs points; one that is not finite becomes the corner of the box.
     pub fn of<'a>(points: impl Iterator<Item = &'a Point3<f64>> + Clone) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         let finite = |p: &&Point3<f64>| p.iter().all(|c| c.is_finite());
@@ -83,7 +83,7 @@ pub(super) struct Values {
 }
 
 impl Values {
-    /// Of any values; those that are not finite are unknown.
+    /// Packs values; those that are not finite become unknown.
     pub fn of(values: &[f64]) -> Self {
         let finite = || values.iter().copied().filter(|v| v.is_finite());
         let (low, high) = (
@@ -119,7 +119,7 @@ pub(super) struct Indices {
 }
 
 impl Indices {
-    /// Of the corners of triangles.
+    /// Packs the corners of triangles.
     pub fn of(triangles: &[[u32; 3]]) -> Self {
         let corners = triangles.as_flattened();
         let wide = corners.iter().any(|i| u16::try_from(*i).is_err());
@@ -141,7 +141,7 @@ impl Indices {
     }
 }
 
-/// Yes or no for each vertex, eight to a byte, the lowest bit first.
+/// A bit for each vertex, eight to a byte, the lowest bit first.
 pub(super) fn bits(flags: &[bool]) -> Bytes {
     let byte = |eight: &[bool]| {
         let bit = |(k, flag): (usize, &bool)| u8::from(*flag) << k;
@@ -182,7 +182,7 @@ impl Scale {
             return 0;
         }
         let level = (value - f64::from(self.low)) / f64::from(self.step);
-        // What is not a number becomes 0.
+        // NaN becomes 0.
         level.round().clamp(0.0, f64::from(self.highest)) as u16
     }
 }

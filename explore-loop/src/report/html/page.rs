@@ -1,6 +1,6 @@
-//! The document: a template whose places are filled with style, scripts and data.
+//! The document: a template whose placeholders are filled with style, scripts and data.
 //!
-//! Data are JSON in which no `<` is left, so that no text can end the element it stands in; the page makes text of them, never markup.
+//! Data are JSON without any `<`, so that no text can end its element; the page shows them as text, never as markup.
 
 use serde_json::Value;
 use std::fmt::Write;
@@ -22,7 +22,7 @@ const SCRIPTS: [&str; 6] = [
 pub(super) fn document(subject: &str, data: &Value, times: &Value) -> String {
     let mut page = String::with_capacity(1 << 20);
     let mut rest = TEMPLATE;
-    // Each place is filled as it comes: what fills it is never searched for places.
+    // Placeholders are filled in order, and inserted text is not searched for further ones.
     while let Some((before, after)) = rest.split_once("{{") {
         page.push_str(before);
         let (name, after) = after.split_once("}}").unwrap_or((after, ""));
@@ -42,12 +42,12 @@ pub(super) fn document(subject: &str, data: &Value, times: &Value) -> String {
     page
 }
 
-/// JSON that can stand in a script element.
+/// JSON that is safe in a script element.
 fn json(value: &Value) -> String {
     value.to_string().replace('<', "\\u003c")
 }
 
-/// Text that can stand in an element.
+/// Text that is safe in an element.
 fn escaped(text: &str) -> String {
     let mut out = String::new();
     for c in text.chars() {

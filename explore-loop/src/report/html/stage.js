@@ -1,4 +1,4 @@
-// A stage: a scene with a camera that is turned with the mouse, drawn only when something changed; colours and their legends.
+// A stage: a scene whose camera is turned with the mouse, drawn only when something has changed; colours and their legends.
 
 const INSIDE = 0xcd786e;
 const ARMS = ['#d1602a', '#1f8a70', '#8a4fb0', '#a8842c'];
@@ -20,7 +20,7 @@ function ramp(name, share) {
   return new THREE.Color(stops[k]).lerp(new THREE.Color(stops[k + 1]), at - k);
 }
 
-// A colour for each value, through a table: thousands of colours are not made anew.
+// A colour for each value, from a table, so that thousands of colours need not be created.
 function colours(list, rampName, low, high) {
   const table = Array.from({ length: 256 }, (_, i) => ramp(rampName, i / 255));
   const out = new Float32Array(3 * list.length);
@@ -67,7 +67,7 @@ const UP = (() => {
 })();
 
 class Stage {
-  // `box`: low and high corner of what is to be seen first.
+  // `box`: low and high corner of the region to show first.
   constructor(place, box, distance = 3.0) {
     this.scene = new THREE.Scene();
     this.camera = new THREE.PerspectiveCamera(32, 1, 0.001, 20);
@@ -78,7 +78,7 @@ class Stage {
       this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     } catch {
       this.canvas.remove();
-      place.append(element('p', 'This browser has no WebGL, so nothing can be drawn here in three dimensions.', { class: 'notice' }));
+      place.append(element('p', 'This browser has no WebGL, so the three-dimensional view cannot be drawn.', { class: 'notice' }));
       return;
     }
     this.renderer.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
@@ -96,7 +96,7 @@ class Stage {
     this.resize(place);
   }
 
-  // Looks at the box obliquely from above, from the side on which the camera of the cell is.
+  // The initial view is obliquely from above, from the side of the cell's camera.
   aim() {
     const [low, high] = this.box.map((corner) => new THREE.Vector3(...corner));
     const centre = low.clone().add(high).multiplyScalar(0.5);
@@ -104,7 +104,7 @@ class Stage {
     let side = centre.clone().negate();
     side.addScaledVector(UP, -side.dot(UP));
     if (side.length() < 0.3 * centre.length() || side.lengthSq() === 0) {
-      // It looks straight down: from the lower edge of its pictures.
+      // The camera looks straight down: use the lower edge of its images.
       side = new THREE.Vector3(0, 1, 0);
       side.addScaledVector(UP, -side.dot(UP));
       if (side.lengthSq() < 1e-6) side = new THREE.Vector3(1, 0, 0);
@@ -136,7 +136,7 @@ class Stage {
     });
   }
 
-  // Puts parts in the place of those that were shown under a name.
+  // Replaces the parts shown under a name.
   show(name, parts) {
     const old = this.scene.getObjectByName(name);
     if (old) {
@@ -151,7 +151,7 @@ class Stage {
   }
 }
 
-// A surface with its outside in the given colours and its inside in one: a hole is seen as a change of colour.
+// A surface with its outer side in the given colours and its inner side in one, so that a hole shows as a change of colour.
 function surface(positions, triangles, colour) {
   const geometry = new THREE.BufferGeometry();
   geometry.setAttribute('position', new THREE.BufferAttribute(positions, 3));
@@ -188,12 +188,12 @@ function ball(at, radius, colour) {
   return mesh;
 }
 
-// The spacing of the model as a measure of what is drawn; of a coarse model a share of its size.
+// The spacing of the model as a unit of length for drawing; for a coarse model a share of its size.
 function drawnSpacing([low, high]) {
   return Math.min(DATA.about.spacing, 0.025 * Math.hypot(...low.map((c, k) => high[k] - c)));
 }
 
-// The box round some positions.
+// The bounding box of positions.
 function boxOf(list) {
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];

@@ -1,11 +1,11 @@
-//! A list that stays short: every 2^k-th of what was given to it.
+//! A list of bounded length: every 2^k-th of the entries offered to it.
 //!
-//! When it is full every second entry goes, and from then on only half as many are taken. What remains depends on how many were given and on
-//! their sizes, on nothing else.
+//! When it is full every second entry is dropped, and from then on only half as many are stored. The result depends only on the number of
+//! offered entries and their sizes.
 
 use serde::{Deserialize, Serialize};
 
-/// At most so many entries of at most so many bytes together, evenly spread over all that were given.
+/// A bounded number of entries, evenly spread over all that were offered.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Thinned<T> {
     kept: Vec<T>,
@@ -25,14 +25,14 @@ impl<T> Thinned<T> {
         }
     }
 
-    /// Whether the next entry would be kept: one that is costly to make need not be made otherwise. Counts it as given.
+    /// Whether the next entry will be stored, so that a costly one need not be computed otherwise. Counts it as offered.
     pub fn takes_next(&mut self) -> bool {
         let takes = self.given.is_multiple_of(self.every);
         self.given += 1;
         takes
     }
 
-    /// Keeps an entry that [`Self::takes_next`] asked for.
+    /// Stores an entry after [`Self::takes_next`] has returned true.
     pub fn keep(&mut self, entry: T) {
         self.kept.push(entry);
         if self.kept.len() > self.most {
@@ -40,14 +40,14 @@ impl<T> Thinned<T> {
         }
     }
 
-    /// Takes an entry if it is its turn.
+    /// Stores an entry if it is due.
     pub fn push(&mut self, entry: T) {
         if self.takes_next() {
             self.keep(entry);
         }
     }
 
-    /// Leaves out every second entry; the first stays.
+    /// Drops every second entry; the first stays.
     pub fn halve(&mut self) {
         let mut at = 0;
         self.kept.retain(|_| {
@@ -57,22 +57,22 @@ impl<T> Thinned<T> {
         self.every = self.every.saturating_mul(2);
     }
 
-    /// What was kept.
+    /// The stored entries.
     pub fn kept(&self) -> &[T] {
         &self.kept
     }
 
-    /// The same, to be changed.
+    /// The stored entries, mutable.
     pub fn kept_mut(&mut self) -> &mut [T] {
         &mut self.kept
     }
 
-    /// How many entries there were.
+    /// How many entries were offered.
     pub fn given(&self) -> u64 {
         self.given
     }
 
-    /// Every how many-th entry is kept.
+    /// The stride: every n-th entry is stored.
     pub fn every(&self) -> u64 {
         self.every
     }

@@ -1,4 +1,4 @@
-//! What the viewer is given to draw.
+//! The entities that the viewer draws.
 
 use crate::cell::{ArmState, Observation, Plane};
 use crate::report::colour::{Rgb, mix};
@@ -12,11 +12,11 @@ const TABLE: Rgb = [90, 80, 70];
 /// An arm with open jaws, and one that holds something.
 const OPEN: Rgb = [60, 110, 200];
 const HOLDING: Rgb = [220, 60, 50];
-/// The ways that the tips are going to go.
+/// The planned paths of the tips.
 const PLANNED: Rgb = [240, 190, 60];
-/// A vertex of which nothing is known.
+/// A vertex of unknown accuracy.
 const UNKNOWN: Rgb = [110, 110, 120];
-/// A vertex that is known to [`SURE`] metres, and one that is not known to [`UNSURE`].
+/// A vertex known to [`SURE`] metres, and one not known to [`UNSURE`].
 const SURE_COLOUR: Rgb = [60, 180, 75];
 const BETWEEN_COLOUR: Rgb = [245, 200, 60];
 const UNSURE_COLOUR: Rgb = [215, 50, 45];
@@ -26,7 +26,7 @@ const UNSURE: f64 = 2.5e-3;
 /// Radius of a point of the cloud in spacings of the model, and of a grip, m.
 const POINT: f64 = 0.12;
 const GRIP: f32 = 0.006;
-/// Half the side of the table that is drawn in sizes of the object, and the height above it from which on there is taken to be none, m.
+/// Half the side of the table, in sizes of the object, and the height of the object above it beyond which no table is drawn, m.
 const TABLE_SIZE: f64 = 1.5;
 const NO_TABLE: f64 = 2.0;
 /// Lengths of the shaft and of the jaws of a tool, and half its thickness, m.
@@ -44,7 +44,7 @@ fn directions<'a>(
     normals.into_iter().map(|n| single(&n.into_inner().into()))
 }
 
-/// The points that the camera sees, in their colours if they have some.
+/// The points of the cloud, in their colours if they have any.
 pub(super) fn cloud(observation: &Observation, spacing: f64) -> Points3D {
     let colours = observation
         .colours()
@@ -61,7 +61,7 @@ pub(super) fn vertices(points: &[Point3<f64>], colours: Vec<Rgb>, spacing: f64) 
         .with_colors(colours)
 }
 
-/// A surface; with no triangles given those that it was last drawn with stay.
+/// A surface; without triangles the previous ones are kept.
 pub(super) fn surface(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -76,7 +76,7 @@ pub(super) fn surface(
     }
 }
 
-/// Middle and size of a cloud, m: of the box around it.
+/// Centre and size of the bounding box of a cloud, m.
 pub(super) fn extent(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
     let first = *points.first()?;
     let (low, high) = points
@@ -85,7 +85,7 @@ pub(super) fn extent(points: &[Point3<f64>]) -> Option<(Point3<f64>, f64)> {
     Some((nalgebra::center(&low, &high), (high - low).norm()))
 }
 
-/// A square of the table below an object of this middle and size; nothing where none was recorded and it was taken to be far away.
+/// A square of the table below an object with this centre and size; empty where no table was recorded.
 pub(super) fn table(table: &Plane, middle: &Point3<f64>, size: f64) -> Option<Mesh3D> {
     let height = table.height(middle);
     let normal = table.normal.into_inner();
@@ -106,7 +106,7 @@ pub(super) fn table(table: &Plane, middle: &Point3<f64>, size: f64) -> Option<Me
     Some(square)
 }
 
-/// The end of a tool: its shaft and the two jaws as they are open, red while they hold something.
+/// The end of a tool: its shaft and the two jaws, red while they hold something.
 pub(super) fn arm(arm: &ArmState) -> LineStrips3D {
     let at = |x: f64, z: f64| single(&(arm.camera_from_tip * Point3::new(0.0, x, z)));
     let (sin, cos) = (0.5 * arm.jaw).sin_cos();
@@ -117,7 +117,7 @@ pub(super) fn arm(arm: &ArmState) -> LineStrips3D {
         .with_colors([if arm.holding { HOLDING } else { OPEN }])
 }
 
-/// Where arms hold something, with their names.
+/// The points that arms hold, with the names of the arms.
 pub(super) fn grips<'a>(arms: impl Iterator<Item = (&'a str, &'a ArmState)>) -> Points3D {
     let (names, places): (Vec<&str>, Vec<[f32; 3]>) = arms
         .filter(|(_, arm)| arm.holding)
@@ -129,7 +129,7 @@ pub(super) fn grips<'a>(arms: impl Iterator<Item = (&'a str, &'a ArmState)>) -> 
         .with_labels(names)
 }
 
-/// Lines that tips follow.
+/// The paths of the tips.
 pub(super) fn ways<'a>(tips: impl Iterator<Item = Vec<&'a Isometry3<f64>>>) -> LineStrips3D {
     let ways = tips.map(|way| way.into_iter().map(position).collect::<Vec<_>>());
     LineStrips3D::new(ways)
@@ -141,7 +141,7 @@ fn position(camera_from_tip: &Isometry3<f64>) -> [f32; 3] {
     single(&camera_from_tip.translation.vector.into())
 }
 
-/// Colour of a standard deviation, m: green up to [`SURE`], yellow at 1.1 mm, red from [`UNSURE`] on, by its logarithm; grey where it is infinite.
+/// Colour of a standard deviation, m, on a logarithmic scale: green up to [`SURE`], yellow at 1.1 mm, red from [`UNSURE`] on; grey if infinite.
 pub(super) fn certainty(sigma: f64) -> Rgb {
     if !sigma.is_finite() {
         return UNKNOWN;
@@ -154,7 +154,7 @@ pub(super) fn certainty(sigma: f64) -> Rgb {
     }
 }
 
-/// Where nothing is known of the certainty: green what the frame has measured, grey the rest.
+/// Colour where the accuracy is unknown: green if measured in the frame, grey otherwise.
 pub(super) fn measured(measured: bool) -> Rgb {
     if measured { SURE_COLOUR } else { UNKNOWN }
 }

@@ -1,7 +1,7 @@
-//! How the viewer lays a run out: the object now, the model at rest, curves by their units, events.
+//! The layout of the viewer: the object now, the model at rest, curves by unit, events.
 //!
-//! The viewer calls this a blueprint. It is made of entities, too, in a store of its own: `view/ID` and `container/ID`, which name each other, and
-//! `viewport`, which names the outermost; and a panel each.
+//! The viewer calls this a blueprint. It consists of entities in a separate store: `view/ID` and `container/ID`, which refer to each other,
+//! `viewport`, which refers to the outermost, and one for each panel.
 
 use super::sinks::APPLICATION;
 use crate::cell::Plane;
@@ -17,20 +17,20 @@ use re_sdk_types::blueprint::components::{ContainerKind, PanelState};
 use re_sdk_types::blueprint::datatypes::{TextLogColumn, TextLogColumnKind, TimelineColumn};
 use re_sdk_types::external::uuid::Uuid;
 
-/// Distance of the eye from the object in its size.
+/// Distance of the viewpoint from the object, in sizes of the object.
 const AWAY: f64 = 1.0;
 
 /// Class of a view that lists texts.
 const EVENTS: &str = "TextLog";
 
-/// What is sent to the viewer.
+/// The blueprint.
 pub(super) struct Layout {
     messages: Vec<LogMsg>,
     id: StoreId,
 }
 
 impl Layout {
-    /// The layout for an object of this middle and size, m, on its table.
+    /// The layout for an object with this centre and size, m, on its table.
     pub fn new(middle: &Point3<f64>, size: f64, table: &Plane) -> RecordingStreamResult<Self> {
         let id = StoreId::random(StoreKind::Blueprint, APPLICATION);
         let (stream, storage) = RecordingStreamBuilder::from_store_id(&id)
@@ -54,18 +54,18 @@ impl Layout {
         Ok(Self { messages, id })
     }
 
-    /// Sends it down a stream, to be used at once.
+    /// Sends the blueprint to a stream and activates it.
     pub fn send(&self, stream: &RecordingStream) {
         let use_it = BlueprintActivationCommand::make_active(self.id.clone());
         stream.send_blueprint(self.messages.clone(), use_it);
     }
 }
 
-/// An eye on the camera's near side of the object, half from above.
+/// A viewpoint on the near side of the object, halfway up.
 fn eye(middle: &Point3<f64>, size: f64, table: &Plane) -> EyeControls3D {
     let up = table.normal.into_inner();
     let single = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
-    // Down in the image is toward who stands before the camera.
+    // The direction down in the image points toward a person in front of the cell.
     let near = Vector3::y() - up * up.y;
     let near = near.try_normalize(1e-3).unwrap_or_else(Vector3::x);
     EyeControls3D::new()
@@ -74,7 +74,7 @@ fn eye(middle: &Point3<f64>, size: f64, table: &Plane) -> EyeControls3D {
         .with_eye_up(single(up))
 }
 
-/// When something happened, how serious it is, and what it was.
+/// Columns of the event list: time, severity, text.
 fn event_columns() -> TextLogColumns {
     let times = [
         ("frame", true),
@@ -149,7 +149,7 @@ fn parts(eye: &EyeControls3D) -> Part {
     }
 }
 
-/// Writes parts with numbers of their own.
+/// Writes parts with consecutive ids.
 struct Writer {
     stream: RecordingStream,
     written: u128,

@@ -1,23 +1,23 @@
-//! A run for the [Rerun](https://rerun.io) viewer: frame by frame while it goes on, and in a file that the viewer opens (feature `rerun`).
+//! Shows a run in the [Rerun](https://rerun.io) viewer while it goes on, and records it to a file that the viewer opens (feature `rerun`).
 //!
-//! | entity | what it shows |
+//! | entity | content |
 //! |---|---|
-//! | `live/cloud` | points that the camera sees, in its colours where it has some |
-//! | `live/model` | the model where it is now: each vertex green where its place is known to 0.5 mm, yellow where to 1.1 mm, red where not to 2.5 mm (one standard deviation), grey where that is not known |
+//! | `live/cloud` | points of the cloud, in their colours if they have any |
+//! | `live/model` | the live model: each vertex green where its position is known to 0.5 mm, yellow to 1.1 mm, red where not to 2.5 mm (one standard deviation), grey where unknown |
 //! | `live/table` | the table below the object |
 //! | `live/arms/NAME` | a tool with its jaws, red while they hold something |
-//! | `live/grips` | where something is held |
-//! | `live/plan` | the ways that the tips are going to go |
+//! | `live/grips` | points that arms hold |
+//! | `live/plan` | the planned paths of the tips |
 //! | `rest/model` | the vertices of the canonical model, blue to yellow in the order in which they were seen |
 //! | `rest/surface` | the surface through them, at every decision |
-//! | `curves/share`, `curves/mm`, `curves/ms`, `curves/count` | figures of each frame, by their units; `curves/share/explored` where there is a truth to know it from |
-//! | `events` | phases, plans, decisions and faults in words |
+//! | `curves/share`, `curves/mm`, `curves/ms`, `curves/count` | figures of each frame, by unit; `curves/share/explored` if there is a ground truth |
+//! | `events` | phases, plans, decisions and faults as text |
 //!
-//! `live` is the frame of the camera (x right, y down, z away), `rest` that of the first observation; lengths are metres but for the curves. Timelines:
-//! `frame`, its number, and `time`, its stamp in seconds. Where a reconstruction does not say how certain places are, `live/model` is green where the
+//! `live` is the frame of the camera (x right, y down, z away), `rest` that of the first observation; lengths are in metres except in the curves.
+//! Timelines: `frame`, its number, and `time`, its stamp in seconds. If a reconstruction does not estimate uncertainty, `live/model` is green where the
 //! frame has measured it and grey elsewhere.
 //!
-//! A [`LiveView`] is a [`Watcher`]: it sees everything and changes nothing, and no failure of a viewer or of a disk reaches what it watches.
+//! A [`LiveView`] is a [`Watcher`]: no failure of a viewer or of a disk affects the run that it shows.
 //!
 //! ```no_run
 //! use explore_loop::cell::Cell;
@@ -58,18 +58,18 @@ mod draw;
 mod layout;
 mod sinks;
 
-/// Shows what it watches in a viewer, and writes it to a file.
+/// Shows a run in a viewer, and records it to a file.
 pub struct LiveView {
     sinks: Sinks,
     spacing: f64,
     cell: CellInfo,
-    /// How well the vertices of the next frame are known.
+    /// Standard deviations for the next frame.
     sigmas: Option<Vec<f64>>,
-    /// The vertices at rest whose triangles are drawn.
+    /// Rest positions of the vertices whose triangles are drawn.
     drawn: Vec<Point3<f64>>,
     /// Number and stamp of the last frame.
     at: (u32, f64),
-    /// Whether something was seen, so that table and eye have their places.
+    /// Whether table and viewpoint have been placed.
     placed: bool,
 }
 
@@ -83,10 +83,10 @@ impl std::fmt::Debug for LiveView {
 }
 
 impl LiveView {
-    /// Begins a file, and shows the same in a viewer; `title` is what the recording is called there, `spacing` is that of the model, metres.
+    /// Creates a file, and shows the same in a viewer; `title` is the name of the recording, `spacing` that of the model, metres.
     ///
     /// # Errors
-    /// [`Error::LiveView`]: the file cannot be created, or there is no such viewer.
+    /// [`Error::LiveView`]: the file cannot be created, or the viewer is not available.
     pub fn open(
         file: &Path,
         viewer: &Viewer,
@@ -109,7 +109,7 @@ impl LiveView {
         })
     }
 
-    /// Takes how well the places of the vertices are known after the frame that comes next: standard deviations, m.
+    /// Takes the standard deviations of the positions of the vertices after the next frame, m.
     pub fn uncertainty(&mut self, sigmas: &[f64]) {
         self.sigmas = Some(sigmas.to_vec());
     }
@@ -136,7 +136,7 @@ impl LiveView {
         }
     }
 
-    /// Puts the table under the first cloud, and the eye before it.
+    /// Places the table under the first cloud, and the viewpoint in front of it.
     fn place(&mut self, points: &[Point3<f64>]) {
         let Some((middle, size)) = draw::extent(points).filter(|_| !self.placed) else {
             return;
@@ -155,7 +155,7 @@ impl LiveView {
         });
     }
 
-    /// The model now; and at rest, with other triangles, where that has changed.
+    /// The live model; and the model at rest with new triangles, if it has changed.
     fn model(&mut self, report: &FrameReport, model: &CanonicalModel, sigmas: Option<&[f64]>) {
         let triangles = (self.drawn != model.rest())
             .then(|| triangulate(model.rest(), model.rest_normals(), self.spacing));
@@ -212,12 +212,12 @@ impl LiveView {
         self.sinks.log(&entity, &Scalars::single(value));
     }
 
-    /// Shows what share of the true surface the model covers, where that is known.
+    /// Shows the explored share of the true surface.
     pub fn explored(&mut self, share: f64) {
         self.curve("share/explored", share);
     }
 
-    /// Shows what is known before a decision, and at the end. Sinks that fell behind are given up here, where the arms stand.
+    /// Shows the topology before a decision, and at the end. Slow sinks are given up here, while the arms stand still.
     pub fn decision(&mut self, topology: &Topology) {
         if let Some(surface) = &topology.surface {
             let drawn = draw::surface(
@@ -261,12 +261,12 @@ impl LiveView {
         self.sinks.log("events", &text);
     }
 
-    /// What became of a viewer that was closed or of a file that could not be written on, since this was last asked for.
+    /// Messages since the last call about sinks that failed.
     pub fn take_remarks(&mut self) -> Vec<String> {
         self.sinks.take_remarks()
     }
 
-    /// Waits until everything has been written and sent, at most half a minute; says what has not been.
+    /// Waits, at most half a minute, until everything is written and sent; returns messages about what is not.
     pub fn finish(self) -> Vec<String> {
         self.sinks.finish()
     }
@@ -294,7 +294,7 @@ impl Watcher for LiveView {
     }
 }
 
-/// The value in the middle; nothing where it is not finite.
+/// The median; `None` if it is not finite.
 fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_unstable_by(f64::total_cmp);
     let middle = values.get(values.len() / 2).copied();

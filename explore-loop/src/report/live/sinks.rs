@@ -1,7 +1,7 @@
-//! Where a live view goes: a file, and a viewer that listens.
+//! The sinks of a live view: a file, and a viewer.
 //!
-//! Each sink has a stream and threads of its own: a viewer that was closed, or that takes nothing any more, costs the file nothing. What is logged is
-//! handed over and not waited for. A sink that fails is given up, with a remark; what is watched goes on.
+//! Each sink has a stream and threads of its own, so that a viewer that was closed or does not respond does not affect the file. Logging does not
+//! wait. A sink that fails is given up with a message; the run continues.
 
 use crate::Error;
 use re_sdk::external::re_uri::ProxyUri;
@@ -16,41 +16,41 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What the runs of this program are called in the viewer.
+/// The name of the application in the viewer.
 pub(super) const APPLICATION: &str = "explore";
-/// A viewer that listens answers within this time, and one that is started listens.
+/// Time within which a listening viewer answers, or a started one listens.
 const ANSWER: Duration = Duration::from_secs(3);
 const START: Duration = Duration::from_secs(20);
-/// What was logged has left within this time between two manipulations, and at the end.
+/// Time within which logged data must be sent, between two manipulations and at the end.
 const KEEP_UP: Duration = Duration::from_secs(5);
 const FINISH: Duration = Duration::from_secs(30);
 
-/// Which viewer shows a run while it goes on.
+/// The viewer that shows a run.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Viewer {
-    /// None: there is the file alone.
+    /// None: only the file is written.
     None,
-    /// The one on this machine; where none is open the program `rerun` is started.
+    /// The viewer on this machine; if none is open, the program `rerun` is started.
     #[default]
     Here,
-    /// The one that listens at `HOST`, `HOST:PORT` or `rerun+http://HOST:PORT/proxy`.
+    /// A viewer at `HOST`, `HOST:PORT` or `rerun+http://HOST:PORT/proxy`.
     At(String),
 }
 
-/// A stream and what it is called in remarks.
+/// A stream and its name in messages.
 struct Sink {
     name: String,
     stream: RecordingStream,
 }
 
-/// The sinks that are left, and what became of the others.
+/// The working sinks, and messages about the others.
 pub(super) struct Sinks {
     left: Vec<Sink>,
     remarks: Vec<String>,
 }
 
 impl Sinks {
-    /// Creates the file, and finds or starts the viewer.
+    /// Creates the file, and connects to or starts the viewer.
     pub fn open(file: &Path, viewer: &Viewer, title: &str) -> Result<Self, Error> {
         let recording = || {
             RecordingStreamBuilder::new(APPLICATION)
@@ -86,7 +86,7 @@ impl Sinks {
         })
     }
 
-    /// What is logged from now on is of this frame, and of this time in seconds.
+    /// Sets the frame and the time, seconds, of what is logged next.
     pub fn at(&self, frame: u32, time: f64) {
         for sink in &self.left {
             sink.stream.set_time_sequence("frame", frame);
@@ -94,12 +94,12 @@ impl Sinks {
         }
     }
 
-    /// Logs what an entity looks like now.
+    /// Logs an entity at the present time.
     pub fn log(&mut self, entity: &str, what: &dyn AsComponents) {
         self.each(|stream| stream.log(entity, what).map_err(|e| e.to_string()));
     }
 
-    /// Logs what an entity looks like at all times.
+    /// Logs an entity for all times.
     pub fn log_static(&mut self, entity: &str, what: &dyn AsComponents) {
         self.each(|stream| stream.log_static(entity, what).map_err(|e| e.to_string()));
     }
@@ -112,7 +112,7 @@ impl Sinks {
         });
     }
 
-    /// Does the same with every sink; one that fails is given up.
+    /// Applies an action to every sink; one that fails is given up.
     pub fn each(&mut self, act: impl Fn(&RecordingStream) -> Result<(), String>) {
         let sinks = std::mem::take(&mut self.left);
         for sink in sinks {
@@ -122,19 +122,19 @@ impl Sinks {
                     let name = &sink.name;
                     let remark = format!("live view: {name} is given up: {reason}");
                     self.remarks.push(remark);
-                    // It may never come to an end.
+                    // Flushing may never end.
                     let _unsaid = close(sink, Duration::ZERO);
                 }
             }
         }
     }
 
-    /// What became of sinks since this was last asked for.
+    /// Messages since the last call about sinks that failed.
     pub fn take_remarks(&mut self) -> Vec<String> {
         std::mem::take(&mut self.remarks)
     }
 
-    /// Waits until everything has been written and sent; says of which sink that cannot be said.
+    /// Waits until everything is written and sent; returns messages about sinks where this is uncertain.
     pub fn finish(mut self) -> Vec<String> {
         self.close();
         self.take_remarks()
@@ -148,21 +148,21 @@ impl Sinks {
     }
 }
 
-/// A run that an error ends keeps what was logged of it.
+/// A run that ends with an error keeps what was logged.
 impl Drop for Sinks {
     fn drop(&mut self) {
         self.close();
     }
 }
 
-/// Closes a sink on a thread of its own, which is left to itself when that lasts: a viewer may be there and take nothing.
+/// Closes a sink on a separate thread, which is abandoned after `patience`: the viewer may not respond.
 fn close(sink: Sink, patience: Duration) -> Option<String> {
     let (done, when_done) = mpsc::channel();
     let Sink { name, stream } = sink;
     let closing = thread::Builder::new().spawn(move || {
         let flushed = stream.flush_with_timeout(FINISH);
         drop(stream);
-        // Nobody may wait for it any more.
+        // The receiver may have given up.
         let _unheard = done.send(flushed.map_err(|e| e.to_string()));
     });
     let closed = match closing {
@@ -171,15 +171,15 @@ fn close(sink: Sink, patience: Duration) -> Option<String> {
     };
     match closed {
         Ok(Ok(())) => None,
-        Ok(Err(reason)) => Some(format!("live view: {name} lacks the end: {reason}")),
+        Ok(Err(reason)) => Some(format!("live view: {name} is incomplete: {reason}")),
         Err(_) => Some(format!(
-            "live view: {name} lacks the end: it did not take it within {} s",
+            "live view: {name} is incomplete: it did not respond within {} s",
             patience.as_secs()
         )),
     }
 }
 
-/// The viewer that listens at an address.
+/// The viewer at an address.
 fn find(address: &str) -> Result<ProxyUri, Error> {
     let uri = parse(address)?;
     if let Err(reason) = answer(&uri) {
@@ -188,20 +188,20 @@ fn find(address: &str) -> Result<ProxyUri, Error> {
     Ok(uri)
 }
 
-/// The viewer on this machine, started where none listens.
+/// The viewer on this machine, started if none listens.
 fn start() -> Result<ProxyUri, Error> {
     let uri = parse(DEFAULT_CONNECT_URL)?;
     if answer(&uri).is_ok() {
         return Ok(uri);
     }
-    // What the viewer has to say of itself does not go into our messages.
+    // Messages of the viewer must not mix with ours.
     let options = SpawnOptions {
         extra_env: vec![("RUST_LOG".into(), "error".into())],
         ..SpawnOptions::default()
     };
     spawn(&options).map_err(|error| match error {
         SpawnError::ExecutableNotFoundInPath { .. } => failed(format!(
-            "no viewer is open on this machine, and there is no program `rerun` to start one: pip install rerun-sdk=={}, or have the file alone",
+            "no viewer is open on this machine, and there is no program `rerun` to start one: pip install rerun-sdk=={}, or write only the file",
             re_sdk::build_info().version
         )),
         other => failed(other),
@@ -210,7 +210,7 @@ fn start() -> Result<ProxyUri, Error> {
     while answer(&uri).is_err() {
         if asked.elapsed() > START {
             return Err(failed(format!(
-                "the program `rerun` was started, but listens not at {} (it needs a display): open a viewer elsewhere and name it, or have the file alone",
+                "the program `rerun` was started, but does not listen at {} (it needs a display): give the address of another viewer, or write only the file",
                 uri.origin.as_url()
             )));
         }
@@ -219,7 +219,7 @@ fn start() -> Result<ProxyUri, Error> {
     Ok(uri)
 }
 
-/// `HOST`, `HOST:PORT` or what the viewer itself calls its address.
+/// `HOST`, `HOST:PORT` or the address that the viewer shows.
 fn parse(address: &str) -> Result<ProxyUri, Error> {
     let host = address.rsplit(']').next().unwrap_or(address);
     let text = if address.contains("://") {
@@ -230,7 +230,7 @@ fn parse(address: &str) -> Result<ProxyUri, Error> {
         format!("rerun+http://{address}:{DEFAULT_SERVER_PORT}/proxy")
     };
     text.parse()
-        .map_err(|error| failed(format!("{address} is no address of a viewer: {error}")))
+        .map_err(|error| failed(format!("{address} is not an address of a viewer: {error}")))
 }
 
 /// Whether something listens there.

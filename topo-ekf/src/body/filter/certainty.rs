@@ -1,4 +1,4 @@
-//! How well the last step knows the places of embedded points: see `variance` for the algebra.
+//! Uncertainty of the positions of embedded points after the last step: see `variance` for the algebra.
 
 use nalgebra::Matrix3;
 
@@ -9,11 +9,11 @@ use crate::body::lattice::Embedding;
 use crate::body::variance::{BodyObservability, covariances};
 
 impl BodyFilter {
-    /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and what was expected,
-    /// linearised with the rotations of the cells held. Before the first step, and after pieces were parted or joined: nothing seen yet.
+    /// Covariances, m², of embedded points under the information of the last step: elasticity, rows, grips, contact and expected positions,
+    /// linearised with fixed rotations of the cells. Before the first step, and after pieces were separated or joined, they are those of a frame without data.
     ///
     /// # Errors
-    /// Points in cells that the lattice did not have in the last step.
+    /// Points in cells that did not exist in the last step.
     ///
     /// # Complexity
     /// Half a solve for each coordinate of the nodes around the points, a few cells at a time.
@@ -51,8 +51,8 @@ impl BodyFilter {
             .collect())
     }
 
-    /// Which embedded points are known within `threshold` metres. What nobody saw is held by the elasticity and by where it was expected, so that every
-    /// point has an answer; this says how good the answer is.
+    /// Which embedded points are known within `threshold` metres. Hidden points are determined by elasticity and expected positions, so every point has
+    /// an estimate; this tells how accurate it is.
     ///
     /// # Errors
     /// As [`Self::covariances`]; a threshold that is not positive.
@@ -73,7 +73,7 @@ impl BodyFilter {
         Ok(BodyObservability::new(sigmas, threshold))
     }
 
-    /// Normal equations of the body as it is, nothing seen or held.
+    /// Normal equations of the present body without observations and grips.
     fn unseen(&self) -> Result<(Elastic, Solved), Error> {
         let mut elastic = self.new_elastic()?;
         let acting = Acting {

@@ -1,6 +1,6 @@
-//! What the pose must keep: no point of the surface and no foot under the table, and the inequalities of the frame.
+//! Constraints on the pose: no point of the surface and no foot below the table, and the inequalities of the frame.
 //!
-//! The algebra is in `project`; here the constraints become its rows, and what they did becomes the report.
+//! The algebra is in `project`; here the constraints are converted to rows, and the result to the report.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,8 +14,8 @@ use crate::body::row::BodyInequality;
 use crate::{Error, Status};
 
 impl BodyFilter {
-    /// Moves the body to the nearest pose that keeps the constraints of the frame, in the metric of the elastic energy: after surface was
-    /// given to it that it did not have in the last [`Self::step`]. Nothing else changes: no time passes.
+    /// Moves the body to the nearest pose that satisfies the constraints of the frame, in the metric of the elastic energy, for use after surface was
+    /// added since the last [`Self::step`]. Nothing else changes: no time passes.
     ///
     /// # Errors
     /// As [`Self::step`].
@@ -48,7 +48,7 @@ impl BodyFilter {
         })
     }
 
-    /// Projects the pose onto what the constraints allow.
+    /// Projects the pose onto the constraints.
     pub(super) fn constrain(
         &mut self,
         elastic: &mut Elastic,
@@ -103,7 +103,7 @@ impl BodyFilter {
         above.chain(own).collect()
     }
 
-    /// Points that the table keeps up.
+    /// Points that the table supports.
     pub(super) fn touching<'a>(
         &'a self,
         frame: &'a BodyFrame<'_>,

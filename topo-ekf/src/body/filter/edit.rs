@@ -1,4 +1,4 @@
-//! Changes of the material: cells that are new or filled anew, and where the body stands.
+//! Changes of the material: cells that are new or filled again, and the feet of the body.
 
 use nalgebra::Vector3;
 
@@ -8,7 +8,7 @@ use crate::body::lattice::Lattice;
 use crate::body::weight::Foot;
 
 impl BodyFilter {
-    /// The cell at a place, made with the given fill (held within 0 and 1) if there is none: surface was seen in it.
+    /// The cell at a place; if there is none it is created with the given fill (clamped to 0 to 1), because surface was seen in it.
     pub fn ensure(&mut self, place: [i32; 3], fill: f64) -> u32 {
         let fill = if fill.is_nan() {
             0.0
@@ -24,8 +24,8 @@ impl BodyFilter {
         })
     }
 
-    /// Says where the body stands on the table at rest; until then the middle of every cell at the table does. [`Self::step`] refuses
-    /// feet in cells that there are not and loads that are negative.
+    /// Sets where the body stands on the table at rest; the default is the centre of every cell at the table. [`Self::step`] rejects
+    /// feet in cells that do not exist and negative loads.
     pub fn set_feet(&mut self, feet: Vec<Foot>) {
         self.feet = feet;
     }
@@ -35,16 +35,16 @@ impl BodyFilter {
         &self.feet
     }
 
-    /// As [`Self::try_edit`]; a change that is refused is undone in silence.
+    /// As [`Self::try_edit`]; a change that is rejected is undone without an error.
     pub fn edit(&mut self, change: impl FnOnce(&mut Lattice)) {
-        // The lattice is then what it was: nothing to hand on.
+        // The lattice is unchanged then.
         let _refused = self.try_edit(change);
     }
 
-    /// Changes the lattice: cells may be added and refilled, none taken away. New nodes are carried along by the nearest cells.
+    /// Changes the lattice: cells may be added and refilled, but not removed. New nodes move with the nearest cells.
     ///
     /// # Errors
-    /// Cells taken away or moved, negative fill; the lattice is then as before.
+    /// Cells removed or moved, negative fill; the lattice is then unchanged.
     pub fn try_edit(&mut self, change: impl FnOnce(&mut Lattice)) -> Result<(), Error> {
         let before = self.lattice.clone();
         change(&mut self.lattice);
@@ -58,7 +58,7 @@ impl BodyFilter {
     }
 
     fn follow_lattice(&mut self) {
-        // What was solved on other nodes says nothing of these.
+        // Normal equations for other nodes do not apply to these.
         self.last = self
             .last
             .take()

@@ -1,4 +1,4 @@
-//! The normal equations between two steps: their pattern serves for as long as the lattice stays, and a step that fails gives them back.
+//! Normal equations kept between two steps: their pattern is reused as long as the lattice is unchanged, and a step that fails restores them.
 
 use nalgebra::Matrix3;
 
@@ -9,7 +9,7 @@ use crate::body::elastic::{Elastic, Solved};
 use crate::body::frame::BodyReport;
 
 impl BodyFilter {
-    /// Makes a change and keeps its normal equations; a change that fails leaves the body as it was.
+    /// Makes a change and keeps its normal equations; a change that fails leaves the body unchanged.
     pub(super) fn all_or_nothing(
         &mut self,
         change: impl FnOnce(&mut Self, &mut Elastic) -> Result<(BodyReport, Solved), Error>,
@@ -31,7 +31,7 @@ impl BodyFilter {
         }
     }
 
-    /// The normal equations of the lattice as it is, and what is to be given back if they come to nothing.
+    /// The normal equations of the present lattice, and what must be restored if the step fails.
     pub(super) fn take_elastic(&mut self) -> Result<(Elastic, Kept), Error> {
         match self.last.take() {
             Some((elastic, solved)) if elastic.fits(&self.lattice) => {
@@ -62,11 +62,11 @@ impl BodyFilter {
     }
 }
 
-/// What to give back if a step fails.
+/// What must be restored if a step fails.
 #[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 pub(super) enum Kept {
-    /// The normal equations of the last step; the pattern serves again.
+    /// The normal equations of the last step; the pattern is still valid.
     Same(Solved),
-    /// Everything of the last step, as the lattice has grown since.
+    /// Everything of the last step, because the lattice has grown since.
     Outgrown(Option<(Elastic, Solved)>),
 }

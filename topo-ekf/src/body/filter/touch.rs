@@ -1,4 +1,4 @@
-//! What the table does to points that touch it.
+//! Contact and friction with the table.
 //!
 //! ```text
 //! table       height(x(e)) = 0                  variance contact_sigma², for points that are below it

@@ -1,8 +1,8 @@
-//! Weight over stiffness from how the held body sags.
+//! Estimates weight over stiffness from the sag of the held body.
 //!
 //! ```text
 //! sag(γ) = mean over the seen points of  down · (x_γ(e) − x_fitted(e)),     x_γ: the pose by grips, table and weight γ alone
-//! sag(γ) ≈ a + s γ                                                        from γ and 0.6 γ;  the estimate goes to where it vanishes
+//! sag(γ) ≈ a + s γ                                                        from γ and 0.6 γ;  the estimate moves to the zero of this line
 //! ```
 
 use nalgebra::UnitVector3;
@@ -14,13 +14,13 @@ use crate::body::frame::BodyFrame;
 use crate::body::lattice::Embedding;
 use crate::body::row::check_unit;
 
-/// Steps of the poses that [`BodyFilter::weigh`] compares, and how freely their nodes move, m.
+/// Steps of the poses that [`BodyFilter::weigh`] compares, and the standard deviation of their nodes, m.
 const WEIGH_STEPS: usize = 5;
 const WEIGH_SIGMA: f64 = 0.05;
-/// Share of the present weight in the second of them.
+/// The second weight, as a share of the present one.
 const LIGHTER: f64 = 0.6;
 
-/// Sag of the seen points `constant + slope · γ`.
+/// Sag of the seen points as a linear function `constant + slope · γ`.
 struct Look {
     constant: f64,
     slope: f64,
@@ -28,12 +28,12 @@ struct Look {
 }
 
 impl BodyFilter {
-    /// Compares the pose with two that grips, table and weight alone produce, at the present weight and at 0.6 of it, and moves the
-    /// estimate of the weight over stiffness to where the mean sag of the seen points vanishes. `seen`: points that the last frame measured, and
-    /// their live normals. Without grips or seen points nothing happens.
+    /// Compares the pose with two poses computed from grips, table and weight alone, at the present weight and at 0.6 of it, and moves the estimate
+    /// of weight over stiffness to where the mean sag of the seen points vanishes. `seen`: points that the last frame measured, and
+    /// their live normals. Does nothing without grips or seen points.
     ///
     /// # Errors
-    /// As [`Self::step`]; the estimate is then as before.
+    /// As [`Self::step`]; the estimate is then unchanged.
     ///
     /// # Complexity
     /// Ten factorisations.

@@ -1,4 +1,4 @@
-//! What stands for the live view in a program that was built without it: types that have no values.
+//! The live view in a program that was built without it: types without values.
 
 use explore_loop::Error;
 use explore_loop::canonical::CanonicalModel;

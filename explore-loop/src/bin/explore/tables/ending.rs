@@ -1,6 +1,6 @@
-//! How a run ended, and whose fault it was.
+//! How a run ended, and whether the grips or the system caused a failure.
 //!
-//! A comparison of grips that counted faults of the reconstruction or of the control as failures of the grips would flatter whichever grips move less.
+//! A comparison of grips must not count faults of the reconstruction or of the control against the grips: that would favour grips that move less.
 
 use super::result::Ran;
 
@@ -15,7 +15,7 @@ pub(super) enum Ending {
 }
 
 impl Ending {
-    /// All, in the order of the tables.
+    /// All endings, in the order of the tables.
     pub const ALL: [Self; 5] = [
         Self::Closed,
         Self::Attached,
@@ -24,7 +24,7 @@ impl Ending {
         Self::Open,
     ];
 
-    /// Of a run, by the word that its metrics have for it.
+    /// The ending of a run, from `stop` in its metrics.
     pub fn of(ran: &Ran) -> Self {
         match ran.metrics.as_ref().map(|m| m.stop.as_str()) {
             Some("closed") => Self::Closed,
@@ -38,7 +38,7 @@ impl Ending {
         }
     }
 
-    /// The word in the CSV.
+    /// The name in the CSV.
     pub fn word(self) -> &'static str {
         match self {
             Self::Closed => "closed",
@@ -49,18 +49,18 @@ impl Ending {
         }
     }
 
-    /// What it stands for, as the table explains it.
+    /// The explanation below the table.
     pub fn meaning(self) -> &'static str {
         match self {
             Self::Closed => "the surface closed",
-            Self::Attached => "it closed but for a part that is held to the table",
+            Self::Attached => "the surface closed except for a part that is held to the table",
             Self::Grips => {
-                "the grips did not get farther: nothing to grip, jaws that missed or slipped, or as many manipulations as are allowed"
+                "the grips made no more progress: nothing to grip, jaws that missed or slipped, or the largest number of manipulations was reached"
             }
             Self::Ours => {
-                "the body was lost, the arms were led where they could not go, the cell or the program failed"
+                "tracking lost the body, the arms were sent to poses that they cannot reach, or the cell or the program failed"
             }
-            Self::Open => "the recording came to its end before the surface closed",
+            Self::Open => "the recording ended before the surface closed",
         }
     }
 
@@ -70,7 +70,7 @@ impl Ending {
             Self::Closed => "closed",
             Self::Attached => "closed but attached",
             Self::Grips => "ended by the grips",
-            Self::Ours => "ended by a fault of ours",
+            Self::Ours => "ended by a system fault",
             Self::Open => "not closed",
         }
     }

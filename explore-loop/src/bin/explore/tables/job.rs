@@ -1,9 +1,9 @@
-//! The jobs of a study: what is run as a whole, from one seed, and kept in one file.
+//! The jobs of a study: each is run as a whole, from one seed, and kept in one file.
 
 use super::study::{Row, Study};
 use std::path::{Path, PathBuf};
 
-/// A run from a seed, for a row or, with a replay of it for each, for several.
+/// A run from a seed; for several rows, a run and a replay for each of them.
 #[derive(Clone)]
 pub(super) struct Job {
     pub study: &'static str,
@@ -12,7 +12,7 @@ pub(super) struct Job {
     pub rows: Vec<Row>,
 }
 
-/// Which of several machines this is: the `index`th of `count`, from 1.
+/// The share of one of several machines: the `index`th of `count`, from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Shard {
     pub index: usize,
@@ -36,7 +36,7 @@ impl std::str::FromStr for Shard {
 }
 
 impl Shard {
-    /// Its share: every `count`th job. Each is in the share of exactly one shard.
+    /// Every `count`th job. Each job belongs to exactly one shard.
     pub fn of<T>(self, jobs: Vec<T>) -> Vec<T> {
         let own = jobs.into_iter().enumerate();
         let own = own.filter(|(k, _)| k % self.count == self.index - 1);
@@ -44,7 +44,7 @@ impl Shard {
     }
 }
 
-/// The jobs of a study, the first seed of all rows first: what is interrupted has all rows, from fewer seeds.
+/// The jobs of a study, ordered by seed, so that an interrupted study has all rows from fewer seeds.
 pub(super) fn jobs(study: &Study, seeds: &[u64]) -> Vec<Job> {
     let job = |seed: u64, rows: Vec<Row>| Job {
         study: study.name,
@@ -65,7 +65,7 @@ pub(super) fn jobs(study: &Study, seeds: &[u64]) -> Vec<Job> {
 }
 
 impl Job {
-    /// Its name: the options of its run, and the seed.
+    /// The name of the job: the options of its run, and the seed.
     pub fn name(&self) -> String {
         let words = self.run.iter().map(|w| w.trim_start_matches("--"));
         let plain = |c: char| {
@@ -79,18 +79,18 @@ impl Job {
         format!("{}_seed-{}", options.join("-"), self.seed)
     }
 
-    /// The file of its result.
+    /// The result file of the job.
     pub fn result(&self, out: &Path) -> PathBuf {
         let name = format!("{}.json", self.name());
         out.join("jobs").join(self.study).join(name)
     }
 
-    /// The folder that it works in.
+    /// The working folder of the job.
     pub fn work(&self, out: &Path) -> PathBuf {
         out.join("work").join(self.study).join(self.name())
     }
 
-    /// What it is, for people.
+    /// A description of the job.
     pub fn words(&self) -> String {
         format!("{} {} --seed {}", self.study, self.run.join(" "), self.seed)
     }

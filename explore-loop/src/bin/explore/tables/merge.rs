@@ -1,4 +1,4 @@
-//! Results that several machines have, taken together into one folder.
+//! Merges results from several machines into one folder.
 
 use super::result::Done;
 use super::study::Study;
@@ -9,7 +9,7 @@ use explore_loop::Error;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// Takes the results of several folders together, and makes the tables of all.
+/// Merges the results of several folders, and makes the tables of all.
 pub(super) fn merge(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
     let _out = OutputFolder::create(&args.out)?;
     let mut answers = Vec::new();
@@ -52,7 +52,7 @@ fn results(dir: &Path, study: &Study) -> Result<Vec<PathBuf>, Failure> {
     Ok(paths)
 }
 
-/// Takes a result over; one that is there already must say the same.
+/// Copies a result; a result that is already there must be the same.
 fn take(path: &Path, out: &Path, study: &Study) -> Result<(), Failure> {
     let (Some(result), Some(name)) = (Done::read(path)?, path.file_name()) else {
         return Ok(());
@@ -64,7 +64,7 @@ fn take(path: &Path, out: &Path, study: &Study) -> Result<(), Failure> {
         Some(_) => {
             let (a, b) = (path.display(), place.display());
             Err(
-                format!("{a} and {b} are of the same job and do not agree: remove one of them")
+                format!("{a} and {b} are results of the same job and differ: remove one of them")
                     .into(),
             )
         }

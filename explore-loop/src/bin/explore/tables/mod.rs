@@ -9,16 +9,16 @@
 //! |---|---|
 //! | `study`, `studies` | what is compared, and which figures are shown? |
 //! | `job` | what is run as a whole, and by which machine? |
-//! | `run` | how is it run, broken off and gone on with? |
+//! | `run` | how is it run, interrupted and continued? |
 //! | `progress` | how long will the rest take? |
 //! | `result` | what is kept of it? |
-//! | `ending` | how did a run end, and whose fault was it? |
+//! | `ending` | how did a run end, and who caused it? |
 //! | `summary` | what do the runs of a row say together? |
 //! | `text`, `plot` | how is it written and drawn? |
 //! | `merge` | what do the results of several machines say together? |
-//! | `seeds` | how does one object fare, run by run? |
+//! | `seeds` | how do the runs of one object from many seeds compare? |
 //!
-//! This file says what was asked for: all of that, `--list`, or `--merge`.
+//! This file handles the command line: all of that, `--list`, or `--merge`.
 
 mod ending;
 mod job;
@@ -46,7 +46,7 @@ use std::io::Write as _;
 use study::Study;
 use summary::Summary;
 
-/// The study that is run by itself: any object, run by run.
+/// The study `seeds`, which runs any object from many seeds and is not part of the default.
 const SEEDS: &str = "seeds";
 
 /// The names that `--only` takes.
@@ -57,7 +57,7 @@ pub(crate) fn names() -> Vec<&'static str> {
         .collect()
 }
 
-/// Makes the tables; true when every run came to an end.
+/// Makes the tables; true when every run finished.
 pub(crate) fn tables(args: &TablesArgs) -> Result<bool, Failure> {
     if args.only.iter().any(|name| name == SEEDS) {
         return match args.only.len() {
@@ -66,7 +66,7 @@ pub(crate) fn tables(args: &TablesArgs) -> Result<bool, Failure> {
                 && !args.list
                 && args.further.is_empty() => seeds::seeds(args),
             _ => Err(
-                "--only seeds stands alone: without other studies, --shard, --merge, --list and further options"
+                "--only seeds cannot be combined with other studies, --shard, --merge, --list or further options"
                     .into(),
             ),
         };
@@ -108,7 +108,7 @@ fn jobs_of(args: &TablesArgs, studies: &[Study]) -> Vec<Job> {
 }
 
 fn study_all(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
-    // The folder is tried before the first run of minutes.
+    // The folder is tested before the first run, which takes minutes.
     let _out = crate::output::OutputFolder::create(&args.out)?;
     let whole = Runner::new(&args.out, args.output)?.carry_out(jobs_of(args, studies), args.jobs);
     if args.shard.is_some() {
@@ -118,7 +118,7 @@ fn study_all(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
         ));
         return whole;
     }
-    // What is interrupted leaves the tables of what it has.
+    // An interrupted study still writes the tables of its finished jobs.
     let mut answers = Vec::new();
     for study in studies {
         let seeds: BTreeSet<u64> = seeds_of(args, study).into_iter().collect();
@@ -128,7 +128,7 @@ fn study_all(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
     whole
 }
 
-/// A study in `--json`: the lines of its CSV by the names of the columns.
+/// A study in `--json`: the lines of its CSV, keyed by column.
 #[derive(serde::Serialize)]
 struct Answer {
     study: &'static str,
@@ -160,7 +160,7 @@ fn write_tables(
     let summaries = Summary::all(study, &runs);
     if summaries.is_empty() {
         args.output
-            .note(&format!("{}: nothing is done yet, no table", study.name));
+            .note(&format!("{}: no job is finished, no table", study.name));
         return Ok(None);
     }
     let mut made_by = format!(
@@ -208,7 +208,7 @@ fn ranges(numbers: &[u64]) -> String {
     runs.iter().map(text).collect::<Vec<_>>().join(",")
 }
 
-/// How long a job takes where none was timed: that of the exploration of a liver on two cores.
+/// Assumed time of a job when none was timed, seconds: that of the exploration of a liver on two cores.
 const TYPICAL: f64 = 75.0;
 
 fn list(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
@@ -241,7 +241,7 @@ fn list(args: &TablesArgs, studies: &[Study]) -> Result<bool, Failure> {
     }
     writeln!(
         out,
-        "left: from jobs timed in {}; ? where none was, at {TYPICAL:.0} s each",
+        "time left: from the jobs timed in {}; with ? an assumed {TYPICAL:.0} s for each job",
         args.out.display()
     )?;
     Ok(true)

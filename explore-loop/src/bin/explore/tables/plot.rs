@@ -1,4 +1,4 @@
-//! The plot of a study as an SVG: text is text, in whatever sans-serif font the reader has.
+//! The plot of a study as an SVG. Text stays text, in the reader's sans-serif font.
 
 use super::ending::Ending;
 use super::study::{MANIPULATIONS, Plot, Study};
@@ -9,18 +9,18 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 const WIDTH: u32 = 860;
-/// Height of a panel with curves, of a line of whiskers and of a bar, and what else a panel takes.
+/// Heights in a panel: of the curves, of a line of whiskers, of a bar, and of everything else.
 const CURVES: u32 = 300;
 const LINE: u32 = 30;
 const AROUND: u32 = 90;
-/// Room for the names of the rows, and for how they ended.
+/// Width for the names of the rows, and for how they ended.
 const NAMES: u32 = 170;
 const ENDS: u32 = 230;
 
 const BLUE_INK: RGBColor = RGBColor(38, 92, 168);
 const FAILED: RGBColor = RGBColor(200, 30, 40);
 const PALE: RGBColor = RGBColor(222, 222, 222);
-/// Before the first manipulation, then after one, two, …
+/// Colours: before the first manipulation, then after one, two, …
 const STAGES: [RGBColor; 9] = [
     RGBColor(120, 120, 120),
     RGBColor(38, 92, 168),
@@ -35,7 +35,7 @@ const STAGES: [RGBColor; 9] = [
 
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
-/// Draws a study; its summaries are not empty.
+/// Draws a study; its summaries must not be empty.
 pub(super) fn svg(study: &Study, summaries: &[Summary]) -> Result<String, Failure> {
     let mut text = String::new();
     {
@@ -61,7 +61,7 @@ pub(super) fn svg(study: &Study, summaries: &[Summary]) -> Result<String, Failur
     Ok(text)
 }
 
-/// The column with this key, and what each row has of it.
+/// The column with this key, and the values of each row.
 fn figure(
     study: &Study,
     summaries: &[Summary],
@@ -77,7 +77,7 @@ fn most(values: impl Iterator<Item = f64>) -> f64 {
     if most > 0.0 { 1.1 * most } else { 1.0 }
 }
 
-/// Median and quartiles over a number.
+/// Median and quartiles over a numeric key.
 fn curve(
     study: &Study,
     summaries: &[Summary],
@@ -155,7 +155,7 @@ fn name_rows(
         .pos(Pos::new(HPos::Right, VPos::Center));
     for (k, summary) in summaries.iter().enumerate() {
         let told = summary.row.values.iter().zip(study.keys);
-        // A number says nothing without what it counts.
+        // A number is shown with what it counts.
         let word = |(value, key): (&String, &&str)| match value.parse::<f64>() {
             Ok(_) => format!("{value} {key}"),
             Err(_) => value.clone(),
@@ -214,7 +214,7 @@ fn whiskers(
     name_rows(study, summaries, area, |k| down(k) - origin)
 }
 
-/// The share explored at the start, and what each manipulation added, on the average of the runs of a row; runs that are over add nothing more.
+/// The share explored at the start, and what each manipulation added, as a mean over the runs of a row; finished runs add nothing more.
 fn stages(summary: &Summary) -> Vec<f64> {
     let shares = summary
         .runs

@@ -1,9 +1,9 @@
-//! How far a study is, and how long the rest will take.
+//! Progress of a study, and how long the rest will take.
 //!
 //! ```text
-//! rest = Σ over the open jobs of the mean time of jobs with the same options (of the same study, of all)  /  jobs at a time
+//! rest = Σ over the open jobs of the mean time of jobs with the same options (else of the same study, else of all)  /  jobs at a time
 //! ```
-//! Only jobs that were timed count: before the first is done, nothing is known.
+//! Only timed jobs count: before the first one is done, no estimate is given.
 
 use super::job::Job;
 use super::result::Done;
@@ -13,12 +13,12 @@ use mesh_io::program::{Output, warn};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Seconds of jobs: by study and options.
+/// Durations of jobs in seconds, by study and options.
 #[derive(Default)]
 pub(super) struct Times(BTreeMap<(&'static str, Vec<String>), Vec<f64>>);
 
 impl Times {
-    /// Takes a job in.
+    /// Adds the duration of a job.
     pub fn add(&mut self, job: &Job, seconds: f64) {
         self.0
             .entry((job.study, job.run.clone()))
@@ -26,7 +26,7 @@ impl Times {
             .push(seconds);
     }
 
-    /// Of all jobs that are done in a folder, and those that are not.
+    /// The durations of all finished jobs in a folder, and the jobs that are not finished.
     pub fn of<'j>(out: &Path, jobs: &'j [Job]) -> Result<(Self, Vec<&'j Job>), Failure> {
         let (mut times, mut open) = (Self::default(), Vec::new());
         for job in jobs {
@@ -43,7 +43,7 @@ impl Times {
         (!all.is_empty()).then(|| all.iter().sum::<f64>() / all.len() as f64)
     }
 
-    /// How long a job is expected to take, seconds, if any was timed.
+    /// The expected duration of a job, seconds, if any was timed.
     pub fn expected(&self, job: &Job) -> Option<f64> {
         let same = self.0.get(&(job.study, job.run.clone()));
         let of_study = || {
@@ -60,7 +60,7 @@ impl Times {
             .or_else(of_all)
     }
 
-    /// The same for several, so many at a time.
+    /// The expected duration of several jobs, `at_a_time` of them in parallel.
     pub fn rest<'j>(&self, jobs: impl Iterator<Item = &'j Job>, at_a_time: usize) -> Option<f64> {
         let mut count = 0;
         let each: Option<Vec<f64>> = jobs
@@ -72,7 +72,7 @@ impl Times {
     }
 }
 
-/// A length of time for people.
+/// A duration for people.
 pub(super) fn duration(seconds: f64) -> String {
     match seconds {
         s if s < 90.0 => format!("{s:.0} s"),
@@ -82,7 +82,7 @@ pub(super) fn duration(seconds: f64) -> String {
     }
 }
 
-/// Says a line for each job that is done.
+/// Prints a line for each finished job.
 pub(super) struct Progress {
     times: Times,
     open: Vec<Job>,
@@ -108,7 +108,7 @@ impl Progress {
         })
     }
 
-    /// What there is to do.
+    /// Prints what there is to do.
     pub fn begin(&self) {
         let (open, count) = (self.open.len(), self.count);
         self.output.note(&format!(
@@ -155,7 +155,7 @@ impl Progress {
         }
         match self.times.rest(self.open.iter(), self.at_a_time) {
             Some(seconds) => format!("about {} left", duration(seconds)),
-            None => "how long the rest takes is not known before one of them is timed".into(),
+            None => "the time needed is known after the first one".into(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What is kept of a job: one small JSON file, written aside and renamed, so that it is there whole or not at all.
+//! The kept result of a job: one small JSON file, written atomically.
 
 use crate::Failure;
 use crate::output::write_whole;
@@ -6,44 +6,44 @@ use explore_loop::report::metrics::{Metrics, Timing};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// The content of the file of a job that is done.
+/// The content of the file of a finished job.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Done {
     pub study: String,
     pub seed: u64,
-    /// How long it took.
+    /// Duration of the job.
     pub seconds: f64,
-    /// Of the program that did it.
+    /// Version of the program that ran it.
     pub version: String,
-    /// A run for each of its rows.
+    /// One run for each row of the job.
     pub runs: Vec<Ran>,
 }
 
-/// What became of a run.
+/// The result of a run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Ran {
-    /// The row that it belongs to.
+    /// The row that the run belongs to.
     pub row: Vec<String>,
-    /// What was run, as one would type it.
+    /// The command, as one would type it.
     pub command: String,
     pub metrics: Option<Metrics>,
-    /// Why there are none.
+    /// Why there are no metrics.
     pub error: Option<String>,
 }
 
 impl Ran {
-    /// The word for its end: that of the metrics, or `error`.
+    /// How the run ended: `stop` of the metrics, or `error`.
     pub fn stop(&self) -> &str {
         self.metrics.as_ref().map_or("error", |m| &m.stop)
     }
 
-    /// Why it ended so, where a word does not say it.
+    /// The reason for the ending, where there is one.
     pub fn reason(&self) -> Option<&str> {
         let told = self.metrics.as_ref().and_then(|m| m.reason.as_deref());
         told.or(self.error.as_deref())
     }
 
-    /// Without what differs from one time to another: the times, and where the recording of a replay lay.
+    /// Without what differs from one execution to another: times, and the path of the recording.
     fn without_times(&self) -> Self {
         let metrics = self.metrics.clone().map(|m| Metrics {
             scene: String::new(),
@@ -60,7 +60,7 @@ impl Ran {
 }
 
 impl Done {
-    /// Whether two results are of the same job and say the same, but for the times that it took.
+    /// Whether two results are of the same job and equal except for times.
     pub fn agrees_with(&self, other: &Self) -> bool {
         let plain = |done: &Self| done.runs.iter().map(Ran::without_times).collect::<Vec<_>>();
         (&self.study, self.seed) == (&other.study, other.seed) && plain(self) == plain(other)
@@ -77,7 +77,7 @@ impl Done {
         }
     }
 
-    /// Writes it, whole or not at all.
+    /// Writes the file atomically.
     pub fn write(&self, path: &Path) -> Result<(), Failure> {
         let mut bytes = serde_json::to_vec_pretty(self)?;
         bytes.push(b'\n');

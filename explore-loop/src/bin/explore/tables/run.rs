@@ -1,10 +1,10 @@
-//! Carries jobs out, each in processes of its own, and keeps what came of them.
+//! Runs jobs, each in processes of its own, and keeps their results.
 //!
 //! ```text
-//! job    lock ─► run (from its checkpoint, if it was broken off) ─► a replay for each row that asks for one ─► result ─► folder removed
+//! job    lock ─► run (from its checkpoint, if it was interrupted) ─► a replay for each row that asks for one ─► result ─► folder removed
 //! ```
-//! A job that is done is never done again. The lock is held by the processes of the job too, so that another study, or this one after its program was
-//! killed, leaves a job alone for as long as anything works in its folder.
+//! A finished job is never run again. The processes of the job hold the lock too: another study, or this one after its program was killed, leaves the
+//! job alone for as long as any of them works in its folder.
 
 use super::job::Job;
 use super::progress::Progress;
@@ -22,15 +22,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Between two looks at a process.
+/// Interval between two checks of a process.
 const POLL: Duration = Duration::from_millis(20);
-/// How long processes have to end in order when the study is interrupted.
+/// How long processes may take to end by themselves when the study is interrupted.
 const PATIENCE: Duration = Duration::from_secs(20);
 /// Exit code of a program that panicked, and of one that did not understand its command line.
 const PANICKED: i32 = 101;
 const MISUNDERSTOOD: i32 = 2;
 
-/// Carries jobs out in a folder.
+/// Runs jobs in a folder.
 pub(super) struct Runner<'a> {
     program: PathBuf,
     out: &'a Path,
@@ -38,17 +38,17 @@ pub(super) struct Runner<'a> {
     interrupted: Arc<AtomicBool>,
 }
 
-/// What came of trying a job.
+/// The outcome of trying a job.
 enum Attempt {
     Done(Done),
-    /// Somebody else is at it.
+    /// Another process is running it.
     Busy,
     Interrupted,
-    /// It could not be done, for a reason that says nothing of the method.
+    /// It failed for a reason that says nothing about the method.
     Failed(String),
 }
 
-/// What came of a process.
+/// The outcome of a process.
 enum Step {
     Ended(Option<Box<Metrics>>, Option<String>),
     Interrupted,
@@ -65,7 +65,7 @@ impl<'a> Runner<'a> {
         })
     }
 
-    /// Carries out the jobs that are not done, so many at a time; whether all are done now.
+    /// Runs the jobs that are not finished, `at_a_time` in parallel; returns whether all are finished now.
     pub fn carry_out(&self, jobs: Vec<Job>, at_a_time: usize) -> Result<bool, Failure> {
         let progress = Mutex::new(Progress::new(self.out, &jobs, at_a_time, self.output)?);
         let mut open = VecDeque::new();
@@ -108,7 +108,7 @@ impl<'a> Runner<'a> {
         });
         outcomes.into_iter().collect::<Result<(), String>>()?;
         if self.interrupted.load(Ordering::Relaxed) {
-            return Err("interrupted; the same command goes on from there".into());
+            return Err("interrupted; the same command continues".into());
         }
         Ok(whole.into_inner())
     }
@@ -125,7 +125,7 @@ impl<'a> Runner<'a> {
             Err(TryLockError::WouldBlock) => return Ok(Attempt::Busy),
             Err(TryLockError::Error(error)) => return Err(error.into()),
         }
-        // Whoever held the lock before may have done it.
+        // The previous holder of the lock may have finished it.
         if let Some(result) = done(self.out, job)? {
             return Ok(Attempt::Done(result));
         }
@@ -134,7 +134,7 @@ impl<'a> Runner<'a> {
             Ok(runs) => runs,
             Err(ended) => return Ok(ended),
         };
-        // A run that went on has the time of before in its metrics.
+        // The metrics of a resumed run include the time before.
         let told = runs.iter().filter_map(|ran| ran.metrics.as_ref());
         let told: f64 = told.map(|metrics| metrics.wall_s).sum();
         let result = Done {
@@ -189,7 +189,7 @@ impl<'a> Runner<'a> {
         Ok(Ok(runs))
     }
 
-    /// Runs the program in a folder; a run that was broken off there goes on.
+    /// Runs the program in a folder; an interrupted run there is resumed.
     fn step(&self, words: &[String], folder: &Path, held: &File) -> Result<Step, Failure> {
         let runs = words[0] == "run";
         let resumes = runs && folder.join("checkpoint.bin").is_file();
@@ -203,7 +203,7 @@ impl<'a> Runner<'a> {
         if resumes {
             command.arg("--resume");
         }
-        // As its input it has the lock: that is let go when the last of its holders ends.
+        // The lock is passed as standard input: it is released when the last process that holds it ends.
         command
             .stdin(Stdio::from(held.try_clone()?))
             .stdout(Stdio::null());
@@ -223,7 +223,7 @@ impl<'a> Runner<'a> {
             return Ok(Step::Interrupted);
         }
         if resumes {
-            // What is there cannot be gone on from.
+            // The files there cannot be resumed from.
             remove(folder)?;
             return self.step(words, folder, held);
         }
@@ -236,7 +236,7 @@ impl<'a> Runner<'a> {
         })
     }
 
-    /// Waits for a process, and not for long once the study was interrupted.
+    /// Waits for a process; after an interruption only for a short time.
     fn wait(&self, child: &mut Child) -> Result<ExitStatus, Failure> {
         let mut asked: Option<Instant> = None;
         loop {
@@ -244,7 +244,7 @@ impl<'a> Runner<'a> {
                 return Ok(status);
             }
             if self.interrupted.load(Ordering::Relaxed) {
-                // What was typed at a terminal has reached the process as well.
+                // Ctrl-C at the terminal has reached the process as well.
                 let since = *asked.get_or_insert_with(Instant::now);
                 if since.elapsed() > PATIENCE {
                     child.kill()?;
@@ -256,7 +256,7 @@ impl<'a> Runner<'a> {
 }
 
 impl Step {
-    /// As what the rows of a job have.
+    /// The outcome as the results of the rows of a job.
     fn of_rows(self, job: &Job) -> Result<Vec<Ran>, Attempt> {
         let (metrics, error) = match self {
             Self::Ended(metrics, error) => (metrics, error),
@@ -278,7 +278,7 @@ fn run_words(job: &Job) -> Vec<String> {
     [&["run".to_owned()][..], &job.run, &seed].concat()
 }
 
-/// What was run for a row, as one would type it.
+/// The command for a row, as one would type it.
 fn command(job: &Job, row: &Row) -> String {
     let run = format!("explore {}", run_words(job).join(" "));
     match &row.replay {
@@ -294,7 +294,7 @@ fn command(job: &Job, row: &Row) -> String {
     }
 }
 
-/// The result of a job, if it is done and was of the same runs.
+/// The result of a job, if it is finished and belongs to the same runs.
 pub(super) fn done(out: &Path, job: &Job) -> Result<Option<Done>, Failure> {
     let Some(result) = Done::read(&job.result(out))? else {
         return Ok(None);

@@ -1,7 +1,6 @@
 //! The study `seeds`.
 //!
-//! It explores the same object once for each seed, with the defaults of `explore run`, and puts what a user would see side
-//! by side: one good run says little.
+//! Explores the same object once for each seed, with the defaults of `explore run`, and lists the measures that matter to a user side by side.
 
 use super::summary::Spread;
 use crate::output::OutputFolder;
@@ -15,13 +14,13 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Seeds from 0 unless others are given.
+/// Number of seeds by default, from 0.
 const USUAL: u64 = 20;
 
-/// Arms unless another number is given.
+/// Number of arms by default.
 const ARMS: u8 = 3;
 
-/// What became of a seed.
+/// The outcome for a seed.
 struct Row {
     seed: u64,
     outcome: Result<Metrics, String>,
@@ -44,9 +43,9 @@ struct Failed<'a> {
     error: &'a str,
 }
 
-/// Explores from every seed; true when every run came to an end.
+/// Explores from every seed; true when every run finished.
 pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
-    // The object is looked up before the first run, and for the name under which kept runs were stored.
+    // The object is read before the first run; its name identifies kept runs.
     let scene = args.object.read()?;
     let out = OutputFolder::create(&args.out)?;
     let mut rows = Vec::new();
@@ -69,7 +68,7 @@ pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
             Err(error) => args.output.note(&format!("seed {seed}: {error}")),
         }
         rows.push(Row { seed, outcome });
-        // After each seed, so that an interrupted study leaves what it has.
+        // Written after each seed, so that an interrupted study keeps what it has.
         write(&out, args, scene.name(), &rows)?;
     }
     unless_closed(write!(args.output.words(), "{}", markdown(&rows)))?;
@@ -91,7 +90,7 @@ fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
     }
 }
 
-/// The measures of a finished run of the same object, arms and seed.
+/// The metrics of a finished run of the same object, arms and seed.
 fn kept(folder: &Path, args: &TablesArgs, scene: &str, seed: u64) -> Option<Metrics> {
     let text = std::fs::read(folder.join("metrics.json")).ok()?;
     let metrics: Metrics = serde_json::from_slice(&text).ok()?;
@@ -140,7 +139,7 @@ fn closed(rows: &[Row]) -> usize {
     finished(rows).iter().filter(|m| m.stop == "closed").count()
 }
 
-/// A column of figures: its heading, its name in the file, what it shows of a run, and how.
+/// A column: its heading, its key in the file, its value for a run, and its format.
 struct Column {
     heading: &'static str,
     key: &'static str,
@@ -160,7 +159,7 @@ impl Column {
         }
     }
 
-    /// Of a length in metres.
+    /// A column of lengths in metres, shown in mm.
     const fn millimetres(heading: &'static str, key: &'static str, value: Value) -> Self {
         Self {
             heading,
@@ -170,7 +169,7 @@ impl Column {
         }
     }
 
-    /// Of a share.
+    /// A column of shares, shown in percent.
     const fn percent(heading: &'static str, key: &'static str, value: Value) -> Self {
         Self {
             heading,
@@ -185,7 +184,7 @@ const COLUMNS: [Column; 11] = [
     Column::number("manipulations", "manipulations", |m| {
         Some(m.manipulations as f64)
     }),
-    // What was given up under way is no finished manipulation, but was one for the robot.
+    // A manipulation that was given up is not counted as finished, but the robot did make it.
     Column::number("troubles", "troubles", |m| Some(m.troubles.len() as f64)),
     Column::millimetres("accuracy mean, mm", "accuracy_mean_m", |m| {
         Some(m.accuracy_m?.mean)

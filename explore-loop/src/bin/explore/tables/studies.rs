@@ -1,4 +1,4 @@
-//! The studies that there are: those of the paper, and one that asks of each part of ours what it is worth.
+//! The available studies: those of the paper, and one that measures what each part of this method contributes.
 
 use super::ending::Ending;
 use super::study::{
@@ -29,7 +29,7 @@ fn nothing(_: &[Summary]) -> Vec<String> {
 
 const LIVER: [&str; 4] = ["--scene", "liver", "--arms", "3"];
 
-/// The options of the run of a liver, and more.
+/// The options of a run of the liver, and more.
 fn liver<'a>(more: &[&'a str]) -> Vec<&'a str> {
     [&LIVER, more].concat()
 }
@@ -83,7 +83,7 @@ fn planning() -> Study {
     }
 }
 
-/// The manipulations that planned grips need over those of random ones, for each number of arms.
+/// Ratio of the manipulations of planned grips to those of random ones, for each number of arms.
 fn planned_over_random(summaries: &[Summary]) -> Vec<String> {
     let needed = |arms: &str, grips: &str| {
         let row = summaries.iter().find(|s| s.row.values == [arms, grips])?;
@@ -166,7 +166,7 @@ fn baseline() -> Study {
     Study {
         name: "baseline",
         title: "Against DynamicFusion",
-        about: "The same recordings rebuilt by the elastic body and by a volume fused through a warp field (table 3 of the paper).",
+        about: "The same recordings reconstructed with the elastic body and with a volume fused through a warp field (table 3 of the paper).",
         seeds: 5,
         keys: &["object", "reconstruction"],
         rows,
@@ -188,10 +188,10 @@ fn baseline() -> Study {
     }
 }
 
-/// The reconstruction of this crate, as the study of baselines names it.
+/// The name of this crate's reconstruction in the study of baselines.
 const OURS: &str = "elastic body";
 
-/// How much smaller the mean distance to the truth is than that of the baseline, for each object.
+/// By how much the mean distance to the truth is smaller than that of the baseline, for each object.
 fn improvement(summaries: &[Summary]) -> Vec<String> {
     let accuracy = |s: &Summary| Some(s.figure(ACCURACY.key)?.mean);
     let line = |ours: &Summary| {
@@ -245,7 +245,7 @@ fn objects() -> Study {
     }
 }
 
-/// Rows that are replays of the same explorations of some objects, each with other parts left out.
+/// Rows that replay the same explorations of some objects, each with other parts left out.
 fn replays(objects: &[(&str, &str)], left_out: &[(&str, &str)]) -> Vec<Row> {
     let mut rows = Vec::new();
     for (scene, arms) in objects {
@@ -385,7 +385,7 @@ fn additions() -> Study {
     Study {
         name: "additions",
         title: "Each addition on and off",
-        about: "Explorations with one part left out at a time, on an object that the part was made for.",
+        about: "Explorations with one part left out at a time, on an object that needs the part.",
         seeds: 5,
         keys: &["object", "left out"],
         rows: [

@@ -4,38 +4,38 @@ use super::ending::Ending;
 use super::result::Ran;
 use super::summary::Summary;
 
-/// A study: every row of its table stands for the same runs from several seeds.
+/// A study: every row of its table summarises runs from the same seeds.
 pub(super) struct Study {
-    /// The word on the command line, and the name of its files.
+    /// The name on the command line and of its files.
     pub name: &'static str,
     /// Heading of the table.
     pub title: &'static str,
-    /// The question that it answers, and what of the paper it repeats.
+    /// The question that it answers, and what it repeats of the paper.
     pub about: &'static str,
-    /// Seeds from 0 unless others are given.
+    /// Number of seeds by default, from 0.
     pub seeds: u64,
-    /// Headings of what tells the rows apart.
+    /// Headings of the columns that identify a row.
     pub keys: &'static [&'static str],
     pub rows: Vec<Row>,
     pub columns: Vec<Column>,
     pub plot: Plot,
-    /// What the table says as a whole, in lines of Markdown.
+    /// Conclusions below the table, in lines of Markdown.
     pub remark: fn(&[Summary]) -> Vec<String>,
 }
 
 /// A row of the table.
 #[derive(Clone)]
 pub(super) struct Row {
-    /// What tells it from the others, one for each key.
+    /// The values that identify the row, one for each key.
     pub values: Vec<String>,
-    /// Options of the `explore run` behind it.
+    /// Options of `explore run` for this row.
     pub run: Vec<String>,
-    /// Options of the `explore replay` of that run which is measured instead: rows with the same run share its recording.
+    /// Options of `explore replay`, if a replay of that run is measured instead; rows with the same run share its recording.
     pub replay: Option<Vec<String>>,
 }
 
 impl Row {
-    /// A run, measured.
+    /// A row whose runs are measured.
     pub fn explored(values: &[&str], run: &[&str]) -> Self {
         Self {
             values: owned(values),
@@ -44,7 +44,7 @@ impl Row {
         }
     }
 
-    /// The replay of a run, measured.
+    /// A row whose replays are measured.
     pub fn replayed(values: &[&str], run: &[&str], replay: &[&str]) -> Self {
         Self {
             replay: Some(owned(replay)),
@@ -60,7 +60,7 @@ fn owned(words: &[&str]) -> Vec<String> {
 /// A figure of a run.
 #[derive(Clone, Copy)]
 pub(super) struct Column {
-    /// Its name in the CSV, with its unit.
+    /// Its name in the CSV, with the unit.
     pub key: &'static str,
     /// Its heading for people.
     pub heading: &'static str,
@@ -68,11 +68,11 @@ pub(super) struct Column {
     /// Digits after the point.
     pub digits: usize,
     pub show: Show,
-    /// Which runs it is of, where not of all that have it; below the table.
+    /// Which runs it is taken from, if not from all that have it; printed below the table.
     pub rule: Option<&'static str>,
 }
 
-/// What of the runs of a row is shown to people; the CSV has it all.
+/// Which statistic of the runs of a row is shown to people; the CSV has all.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Show {
     /// Median and quartiles.
@@ -84,14 +84,14 @@ pub(super) enum Show {
 /// How a study is drawn.
 #[derive(Clone, Copy)]
 pub(super) enum Plot {
-    /// Medians and quartiles over the number that a key is, a panel for each column named; a red cross where not all runs closed.
+    /// Medians and quartiles over a numeric key, a panel for each column; a red cross where not all runs closed.
     Curves {
         over: usize,
         panels: &'static [&'static str],
     },
     /// The share explored before the first manipulation and what each later one added, a bar for each row.
     Explored,
-    /// Medians and quartiles, a line for each row and a panel for each column named.
+    /// Medians and quartiles, a line for each row and a panel for each column.
     Whiskers { panels: &'static [&'static str] },
 }
 
@@ -126,7 +126,7 @@ column!(
     |r| { (Ending::of(r) != Ending::Ours).then_some(metrics(r)?.manipulations as f64) },
     Mean,
     Some(
-        "without runs that a fault of ours ended, which say nothing of how many manipulations it takes"
+        "without runs ended by a system fault, which do not tell how many manipulations are needed"
     )
 );
 column!(
@@ -144,7 +144,7 @@ column!(
     Mean,
     Some(
         "a run that closed counts its manipulations, at least 1; one that its grips ended counts 8, the most that a run makes unless more are \
-         allowed; one that a fault of ours ended is left out, as it says nothing of how many manipulations it takes"
+         allowed; one ended by a system fault is not counted"
     )
 );
 column!(
@@ -160,7 +160,7 @@ column!(
     },
     Mean,
     Some(
-        "what is explored at the end and was not at the start, by the number of manipulations; of runs that made any, however they ended"
+        "(explored at the end − explored at the start) / number of manipulations; over all runs that made any"
     )
 );
 column!(

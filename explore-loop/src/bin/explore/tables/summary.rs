@@ -1,7 +1,7 @@
-//! The runs of a row together.
+//! Statistics of the runs of a row.
 //!
 //! ```text
-//! quantile q of x₁ ≤ … ≤ xₙ      x at 1 + (n − 1) q, between two values in proportion      (Hyndman and Fan 1996, type 7)
+//! quantile q of x₁ ≤ … ≤ xₙ      x at 1 + (n − 1) q, interpolated linearly      (Hyndman and Fan 1996, type 7)
 //! ```
 
 use super::ending::Ending;
@@ -14,14 +14,14 @@ pub(super) struct Summary {
     pub row: Row,
     /// By seed.
     pub runs: Vec<(u64, Ran)>,
-    /// What the runs have of the columns of the study, by the keys of these.
+    /// The values of the runs in each column of the study, by key.
     figures: BTreeMap<&'static str, Spread>,
 }
 
-/// Values of several runs.
+/// Statistics of a figure over several runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Spread {
-    /// How many runs have one.
+    /// How many runs have a value.
     pub count: usize,
     pub mean: f64,
     pub least: f64,
@@ -32,7 +32,7 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// Names of its values in a CSV.
+    /// Names of the statistics in a CSV.
     pub const NAMES: [&'static str; 7] = [
         "count",
         "mean",
@@ -43,7 +43,7 @@ impl Spread {
         "most",
     ];
 
-    /// Its values, in the order of their names.
+    /// The statistics, in the order of their names.
     pub fn values(&self) -> [f64; 7] {
         [
             self.count as f64,
@@ -56,7 +56,7 @@ impl Spread {
         ]
     }
 
-    /// Of finite values; `None` of none.
+    /// Of finite values; `None` if there are none.
     pub fn of(values: &[f64]) -> Option<Self> {
         let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
@@ -79,7 +79,7 @@ impl Spread {
 }
 
 impl Summary {
-    /// A summary for each row of a study that was run.
+    /// A summary for each row of a study that has runs.
     pub fn all(study: &Study, runs: &[(u64, Ran)]) -> Vec<Self> {
         let of = |row: &Row| {
             let own = runs.iter().filter(|(_, ran)| ran.row == row.values);
@@ -100,7 +100,7 @@ impl Summary {
         rows.filter(|summary| !summary.runs.is_empty()).collect()
     }
 
-    /// What its runs have of a column; `None` if none of them has it.
+    /// The statistics of a column; `None` if no run has a value.
     pub fn figure(&self, key: &str) -> Option<Spread> {
         self.figures.get(key).copied()
     }

@@ -2,8 +2,8 @@
 //!
 //! | file | a line for each |
 //! |---|---|
-//! | `NAME.csv` | row and figure: how many runs ended how, then count, mean, least, quartiles, most |
-//! | `NAME_runs.csv` | run: how it ended, its figures, what was explored and the Betti numbers before each manipulation, its command |
+//! | `NAME.csv` | row and figure: numbers of runs by ending, then count, mean, minimum, quartiles, maximum |
+//! | `NAME_runs.csv` | run: ending, figures, share explored and Betti numbers before each manipulation, command |
 //! | `NAME.md` | row, with medians and quartiles, or means; then one for each run |
 
 use super::ending::Ending;
@@ -13,7 +13,7 @@ use super::summary::{Spread, Summary};
 use crate::Failure;
 use std::fmt::Write as _;
 
-/// Digits of a number in a CSV.
+/// Formats a number for a CSV.
 fn number(value: f64) -> String {
     let rounded = format!("{value:.6}");
     let short = rounded.trim_end_matches('0').trim_end_matches('.');
@@ -30,7 +30,7 @@ fn bytes(writer: csv::Writer<Vec<u8>>) -> Result<Vec<u8>, Failure> {
         .map_err(csv::IntoInnerError::into_error)?)
 }
 
-/// Keys as names of columns: what stands before a comma, in small letters.
+/// Keys as names of columns: the part before a comma, in lower case.
 fn names(study: &Study) -> Vec<String> {
     let name = |key: &&str| key.replace(", ", "_").replace([' ', '/'], "_");
     study.keys.iter().map(name).collect()
@@ -89,7 +89,7 @@ pub(super) fn runs_csv(study: &Study, summaries: &[Summary]) -> Result<Vec<u8>, 
     bytes(writer)
 }
 
-/// What was explored before each manipulation and at the end, within two spacings as the paper counts it, in percent.
+/// The share explored before each manipulation and at the end, within two spacings as the paper counts it, in percent.
 fn explored(ran: &Ran, between: &str) -> String {
     let shares = ran.metrics.as_ref().and_then(|m| m.explored_2eps.as_ref());
     let texts: Vec<String> = shares
@@ -100,7 +100,7 @@ fn explored(ran: &Ran, between: &str) -> String {
     texts.join(between)
 }
 
-/// The Betti numbers then.
+/// The Betti numbers before each manipulation and at the end.
 fn betti(ran: &Ran) -> String {
     let all = ran.metrics.iter().flat_map(|m| &m.betti_before);
     let texts: Vec<String> = all
@@ -109,7 +109,7 @@ fn betti(ran: &Ran) -> String {
     texts.join(" ")
 }
 
-/// `NAME.md`; `made_by` is the command, and `missing` what it has not run yet.
+/// `NAME.md`; `made_by` is the command, and `missing` the number of jobs that are not finished.
 pub(super) fn markdown(
     study: &Study,
     summaries: &[Summary],
@@ -142,7 +142,7 @@ fn caption(plot: Plot) -> &'static str {
             "Medians and quartiles; of explorations, red where not every run closed."
         }
         Plot::Explored => {
-            "Means over the runs; one that is over adds nothing more. Manipulations without runs that a fault of ours ended."
+            "Means over the runs; a finished run adds nothing more. Manipulations without runs ended by a system fault."
         }
     }
 }
@@ -168,13 +168,13 @@ fn heading(cells: &[String]) -> String {
     format!("{}|{}\n", line(cells), "---|".repeat(cells.len()))
 }
 
-/// The ends that take a column: those that occurred, and closed.
+/// The endings that get a column: `closed`, and those that occurred.
 fn endings(summaries: &[Summary]) -> Vec<Ending> {
     let occurs = |e: &Ending| *e == Ending::Closed || summaries.iter().any(|s| s.ended(*e) > 0);
     Ending::ALL.into_iter().filter(occurs).collect()
 }
 
-/// What stands below the table of rows: which runs its figures are of.
+/// The notes below the table: which runs its figures are taken from.
 fn how_to_read(study: &Study, summaries: &[Summary]) -> String {
     let mut text = String::from(
         "\nFigures are medians with quartiles in brackets, or means where the heading says so, of all runs that have the figure, however they ended; \
@@ -260,7 +260,7 @@ fn runs_table(study: &Study, summaries: &[Summary]) -> String {
     text
 }
 
-/// The word for its end, and the reason where there is one.
+/// How a run ended, with the reason where there is one.
 fn why(ran: &Ran) -> String {
     match ran.reason() {
         Some(reason) => format!("{}: {reason}", ran.stop()),
