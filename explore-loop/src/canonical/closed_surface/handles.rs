@@ -32,7 +32,7 @@ pub(super) fn cut_small(mut mesh: Corners, longest: f64) -> Corners {
     mesh
 }
 
-/// Loops around the handles of a mesh, each a list of consecutive vertices: for every vertex of the two generating loops of each handle, the shortest.
+/// Loops around the handles of a mesh, each a list of corners head to tail: for every vertex of the two generating loops of each handle, the shortest.
 ///
 /// None of them splits the surface: edges outside both the tree of shortest paths and the tree of triangles close loops that are independent in homology.
 pub(super) fn around_handles(mesh: &Corners) -> Vec<Vec<u32>> {
