@@ -26,7 +26,7 @@ fn a_file_that_is_wrong_is_named_with_its_line() {
         (
             "normal = [0.0, 0.0, -1.0]",
             "normal = [0.0, 0.0, 0.0]",
-            "no direction",
+            "is not a direction",
         ),
         ("version = 1", "version = 2", "version 1"),
         ("open = 1.0", "open = -1.0", "cannot close"),
