@@ -21,7 +21,11 @@ fn a_file_that_is_wrong_is_named_with_its_line() {
     let cases = [
         ("rate = 10.0", "rate = -1.0", "positive"),
         ("kind = \"si\"", "kind = \"mk3\"", "unknown variant"),
-        ("name = \"PSM2\"", "name = \"PSM1\"", "a second arm with the name PSM1"),
+        (
+            "name = \"PSM2\"",
+            "name = \"PSM1\"",
+            "a second arm with the name PSM1",
+        ),
         ("speed = 0.05", "sped = 0.05", "unknown field"),
         (
             "normal = [0.0, 0.0, -1.0]",
