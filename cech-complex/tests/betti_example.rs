@@ -316,12 +316,12 @@ fn what_is_wrong_with_a_file_is_said_with_line_and_value() {
         (
             "infinite",
             ascii(&["0 0 0 0 inf 1"]),
-            "vertex 0: the normal (0, inf, 1) has no direction",
+            "vertex 0: the normal (0, inf, 1) is zero or not finite",
         ),
         (
             "zero",
             ascii(&[good, good, "0 0 0 0 0 0"]),
-            "vertex 2: the normal (0, 0, 0) has no direction",
+            "vertex 2: the normal (0, 0, 0) is zero or not finite",
         ),
         (
             "letters",

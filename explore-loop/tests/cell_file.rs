@@ -21,12 +21,16 @@ fn a_file_that_is_wrong_is_named_with_its_line() {
     let cases = [
         ("rate = 10.0", "rate = -1.0", "positive"),
         ("kind = \"si\"", "kind = \"mk3\"", "unknown variant"),
-        ("name = \"PSM2\"", "name = \"PSM1\"", "a second arm PSM1"),
+        (
+            "name = \"PSM2\"",
+            "name = \"PSM1\"",
+            "a second arm with the name PSM1",
+        ),
         ("speed = 0.05", "sped = 0.05", "unknown field"),
         (
             "normal = [0.0, 0.0, -1.0]",
             "normal = [0.0, 0.0, 0.0]",
-            "no direction",
+            "is not a direction",
         ),
         ("version = 1", "version = 2", "version 1"),
         ("open = 1.0", "open = -1.0", "cannot close"),

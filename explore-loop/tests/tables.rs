@@ -319,7 +319,7 @@ fn results_with_known_medians_are_summed_up_as_such() {
     assert!(!markdown.contains("With 3 arms"), "{markdown}");
     // Below the table: what the ends that occurred mean, and which runs count.
     for words in [
-        "- *ended by a system fault*: the body was lost",
+        "- *ended by a system fault*: tracking lost the body",
         "- *manipulations needed, at least*: a run that closed counts its manipulations, at least 1; one that its grips ended counts 8",
         "one ended by a system fault is not counted",
     ] {
@@ -360,7 +360,7 @@ fn results_that_do_not_agree_are_not_merged() {
     refuses(
         tables(&merged, &dirs),
         1,
-        &["do not agree", "grips-planned_seed-0.json"],
+        &["same job and differ", "grips-planned_seed-0.json"],
     );
     std::fs::write(
         other.join("jobs/planning/scene-liver-arms-2-grips-planned_seed-0.json"),

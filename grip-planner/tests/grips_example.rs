@@ -342,7 +342,7 @@ fn complaints_say_what_is_wrong() {
     let (code, said) = desk.complaint(&["good.ply", "--camera", "0,0,-1"]);
     assert!(code == 1 && said.contains("under the table"), "{said}");
     let (code, said) = desk.complaint(&["good.ply", "--plane", "0,0,1,-0.04"]);
-    assert!(code == 1 && said.contains("under the table"), "{said}");
+    assert!(code == 1 && said.contains("below the table"), "{said}");
     let (code, said) = desk.complaint(&["good.ply", "--out", "no/such/folder.svg"]);
     assert!(code == 1 && said.contains("no/such/folder.svg"), "{said}");
     assert!(!Path::new(&desk.0).join("grips.svg").exists());

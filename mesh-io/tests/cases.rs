@@ -804,7 +804,7 @@ fn options_of_a_file_are_understood_or_refused() {
         ("--size", "-1", "-1 is not positive"),
         ("--size", "nan", "'nan' is not a finite number"),
         ("--up", "w", "x, y or z"),
-        ("--body", "0", "0 is not a number from 1"),
+        ("--body", "0", "0 is not an integer of at least 1"),
     ] {
         let error = parse(&[&format!("{option}={given}")]).unwrap_err();
         let error = error.to_string();
@@ -891,7 +891,7 @@ fn normals_come_from_the_file_the_triangles_or_the_neighbours() {
         .unwrap_err();
     assert_eq!(
         error.to_string(),
-        "vertex 5: the normal (0, 0, 0) has no direction"
+        "vertex 5: the normal (0, 0, 0) is zero or not finite"
     );
     zero[5].y = f64::INFINITY;
     assert!(mesh.with_normals(zero).unwrap().unit_normals().is_err());

@@ -430,7 +430,7 @@ fn what_cannot_be_used_says_why() {
     for (name, words) in [
         (
             "zero.ply",
-            "zero.ply: vertex 0: the normal (0, 0, 0) has no direction",
+            "zero.ply: vertex 0: the normal (0, 0, 0) is zero or not finite",
         ),
         (
             "more.ply",
