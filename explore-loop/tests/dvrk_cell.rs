@@ -92,7 +92,7 @@ fn what_is_looked_at_moves_nothing_and_what_is_sent_arrives() {
         .iter()
         .find(|check| check.what == "table");
     let table = table.unwrap().found.clone().unwrap();
-    assert!(table.starts_with("given, 0.550 m") && table.contains("% of what is seen on it"));
+    assert!(table.starts_with("given, 0.550 m") && table.contains("% of the points on it"));
     assert!(!world.is_powered(0) && !world.is_powered(1));
     let mut cell = world.start(preflight);
     assert!(world.is_powered(0) && world.is_powered(1));

@@ -468,7 +468,7 @@ fn what_a_recording_lacks_is_said() {
 fn units_and_points_that_cannot_be_are_told() {
     let plain = plain();
     let millimetres = with_points(|_, points| points.iter().map(|p| p * 1e3).collect());
-    is_refused("mm", &millimetres.file(), &["metres", "m away"]);
+    is_refused("mm", &millimetres.file(), &["metres", "median distance"]);
     // What a camera writes where it measured nothing.
     let origins = with_points(|_, points| [points, vec![Point3::origin(); 400]].concat());
     is_the_same(&plain, "origins", &origins.file(), &[]);

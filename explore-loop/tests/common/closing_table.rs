@@ -73,6 +73,7 @@ fn expected(row: &str, m: &Value) -> Option<Vec<f64>> {
         }
         "slide" => vec![1e3 * at("slide_m")],
         "stiffness over weight" => vec![at("stiffness_over_weight")],
+        "contacts separated" => vec![at("contacts")],
         "never seen" => {
             let places = m["unseen"].as_array()?;
             let share: f64 = places.iter().filter_map(|p| p["share"].as_f64()).sum();

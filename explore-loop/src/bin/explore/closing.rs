@@ -72,14 +72,13 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
         ("slide", metrics.slide_m.map_or_else(unknown, mm)),
         (
             "stiffness over weight",
-            metrics.stiffness_over_weight.map_or_else(
-                || "not known: nothing was lifted".to_owned(),
-                |s| format!("{s:.2} m"),
-            ),
+            metrics
+                .stiffness_over_weight
+                .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
     ];
     if metrics.contacts > 0 {
-        rows.push(("contacts parted", metrics.contacts.to_string()));
+        rows.push(("contacts separated", metrics.contacts.to_string()));
     }
     rows.extend(unseen(&metrics.unseen).map(|text| ("never seen", text)));
     rows
