@@ -72,7 +72,10 @@ enum Route {
     Straight,
     Over,
     OneByOne,
+    /// Rotating on the way.
     Turning,
+    /// Rotating at the body, where the tool has backed off.
+    TurningThere,
 }
 
 /// Largest step between two way points, metres and radians.
@@ -90,6 +93,10 @@ pub(crate) fn reach(
         let home = scene.arms[grip.arm].home;
         if matches!(route, Route::Turning) {
             return vec![home, grip.camera_from_approach, grip.camera_from_tip];
+        }
+        if matches!(route, Route::TurningThere) {
+            let there = with_rotation(&grip.camera_from_approach, &home);
+            return vec![home, there, grip.camera_from_approach, grip.camera_from_tip];
         }
         let turned = with_rotation(&home, &grip.camera_from_tip);
         let mut way = vec![home, turned];
@@ -131,19 +138,26 @@ pub(crate) fn withdraw(
     leave(around, grips, &ends, camera_from_body, options)
 }
 
-/// The same from any pose, with the body at rest: first `distance` back along the tool.
+/// The same from any pose, with the body at rest: first `distance` back along the tool; straight up, or home at once, where joints do not allow
+/// that.
 pub(crate) fn withdraw_from(
     around: &Surroundings,
     grips: &[Grip],
     distance: f64,
     options: &ReachOptions,
 ) -> Result<Motion, Refusal> {
-    let end = |g: &Grip| {
-        let here = g.camera_from_tip;
-        (here, retreat(&here, around.scene, distance))
+    let via = |retreat: &dyn Fn(&Isometry3<f64>) -> Isometry3<f64>| {
+        let end = |g: &Grip| (g.camera_from_tip, retreat(&g.camera_from_tip));
+        let ends: Vec<_> = grips.iter().map(end).collect();
+        leave(around, grips, &ends, &Isometry3::identity(), options)
     };
-    let ends: Vec<_> = grips.iter().map(end).collect();
-    leave(around, grips, &ends, &Isometry3::identity(), options)
+    let up = Translation3::from(around.scene.table.normal.as_ref() * distance);
+    via(&|here| retreat(here, around.scene, distance)).or_else(|reason| match reason {
+        Refusal::OutOfWorkspace { .. } => via(&|here| up * here)
+            .or_else(|_| via(&|here| *here))
+            .map_err(|_| reason),
+        reason => Err(reason),
+    })
 }
 
 /// From each end via its retreat pose to home.
@@ -162,6 +176,9 @@ fn leave(
         let (end, retreat) = at.map_or((home, home), |at| ends[at]);
         if matches!(route, Route::Turning) {
             return vec![end, retreat, home];
+        }
+        if matches!(route, Route::TurningThere) {
+            return vec![end, retreat, with_rotation(&retreat, &home), home];
         }
         let turned = with_rotation(&home, &retreat);
         let mut way = vec![end, retreat];
@@ -215,7 +232,9 @@ fn first_free(
             .or_else(|_| along(Route::OneByOne))
             .or_else(|other| match reason {
                 // An orientation may be reachable at one position and not at another.
-                Refusal::OutOfWorkspace { .. } => along(Route::Turning),
+                Refusal::OutOfWorkspace { .. } => {
+                    along(Route::Turning).or_else(|_| along(Route::TurningThere))
+                }
                 _ => Err(other),
             })
             .map_err(|_| reason)

@@ -214,7 +214,7 @@ pub fn lower(scene: &Scene, tips: &[Tip], options: &CarryOptions) -> Result<Moti
     carry(&[], scene, tips, &goals, options)
 }
 
-/// From the present poses of the empty tips to home, jaws open: back along the tool, up and home; `body` are the points at rest, empty if
+/// From the present poses of the empty tips to home, jaws open: back along the tool (straight up, or home at once, if it cannot back off), up and home; `body` are the points at rest, empty if
 /// unknown. `distance` is how far a tip retreats before it rotates, metres.
 ///
 /// # Errors

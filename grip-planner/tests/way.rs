@@ -1,12 +1,14 @@
 //! Motions from the present poses of the tips: straight, checked, timed, and an error if there is none.
-#![allow(missing_docs, clippy::unwrap_used, reason = "tests")]
+#![allow(missing_docs, clippy::unwrap_used, clippy::panic, reason = "tests")]
 
 mod fixture;
 
-use grip_planner::nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use std::sync::Arc;
+
+use grip_planner::nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use grip_planner::{
-    CarryOptions, Error, Motion, ReachOptions, Refusal, Role, Scene, Stage, Tip, carry, go_home,
-    lower, put_down,
+    CarryOptions, Error, Motion, ReachOptions, Refusal, Role, Scene, Stage, Tip, Workspace, carry,
+    go_home, lower, put_down,
 };
 use proptest::prelude::*;
 
@@ -88,6 +90,45 @@ proptest! {
             }
         }
     }
+}
+
+/// A tool that lies level and whose joints end where it would back off goes up instead; where they do not allow that either, it rotates where it
+/// is; where nothing is allowed, the reason is that of backing off.
+#[test]
+fn a_tool_that_cannot_back_off_goes_up() {
+    let here = Isometry3::from_parts(
+        Translation3::new(0.03, 0.0, fixture::DEPTH - 0.06),
+        UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2),
+    );
+    let tip = Tip {
+        arm: 0,
+        role: Role::Lift,
+        camera_from_tip: here,
+    };
+    let options = ReachOptions::default();
+    let going = |level: fn(Vector3<f64>) -> bool, upright: fn(Vector3<f64>) -> bool| {
+        let mut arms = fixture::arms(1);
+        arms[0].workspace = Workspace::Custom(Arc::new(move |pose: &Isometry3<f64>| {
+            let at = pose.translation.vector;
+            if (pose.rotation * Vector3::z()).z < 0.7 {
+                level(at)
+            } else {
+                upright(at)
+            }
+        }));
+        go_home(&[], &fixture::scene(&arms), &[tip], 0.05, &options)
+    };
+    let early = |motion: &Motion| motion.arms[0].at(0.25 * motion.duration).unwrap();
+    let up = going(|at| at.x < 0.035, |_| true).unwrap();
+    assert!(early(&up).translation.z < here.translation.z - 0.02);
+    let there = |at: Vector3<f64>| at.x < 0.035 && at.z > fixture::DEPTH - 0.065;
+    assert!(going(there, |_| true).is_ok());
+    let stuck = going(there, |at| at.x > 0.1);
+    let position = match stuck {
+        Err(Refusal::OutOfWorkspace { position, .. }) => position,
+        other => panic!("{other:?}"),
+    };
+    assert!(position[0] > 0.035 || position[2] < fixture::DEPTH - 0.065);
 }
 
 #[test]
