@@ -72,7 +72,7 @@ pub struct ClosedSurfaceOptions {
     /// handle do not prove that it exists.
     pub handle: f64,
     /// Parts that touch are parted where the surface is creased by more than this on average all around a handle, rad. Default
-    /// [`CONTACT`](super::genus::CONTACT), which lies between what a ring and what round parts that touch have; with π nothing is parted.
+    /// [`CONTACT`], which lies between what a ring and what round parts that touch have; with π nothing is parted.
     pub contact: f64,
     /// How many handles the object has, if that is known: no more than the others are taken for contacts.
     pub genus: Genus,
