@@ -128,7 +128,7 @@ impl Topology {
         }
     }
 
-    /// At how many contacts parts that touch were parted.
+    /// At how many contacts parts that touch were separated.
     pub fn contacts(&self) -> usize {
         self.surface.as_ref().map_or(0, |s| s.contacts.len())
     }
@@ -179,7 +179,7 @@ impl std::fmt::Display for Obstacle {
             ),
             Self::Contact(angle) => write!(
                 f,
-                "touching parts are not separated: there is a crease of {:.0}° around a handle",
+                "touching parts were not seen apart: there is a crease of {:.0}° around a handle",
                 angle.to_degrees()
             ),
             Self::Bare { share, farthest } => write!(
@@ -334,8 +334,8 @@ fn read(
     let (mut apart, mut sparse) = (0.5 * spacing, spacing);
     loop {
         let mut cuts = cuts(model, &points);
-        // As far as cylinders that face alike share a point at the largest scale.
-        let reach = 2.0 * RADIUS * PERSISTS * sparse;
+        // No two cylinders whose centres are farther apart share a point at the largest scale.
+        let reach = 2.0 * RADIUS.hypot(0.5 * HEIGHT) * PERSISTS * sparse;
         cuts.extend(drawn.iter().flat_map(|s| s.glue(&points, &normals, reach)));
         match Read::new(&points, &normals, &cuts, sparse, most) {
             Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {

@@ -143,7 +143,7 @@ pub struct Metrics {
     /// The patches that were never seen, the largest first; empty when all was seen.
     #[serde(default)]
     pub unseen: Vec<UnseenPlace>,
-    /// Contacts at which parts that touch were parted in the closed surface.
+    /// Number of contacts at which parts that touch were separated in the closed surface.
     #[serde(default)]
     pub contacts: usize,
     /// Persistent Betti numbers of the canonical model.

@@ -1,9 +1,15 @@
-//! Parts that only touch are parted.
+//! Separates parts that only touch.
 //!
-//! Two fingers that touch are one surface to the grid: a neck joins them, and with the material between their roots it makes a handle. A
-//! crease runs all around the neck ([`super::crease`]), which a handle of the object does not have. There the mesh is cut, and each side
-//! is closed by a cap: the wall that faces the other part. A wall must have been seen like any other surface before the object counts as
-//! closed; only one so small that nothing of it lies beyond the reach of the points around it need not.
+//! Two fingers that touch are one surface to the grid: a neck joins them, and with the material between their roots it makes a handle. All around
+//! the neck runs a crease ([`super::crease`]). A handle that has grown onto a body sharply has one, too; what tells them apart is what lies within
+//! the neck. Where the parts have been seen apart, there are points of the walls that faced each other:
+//!
+//! ```text
+//! p is of a wall  ⇔  |(p − m)·a| < ε,   ‖(p − m) − ((p − m)·a) a‖ < r − ε,   |n·a| > 0.7
+//! ```
+//! with the middle `m`, the unit vector area `a` and the smallest radius `r` of the loop around the neck. With two such points the mesh is cut
+//! along the loop, and each side is closed by a cap, which has to have support like any other surface. Without them the handle stays, and the
+//! surface does not count as closed.
 //!
 //! ```text
 //! glue = { (p, q) :  ‖p − q‖ < reach,   way along the mesh > 2 reach }          among the points around the contact
@@ -23,34 +29,94 @@ const LONGEST: f64 = 20.0;
 /// Least way along the mesh between what only touches, in reaches.
 const FAR: f64 = 2.0;
 
-/// Cuts the mesh at contacts, the most creased first; the loop around each.
-pub(super) fn part(mesh: &mut Corners, options: &ClosedSurfaceOptions) -> Vec<Vec<Point3<f64>>> {
+/// Least cosine between the normal of a point of a wall and the axis of the neck.
+const ACROSS: f64 = 0.7;
+/// Fewest points of walls that show that two parts were apart: one may be a stray.
+const WALL_POINTS: usize = 2;
+
+/// Cuts the mesh at contacts whose walls were seen, the most creased first; the loop around each.
+pub(super) fn separate(
+    mesh: &mut Corners,
+    points: &[Point3<f64>],
+    normals: &[UnitVector3<f64>],
+    options: &ClosedSurfaceOptions,
+) -> Vec<Vec<Point3<f64>>> {
     let keep = match options.genus {
         Genus::Any => 0,
         Genus::Exactly(handles) => handles,
     };
     let mut contacts = Vec::new();
     while mesh.handles() > keep {
-        let creased = crease::most_creased(mesh, options.spacing);
-        let Some((_, around)) = creased.filter(|(angle, around)| {
-            *angle > options.contact && length(mesh, around) < LONGEST * options.spacing
-        }) else {
+        let creased = crease::creased_loops(mesh, options.spacing);
+        let cut = creased.iter().find_map(|(angle, around)| {
+            let places = || around.iter().map(|&c| mesh.place(mesh.from(c)));
+            let neck = Neck::new(places().collect())?;
+            (*angle > options.contact
+                && neck.length() < LONGEST * options.spacing
+                && neck.wall_points(points, normals, options.spacing) >= WALL_POINTS)
+                .then(|| handles::cut_along(mesh, around))?
+                .filter(|cut| cut.handles() < mesh.handles())
+                .map(|cut| (cut, neck.around))
+        });
+        let Some((cut, around)) = cut else {
             break;
         };
-        let Some(parted) =
-            handles::cut_along(mesh, &around).filter(|m| m.handles() < mesh.handles())
-        else {
-            break;
-        };
-        let places = around.iter().map(|&c| mesh.place(mesh.from(c)));
-        contacts.push(places.collect());
-        *mesh = parted;
+        contacts.push(around);
+        *mesh = cut;
     }
     contacts
 }
 
-fn length(mesh: &Corners, around: &[u32]) -> f64 {
-    around.iter().map(|&c| mesh.length(c)).sum()
+/// The loop around a contact.
+struct Neck {
+    around: Vec<Point3<f64>>,
+    middle: Point3<f64>,
+    axis: UnitVector3<f64>,
+}
+
+impl Neck {
+    /// `None` for a loop that encloses no area.
+    fn new(around: Vec<Point3<f64>>) -> Option<Self> {
+        let middle = middle(&around);
+        let edges = around.iter().zip(around.iter().cycle().skip(1));
+        let area: Vector3<f64> = edges.map(|(p, q)| (p - middle).cross(&(q - middle))).sum();
+        Some(Self {
+            axis: UnitVector3::try_new(area, 0.0)?,
+            middle,
+            around,
+        })
+    }
+
+    fn length(&self) -> f64 {
+        let edges = self.around.iter().zip(self.around.iter().cycle().skip(1));
+        edges.map(|(p, q)| (q - p).norm()).sum()
+    }
+
+    fn aside(&self, p: &Point3<f64>) -> f64 {
+        (p - self.middle).cross(&self.axis).norm()
+    }
+
+    /// How many points lie within the neck and face along its axis.
+    fn wall_points(
+        &self,
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        spacing: f64,
+    ) -> usize {
+        let sides = self.around.iter().map(|p| self.aside(p));
+        let radius = sides.fold(f64::INFINITY, f64::min);
+        let of_wall = |(p, n): &(&Point3<f64>, &UnitVector3<f64>)| {
+            (*p - self.middle).dot(&self.axis).abs() < spacing
+                && self.aside(p) < radius - spacing
+                && n.dot(&self.axis).abs() > ACROSS
+        };
+        points.iter().zip(normals).filter(of_wall).count()
+    }
+}
+
+fn middle(around: &[Point3<f64>]) -> Point3<f64> {
+    let sum: Vector3<f64> = around.iter().map(|p| p.coords).sum();
+    Point3::from(sum / around.len().max(1) as f64)
 }
 
 impl ClosedSurface {
@@ -63,8 +129,7 @@ impl ClosedSurface {
     ) -> Vec<[u32; 2]> {
         let mut around: Vec<u32> = Vec::new();
         for contact in &self.contacts {
-            let sum: Vector3<f64> = contact.iter().map(|p| p.coords).sum();
-            let middle = Point3::from(sum / contact.len().max(1) as f64);
+            let middle = middle(contact);
             let radius = contact
                 .iter()
                 .map(|p| (p - middle).norm())
@@ -86,9 +151,11 @@ impl ClosedSurface {
         let neighbours = self.neighbours();
         let mut glue = Vec::new();
         for (a, place) in places.iter().enumerate() {
-            let near = (a + 1..places.len()).filter(|&b| (places[b] - place).norm() < reach);
-            let near: Vec<usize> = near.collect();
-            if near.is_empty() {
+            let near: Vec<usize> = (a + 1..places.len())
+                .filter(|&b| (places[b] - place).norm() < reach)
+                .filter(|&b| on[b].0 != u32::MAX)
+                .collect();
+            if near.is_empty() || on[a].0 == u32::MAX {
                 continue;
             }
             let ways = self.ways(&neighbours, on[a].0, FAR * reach);

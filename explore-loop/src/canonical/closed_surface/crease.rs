@@ -17,12 +17,21 @@ use nalgebra::{UnitVector3, Vector3};
 /// Range of distances to the side of a loop in which normals are averaged, in spacings.
 const BESIDE: (f64, f64) = (0.6, 1.5);
 
-/// How far the surface is folded along the most creased loop around a handle, rad, and that loop, as corners head to tail; `None` without handles.
-pub(super) fn most_creased(mesh: &Corners, spacing: f64) -> Option<(f64, Vec<u32>)> {
+/// Loops around the handles, as corners head to tail, each with the mean angle by which the surface is folded along it, rad; the most creased first.
+pub(super) fn creased_loops(mesh: &Corners, spacing: f64) -> Vec<(f64, Vec<u32>)> {
     let loops = around_handles(mesh).into_iter();
-    let creased = loops.map(|around| (crease(mesh, &around, spacing), around));
-    // Of loops creased alike the first one, so that the answer does not depend on how they are compared.
-    creased.reduce(|most, next| if next.0 > most.0 { next } else { most })
+    let mut creased: Vec<_> = loops
+        .map(|around| (crease(mesh, &around, spacing), around))
+        .collect();
+    // Stable: loops with the same crease stay in the order in which they were found.
+    creased.sort_by(|a, b| b.0.total_cmp(&a.0));
+    creased
+}
+
+/// The largest mean fold along a loop around a handle, rad; 0 without handles.
+pub(super) fn largest(mesh: &Corners, spacing: f64) -> f64 {
+    let creased = creased_loops(mesh, spacing);
+    creased.first().map_or(0.0, |(angle, _)| angle.max(0.0))
 }
 
 /// Mean fold over a loop, rad.

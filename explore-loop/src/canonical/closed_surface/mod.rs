@@ -71,10 +71,10 @@ pub struct ClosedSurfaceOptions {
     /// Handles around which a loop shorter than this runs are noise and are cut, m. Default 6 spacings: fewer points around a
     /// handle do not prove that it exists.
     pub handle: f64,
-    /// Parts that touch are parted where the surface is creased by more than this on average all around a handle, rad. Default
-    /// [`CONTACT`], which lies between what a ring and what round parts that touch have; with π nothing is parted.
+    /// Parts that touch are separated where the surface is creased by more than this on average all around a handle, rad, and points of the walls
+    /// between them were seen. Default [`CONTACT`], between the crease of a ring and that of round parts that touch; with π nothing is separated.
     pub contact: f64,
-    /// How many handles the object has, if that is known: no more than the others are taken for contacts.
+    /// How many handles the object has, if that is known: only the others can be contacts.
     pub genus: Genus,
 }
 
@@ -183,7 +183,7 @@ pub struct ClosedSurface {
     pub strays: Vec<u32>,
     /// Handles of the closed surface, before anything was trimmed.
     pub handles: Handles,
-    /// The contacts at which parts that touch were parted: the loop around each, m.
+    /// The contacts at which parts that touch were separated: the loop around each, m.
     pub contacts: Vec<Vec<Point3<f64>>>,
     spacing: f64,
     reach: f64,
@@ -213,7 +213,7 @@ pub fn closed_surface(
     remesh::coarsen(&mut mesh, 0.6 * options.edge);
     let mut mesh = handles::cut_small(mesh, options.handle);
     remesh::remesh(&mut mesh, options.edge, &samples, spacing);
-    let contacts = contact::part(&mut mesh, options);
+    let contacts = contact::separate(&mut mesh, points, normals, options);
     let samples = without_strays(samples, &mesh, spacing);
     remesh::finish(&mut mesh, options.edge, &samples, spacing);
     let mut surface = ClosedSurface::of(&mesh, points, normals, options);
@@ -254,8 +254,7 @@ impl ClosedSurface {
             strays,
             handles: Handles {
                 count: mesh.handles(),
-                crease: crease::most_creased(mesh, options.spacing)
-                    .map_or(0.0, |most| most.0.max(0.0)),
+                crease: crease::largest(mesh, options.spacing),
             },
             contacts: Vec::new(),
             spacing: options.spacing,
