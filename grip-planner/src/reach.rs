@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Three routes are tried, each more careful than the one before: straight, all arms together; up, across at the height of the highest home, and
-//! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, the arms rotate on the way instead of in place. The body at rest is an
-//! obstacle all the way, except for the jaws on the straight last part.
+//! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, the arms rotate on the way, or at the
+//! body, instead of at home. The body at rest is an obstacle all the way, except for the jaws on the straight last part.
 
 use nalgebra::{Isometry3, Point3, Translation3};
 

@@ -9,6 +9,9 @@
 //! ```
 //! A cut edge stays cut: it never returns to the surface graph, the mesh or the complex, and its cofaces are removed with
 //! it. Vertices that lose their last edge are removed too; new observations fill the gap.
+//!
+//! This is for pipelines that track vertices. The loop of this crate does not cut edges: where parts open, its elastic body stretches between them by
+//! less than that. It separates the closed surface instead (see [`super::closed_surface`]).
 
 use super::CanonicalModel;
 

@@ -11,6 +11,7 @@
 //! | [`cut`] | which edges join parts that only touched? |
 //! | [`genus`] | how many handles does the surface have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
+//! | `obstacle` | what keeps a surface from counting as closed? |
 //! | [`surface`] | triangles, areas, normals |
 //! | [`tangent`] | offsets and directions in the plane of a normal |
 //! | [`closed_surface`] | which closed surface do the points describe, and which parts of it were seen? |
@@ -22,6 +23,7 @@ pub mod colour;
 pub mod cut;
 pub mod genus;
 pub mod graph;
+mod obstacle;
 pub mod surface;
 pub mod tangent;
 pub mod topology;

@@ -12,6 +12,7 @@
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{CONTACT, Genus, Handles};
+pub use super::obstacle::Obstacle;
 use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -139,65 +140,7 @@ impl Topology {
     }
 }
 
-/// What keeps a surface from counting as closed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Obstacle {
-    /// Its persistent Betti numbers are not those of a closed surface, or not of the requested genus.
-    Betti([usize; 3]),
-    /// The complex and the closed surface have different numbers of handles.
-    Handles {
-        /// Handles of the complex.
-        complex: usize,
-        /// Handles of the surface.
-        mesh: usize,
-    },
-    /// Two touching parts were not separated: the surface is creased by this angle, rad, around the neck between them.
-    Contact(f64),
-    /// A part of it was never seen.
-    Bare {
-        /// Share of the area.
-        share: f64,
-        /// Greatest distance of this part from the seen surface, m.
-        farthest: f64,
-    },
-    /// This share of the points lies off it.
-    Strays(f64),
-    /// This share of it lies on a boundary.
-    Boundary(f64),
-    /// This share of vector area is missing.
-    Missing(f64),
-}
-
-impl std::fmt::Display for Obstacle {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let percent = |share: f64| 100.0 * share;
-        match self {
-            Self::Betti([b0, b1, b2]) => write!(f, "Betti numbers ({b0}, {b1}, {b2})"),
-            Self::Handles { complex, mesh } => write!(
-                f,
-                "the complex of the points has {complex} handles, but the surface through them {mesh}"
-            ),
-            Self::Contact(angle) => write!(
-                f,
-                "touching parts were not seen apart: there is a crease of {:.0}° around a handle",
-                angle.to_degrees()
-            ),
-            Self::Bare { share, farthest } => write!(
-                f,
-                "{:.2} % never seen, up to {:.1} mm from the seen part",
-                percent(*share),
-                1e3 * farthest
-            ),
-            Self::Strays(share) => {
-                write!(f, "{:.1} % of the points off the surface", percent(*share))
-            }
-            Self::Boundary(share) => write!(f, "{:.1} % on a boundary", percent(*share)),
-            Self::Missing(share) => write!(f, "{:.1} % of vector area missing", percent(*share)),
-        }
-    }
-}
-
-/// Largest vector area of a surface taken for closed, as a share of its area.
+/// Largest vector area of a surface that counts as closed, as a share of its area.
 const MOST_MISSING: f64 = 0.03;
 /// Largest share of boundary points of a surface that counts as closed.
 const MOST_BOUNDARY: f64 = 0.01;
