@@ -7,7 +7,8 @@
 //!
 //! Three routes are tried, each more careful than the one before: straight, all arms together; up, across at the height of the highest home, and
 //! down, together; the same one arm after the other. Where an arm cannot reach a pose of the first, the arms rotate on the way, or at the
-//! body, instead of at home. The body at rest is an obstacle all the way, except for the jaws on the straight last part.
+//! body, instead of at home; and where a tool cannot back off along itself, it goes straight up. The body at rest is an obstacle all the way, except
+//! for the jaws on the straight last part.
 
 use nalgebra::{Isometry3, Point3, Translation3};
 
@@ -135,26 +136,43 @@ pub(crate) fn withdraw(
         )
     };
     let ends: Vec<_> = grips.iter().map(end).collect();
-    leave(around, grips, &ends, camera_from_body, options)
+    leave_somehow(around, grips, &ends, camera_from_body, options)
 }
 
-/// The same from any pose, with the body at rest: first `distance` back along the tool; straight up, or home at once, where joints do not allow
-/// that.
+/// The same from any pose, with the body at rest: first `distance` back along the tool.
 pub(crate) fn withdraw_from(
     around: &Surroundings,
     grips: &[Grip],
     distance: f64,
     options: &ReachOptions,
 ) -> Result<Motion, Refusal> {
-    let via = |retreat: &dyn Fn(&Isometry3<f64>) -> Isometry3<f64>| {
-        let end = |g: &Grip| (g.camera_from_tip, retreat(&g.camera_from_tip));
-        let ends: Vec<_> = grips.iter().map(end).collect();
-        leave(around, grips, &ends, &Isometry3::identity(), options)
+    let back = |g: &Grip| {
+        let here = g.camera_from_tip;
+        (here, retreat(&here, around.scene, distance))
     };
-    let up = Translation3::from(around.scene.table.normal.as_ref() * distance);
-    via(&|here| retreat(here, around.scene, distance)).or_else(|reason| match reason {
-        Refusal::OutOfWorkspace { .. } => via(&|here| up * here)
-            .or_else(|_| via(&|here| *here))
+    let ends: Vec<_> = grips.iter().map(back).collect();
+    leave_somehow(around, grips, &ends, &Isometry3::identity(), options)
+}
+
+/// Via the retreat poses; where joints do not allow that, straight up instead, or home at once.
+fn leave_somehow(
+    around: &Surroundings,
+    grips: &[Grip],
+    ends: &[(Isometry3<f64>, Isometry3<f64>)],
+    camera_from_body: &Isometry3<f64>,
+    options: &ReachOptions,
+) -> Result<Motion, Refusal> {
+    let normal = around.scene.table.normal;
+    let up = |end: &Isometry3<f64>, retreat: &Isometry3<f64>| {
+        Translation3::from(normal.as_ref() * travelled(end, retreat)) * end
+    };
+    let via = |retreat: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> Isometry3<f64>| {
+        let ends: Vec<_> = ends.iter().map(|(e, r)| (*e, retreat(e, r))).collect();
+        leave(around, grips, &ends, camera_from_body, options)
+    };
+    via(&|_, retreat| *retreat).or_else(|reason| match reason {
+        Refusal::OutOfWorkspace { .. } => via(&up)
+            .or_else(|_| via(&|end, _| *end))
             .map_err(|_| reason),
         reason => Err(reason),
     })

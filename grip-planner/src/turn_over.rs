@@ -22,7 +22,7 @@
 //!   the lift: the tips then rise nearly straight up, pull the body under them, where it hangs, and lay it
 //!   down where it came from. The shift back is made while the tension of the lift pulls the lower edge along, never while
 //!   it would have to be pushed;
-//! - the tips rotate with it until their tools would come too near the table.
+//! - the tips rotate with it until their tools would come too near the table, or as far as the joints of their arms allow.
 //!
 //! The tips end slightly above the table, release, and retreat along their tools.
 
@@ -108,6 +108,9 @@ fn check_grips(scene: &Scene, set: &GripSet) -> Result<(), Refusal> {
         lifting => Err(Refusal::CannotLift { lifting }),
     }
 }
+
+/// Shares of the rotation of the body that a tool is tried with, where its joints do not let it rotate all the way.
+const SMALLER: [f64; 6] = [1.0, 0.85, 0.7, 0.55, 0.4, 0.25];
 
 /// Rotation and tilt of the body at a way point.
 #[derive(Debug, Clone, Copy)]
@@ -306,12 +309,32 @@ impl<'a> Arc<'a> {
 
     fn path(&self, grip: &Grip, way: &[Way]) -> Vec<Isometry3<f64>> {
         let local = self.turn.local(&grip.tip());
-        let most = self.largest_turn(&grip.camera_from_tip);
+        let most = self.reachable_turn(grip, &local, way);
         let held = |at: &Way| self.pose(grip, &local, at, most);
         match grip.role {
             Role::Lift => way.iter().map(held).collect(),
             Role::Support => self.support_path(grip, way, held),
         }
+    }
+
+    /// How far a tip rotates with the body: as far as its elevation allows, or, where joints do not allow that, the largest of some smaller angles
+    /// with which all its poses are in the workspace. The tissue at the jaws takes up the rest. If there is none, the largest.
+    fn reachable_turn(&self, grip: &Grip, local: &Vector3<f64>, way: &[Way]) -> f64 {
+        let most = self.largest_turn(&grip.camera_from_tip);
+        let workspace = &self.scene.arms[grip.arm].workspace;
+        let held = match grip.role {
+            Role::Lift => way,
+            Role::Support => &way[..=self.support_ends(way)],
+        };
+        let within = |turn: &f64| {
+            let mut poses = held.iter().map(|at| self.pose(grip, local, at, *turn));
+            poses.all(|pose| workspace.contains(&pose))
+        };
+        SMALLER
+            .iter()
+            .map(|share| share * most)
+            .find(within)
+            .unwrap_or(most)
     }
 
     /// Holds until the release, retreats over the next fifth of the rest, and is home at the end.

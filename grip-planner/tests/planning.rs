@@ -607,6 +607,52 @@ fn an_arm_must_reach_approach_grasp_and_retreat() {
     }
 }
 
+/// Where joints do not let a tool rotate as far as its elevation allows, it rotates less with the same grips: the tissue at the jaws takes up the rest.
+#[test]
+fn a_tool_rotates_with_the_body_only_as_far_as_its_joints_allow() {
+    let body = fixture::usual(1200);
+    let turning = |arms: &[Arm]| {
+        let scene = fixture::scene(arms);
+        plan(
+            &body.model(),
+            &scene,
+            Action::TurnOver,
+            &PlanOptions::default(),
+        )
+    };
+    let lean = |pose: &Isometry3<f64>| (pose.rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos();
+    let most = |plan: &Plan| {
+        let keys = plan.motion.arms.iter().flat_map(|p| &p.keyframes);
+        keys.map(|k| lean(&k.camera_from_tip)).fold(0.0, f64::max)
+    };
+    let free = fixture::arms(2);
+    let freely = turning(&free).unwrap();
+    // A grasp leans by up to 50°, and a tool that rotates with the body by up to 60° to the other side.
+    let bound = 52f64.to_radians();
+    assert!(most(&freely) > bound + 0.05);
+    let mut jointed = free.clone();
+    for arm in &mut jointed {
+        arm.workspace = Workspace::Custom(Arc::new(move |pose| lean(pose) <= bound));
+    }
+    let bounded = turning(&jointed).unwrap();
+    assert!(most(&bounded) <= bound);
+    let vertices = |plan: &Plan| plan.grips.iter().map(|g| g.vertex).collect::<Vec<_>>();
+    assert_eq!(vertices(&bounded), vertices(&freely));
+    let way = |plan: &Plan| -> Vec<[f64; 3]> {
+        let keys = plan.motion.arms.iter().flat_map(|p| &p.keyframes);
+        keys.map(|k| k.camera_from_tip.translation.vector.into())
+            .collect()
+    };
+    for (a, b) in way(&bounded).iter().zip(&way(&freely)) {
+        assert!((0..3).all(|k| (a[k] - b[k]).abs() < 1e-9));
+    }
+    // With a bound that no grasp meets there is no plan, and the reason is given.
+    for arm in &mut jointed {
+        arm.workspace = Workspace::Custom(Arc::new(move |pose| lean(pose) <= 0.1));
+    }
+    assert!(turning(&jointed).is_err());
+}
+
 #[test]
 fn candidates_come_against_the_normal_and_never_from_below() {
     let (body, arms) = (fixture::usual(1200), fixture::arms(2));

@@ -32,6 +32,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Parser, Subcommand, ValueEnum};
 use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::canonical::genus::Genus;
+use explore_loop::cell::sim::ArmModel;
 use explore_loop::explore::ExploreOptions;
 use explore_loop::mesh::Format;
 use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
@@ -157,6 +158,24 @@ enum Grips {
     Random,
 }
 
+/// The joints of the simulated arms.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Arms {
+    /// None: every pose within 0.65 m of the base is possible
+    Free,
+    /// Those of a dVRK (S or Si, large needle driver) with their limits, as `explore serve` has them
+    Psm,
+}
+
+impl From<Arms> for ArmModel {
+    fn from(arms: Arms) -> Self {
+        match arms {
+            Arms::Free => Self::Free,
+            Arms::Psm => Self::Psm,
+        }
+    }
+}
+
 /// The simulated depth camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum Camera {
@@ -218,6 +237,9 @@ struct RunArgs {
     /// Number of arms
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
     arms: u8,
+    /// The joints of the arms
+    #[arg(long, value_enum, default_value_t = Arms::Free)]
+    arm_model: Arms,
     /// How grips are chosen
     #[arg(long, value_enum, default_value_t = Grips::Planned)]
     grips: Grips,
@@ -322,6 +344,7 @@ impl Default for RunArgs {
         Self {
             object: ObjectArgs::default(),
             arms: 3,
+            arm_model: Arms::Free,
             grips: Grips::Planned,
             seed: 0,
             speed: 30.0,

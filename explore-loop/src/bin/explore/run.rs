@@ -111,6 +111,7 @@ const SWAY_PERIOD: f64 = 12.0;
 /// The simulated cell that the command line describes.
 fn simulation(args: &RunArgs) -> Result<SimOptions, Failure> {
     scene(&args.object, args.arms, args.camera, args.noise, args.seed).map(|mut options| {
+        options.arm_model = args.arm_model.into();
         options.camera.features = (args.features == Features::On).then_some(COLOUR_PIXELS);
         options.camera.sway = args.sway.map(|degrees| Sway {
             angle: degrees.to_radians(),

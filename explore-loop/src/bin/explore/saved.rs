@@ -34,8 +34,9 @@ impl Saved {
         };
         Ok(Self {
             run: format!(
-                "{object}{reconstruction} --arms {} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --sway {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
+                "{object}{reconstruction} --arms {} --arm-model {:?} --grips {:?} --seed {} --speed {} --spacing {} --camera {:?} --noise {} --features {:?} --sway {:?} --seed-point {:?} --genus {} --max-manipulations {} --without {:?}",
                 args.arms,
+                args.arm_model,
                 args.grips,
                 args.seed,
                 args.speed,
