@@ -3,7 +3,8 @@
 //! ```sh
 //! cargo run --release -p explore-loop --example long_run -- 10000
 //! ```
-//! prints a line every thousand frames: vertices of the model, frame time (median, 95th percentile), memory of the program. It fails if the memory
+//! prints a line every thousand frames: vertices of the model, frame time (median, 95th percentile), memory of the program, size of the saved state
+//! (which does not depend on what else the machine does). It fails if the memory
 //! exceeds 600 MB or the median time of the last thousand frames is more than 1.5 times that of the second thousand.
 #![allow(dead_code, reason = "the egg has more than is needed here")]
 
@@ -12,7 +13,7 @@ mod egg;
 
 use explore_loop::cell::Cell;
 use explore_loop::nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use explore_loop::reconstruct::{ReconstructOptions, Reconstructor};
+use explore_loop::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
 use explore_loop::report::metrics::Timing;
 use mesh_io::program::{self, Failure, Output};
 use serde_json::json;
@@ -48,7 +49,7 @@ fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (mut times, mut medians, mut failed) = (Vec::new(), Vec::new(), 0);
     writeln!(
         output.words(),
-        "frames  vertices  frame ms median  p95    not taken  memory MB"
+        "frames  vertices  frame ms median  p95    not taken  memory MB  state kB"
     )?;
     let bar = output.progress(arguments.frames as u64, "frames");
     let mut rows = Vec::new();
@@ -66,8 +67,9 @@ fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
             let Timing { median, p95 } = Timing::of(&times);
             let (vertices, memory) = (reconstructor.model().len(), memory());
             let shown = memory.unwrap_or(0.0);
+            let state = reconstructor.save().map_or(0, |bytes| bytes.len()) as f64 / 1e3;
             let line = format!(
-                "{frame:6}  {vertices:8}  {median:15.1}  {p95:5.1}  {failed:9}  {shown:9.1}"
+                "{frame:6}  {vertices:8}  {median:15.1}  {p95:5.1}  {failed:9}  {shown:9.1}  {state:8.0}"
             );
             bar.suspend(|| writeln!(output.words(), "{line}"))?;
             rows.push(json!({
@@ -77,6 +79,7 @@ fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
                 "p95_ms": p95,
                 "not_taken": failed,
                 "memory_mb": memory,
+                "state_kb": state,
             }));
             if memory.is_some_and(|m| m > MEMORY) {
                 return Err(format!("more than {MEMORY} MB").into());

@@ -135,8 +135,13 @@ pub(crate) fn withdraw(
             retreat,
         )
     };
-    let ends: Vec<_> = grips.iter().map(end).collect();
-    leave_somehow(around, grips, &ends, camera_from_body, options)
+    let leaving = Leaving {
+        around,
+        grips,
+        camera_from_body,
+        options,
+    };
+    leaving.home(&grips.iter().map(end).collect::<Vec<_>>())
 }
 
 /// The same from any pose, with the body at rest: first `distance` back along the tool.
@@ -150,77 +155,87 @@ pub(crate) fn withdraw_from(
         let here = g.camera_from_tip;
         (here, retreat(&here, around.scene, distance))
     };
-    let ends: Vec<_> = grips.iter().map(back).collect();
-    leave_somehow(around, grips, &ends, &Isometry3::identity(), options)
+    let leaving = Leaving {
+        around,
+        grips,
+        camera_from_body: &Isometry3::identity(),
+        options,
+    };
+    leaving.home(&grips.iter().map(back).collect::<Vec<_>>())
 }
 
-/// Via the retreat poses; where joints do not allow that, straight up instead, or home at once.
-fn leave_somehow(
-    around: &Surroundings,
-    grips: &[Grip],
-    ends: &[(Isometry3<f64>, Isometry3<f64>)],
-    camera_from_body: &Isometry3<f64>,
-    options: &ReachOptions,
-) -> Result<Motion, Refusal> {
-    let normal = around.scene.table.normal;
-    let up = |end: &Isometry3<f64>, retreat: &Isometry3<f64>| {
-        Translation3::from(normal.as_ref() * travelled(end, retreat)) * end
-    };
-    let via = |retreat: &dyn Fn(&Isometry3<f64>, &Isometry3<f64>) -> Isometry3<f64>| {
-        let ends: Vec<_> = ends.iter().map(|(e, r)| (*e, retreat(e, r))).collect();
-        leave(around, grips, &ends, camera_from_body, options)
-    };
-    via(&|_, retreat| *retreat).or_else(|reason| match reason {
-        Refusal::OutOfWorkspace { .. } => via(&up)
-            .or_else(|_| via(&|end, _| *end))
-            .map_err(|_| reason),
-        reason => Err(reason),
-    })
+/// Tools that leave a body at `camera_from_body`.
+struct Leaving<'a> {
+    around: &'a Surroundings<'a>,
+    grips: &'a [Grip],
+    camera_from_body: &'a Isometry3<f64>,
+    options: &'a ReachOptions,
 }
 
-/// From each end via its retreat pose to home.
-fn leave(
-    around: &Surroundings,
-    grips: &[Grip],
-    ends: &[(Isometry3<f64>, Isometry3<f64>)],
-    camera_from_body: &Isometry3<f64>,
-    options: &ReachOptions,
-) -> Result<Motion, Refusal> {
-    let scene = around.scene;
-    let level = level(grips, scene);
-    let way = |grip: &Grip, route: Route| {
-        let home = scene.arms[grip.arm].home;
-        let at = grips.iter().position(|g| g.arm == grip.arm);
-        let (end, retreat) = at.map_or((home, home), |at| ends[at]);
-        if matches!(route, Route::Turning) {
-            return vec![end, retreat, home];
-        }
-        if matches!(route, Route::TurningThere) {
-            return vec![end, retreat, with_rotation(&retreat, &home), home];
-        }
-        let turned = with_rotation(&home, &retreat);
-        let mut way = vec![end, retreat];
-        if !matches!(route, Route::Straight) {
-            way.push(raised(&retreat, scene, level));
-            way.push(raised(&turned, scene, level));
-        }
-        way.extend([turned, home]);
-        way
-    };
-    let grasps: Vec<Point3<f64>> = ends
-        .iter()
-        .map(|(pose, _)| Point3::from(pose.translation.vector))
-        .collect();
-    let carried = Carried::Still {
-        body_from_camera: camera_from_body.inverse(),
-        approach: longest(
-            ends.iter()
-                .zip(&grasps)
-                .map(|((_, retreat), &tip)| (*retreat, tip)),
-        ),
-        grasps: &grasps,
-    };
-    first_free(around, grips, options, Stage::Withdraw, &carried, &way)
+impl Leaving<'_> {
+    /// From each end via its retreat pose to home; where joints do not allow that, straight up instead, or home at once.
+    fn home(&self, ends: &[(Isometry3<f64>, Isometry3<f64>)]) -> Result<Motion, Refusal> {
+        let normal = self.around.scene.table.normal;
+        let instead = |retreat: &dyn Fn(&Isometry3<f64>, f64) -> Isometry3<f64>| {
+            let end = |(end, back): &(Isometry3<f64>, Isometry3<f64>)| {
+                (*end, retreat(end, travelled(end, back)))
+            };
+            self.via(&ends.iter().map(end).collect::<Vec<_>>())
+        };
+        let up = |end: &Isometry3<f64>, far: f64| Translation3::from(normal.as_ref() * far) * end;
+        self.via(ends).or_else(|reason| match reason {
+            Refusal::OutOfWorkspace { .. } => instead(&up)
+                .or_else(|_| instead(&|end, _| *end))
+                .map_err(|_| reason),
+            reason => Err(reason),
+        })
+    }
+
+    /// From each end via its retreat pose to home.
+    fn via(&self, ends: &[(Isometry3<f64>, Isometry3<f64>)]) -> Result<Motion, Refusal> {
+        let (grips, scene) = (self.grips, self.around.scene);
+        let level = level(grips, scene);
+        let way = |grip: &Grip, route: Route| {
+            let home = scene.arms[grip.arm].home;
+            let at = grips.iter().position(|g| g.arm == grip.arm);
+            let (end, retreat) = at.map_or((home, home), |at| ends[at]);
+            if matches!(route, Route::Turning) {
+                return vec![end, retreat, home];
+            }
+            if matches!(route, Route::TurningThere) {
+                return vec![end, retreat, with_rotation(&retreat, &home), home];
+            }
+            let turned = with_rotation(&home, &retreat);
+            let mut way = vec![end, retreat];
+            if !matches!(route, Route::Straight) {
+                way.push(raised(&retreat, scene, level));
+                way.push(raised(&turned, scene, level));
+            }
+            way.extend([turned, home]);
+            way
+        };
+        let grasps: Vec<Point3<f64>> = ends
+            .iter()
+            .map(|(pose, _)| Point3::from(pose.translation.vector))
+            .collect();
+        let carried = Carried::Still {
+            body_from_camera: self.camera_from_body.inverse(),
+            approach: longest(
+                ends.iter()
+                    .zip(&grasps)
+                    .map(|((_, retreat), &tip)| (*retreat, tip)),
+            ),
+            grasps: &grasps,
+        };
+        first_free(
+            self.around,
+            grips,
+            self.options,
+            Stage::Withdraw,
+            &carried,
+            &way,
+        )
+    }
 }
 
 /// The first route that passes the check, or why the straight one does not.
