@@ -5,6 +5,8 @@
 //! cloud     sensor_msgs/PointCloud2                               6 MB a frame of 300,000 points
 //! depth     sensor_msgs/Image (16UC1, 32FC1) + CameraInfo         0.6 MB for the same: preferable if available
 //! ```
+//! With colour images, a depth image waits up to 50 ms for the one that was taken with it.
+//!
 //! Frames that were not requested are skipped: the next one is the newest one. Cameras offer reliable or best-effort streams; a
 //! reader that requests *reliable* receives nothing from a best-effort camera, and one that does not loses whole clouds of a reliable
 //! camera when a single packet is lost. The reader therefore requests what the camera offers, and adapts when another camera takes over.
@@ -36,6 +38,8 @@ pub enum CameraTopics {
         image: String,
         /// A `sensor_msgs/CameraInfo`.
         info: String,
+        /// A `sensor_msgs/Image` with colours, if there is one with the same rays: of a depth that is aligned to the colour.
+        colour: Option<String>,
     },
 }
 
@@ -130,13 +134,78 @@ fn offered<M: Message>(transport: &dyn Transport, name: &str) -> Option<Qos> {
     })
 }
 
+/// Rejects a colour image from another point of view than the depth image.
+fn of_same_view(depth: &Image, colour: &Image) -> Result<(), Error> {
+    let [depth, colour] = [depth, colour].map(|image| &image.header.frame_id);
+    if depth == colour {
+        return Ok(());
+    }
+    let reason = format!(
+        "the colour image is in frame `{colour}`, the depth image in `{depth}`: align the depth to the colour"
+    );
+    Err(Error::BadImage { reason })
+}
+
 enum Source {
     Cloud(Follower<PointCloud2>),
     Depth {
         image: Follower<Image>,
         info: Follower<CameraInfo>,
         last: Box<Option<CameraInfo>>,
+        colour: Option<Box<Colours>>,
     },
+}
+
+/// Colour images, and the depth image that waits for its own.
+struct Colours {
+    images: Follower<Image>,
+    newest: Option<Image>,
+    waiting: Option<(Image, Duration)>,
+}
+
+/// Largest difference of the stamps of a depth image and its colour image: half a period at 30 Hz.
+const TOGETHER: Duration = Duration::from_millis(17);
+/// How long a depth image waits for its colour image.
+const WAIT: Duration = Duration::from_millis(50);
+
+impl Colours {
+    fn open(transport: &dyn Transport, topic: &str) -> Result<Box<Self>, Error> {
+        Ok(Box::new(Self {
+            images: Follower::new(transport, topic)?,
+            newest: None,
+            waiting: None,
+        }))
+    }
+
+    /// A depth image with its colour image, or alone when it has waited long enough; `depth` has just come.
+    fn pair(
+        &mut self,
+        transport: &dyn Transport,
+        depth: Option<Image>,
+    ) -> Result<Option<(Image, Option<Image>)>, Error> {
+        let now = transport.now();
+        if let Some(image) = self.images.newest(transport)? {
+            self.newest = Some(image);
+        }
+        if let Some(depth) = depth {
+            // The time counts from the first that waits, or a camera without colours would never give a frame.
+            let since = self.waiting.as_ref().map_or(now, |(_, since)| *since);
+            self.waiting = Some((depth, since));
+        }
+        let Some((depth, since)) = self.waiting.take() else {
+            return Ok(None);
+        };
+        let stamp = |image: &Image| Duration::from_nanos(image.header.stamp.nanoseconds());
+        let own = |colour: &Image| stamp(colour).abs_diff(stamp(&depth)) <= TOGETHER;
+        if self.newest.as_ref().is_some_and(own) {
+            return Ok(Some((depth, self.newest.take())));
+        }
+        if now >= since + WAIT {
+            return Ok(Some((depth, None)));
+        }
+        self.waiting = Some((depth, since));
+        Ok(None)
+    }
 }
 
 /// A camera on the network.
@@ -168,10 +237,18 @@ impl Camera {
     ) -> Result<Self, Error> {
         let source = match topics {
             CameraTopics::Cloud(topic) => Source::Cloud(Follower::new(transport.as_ref(), topic)?),
-            CameraTopics::Depth { image, info } => Source::Depth {
+            CameraTopics::Depth {
+                image,
+                info,
+                colour,
+            } => Source::Depth {
                 image: Follower::new(transport.as_ref(), image)?,
                 info: Follower::new(transport.as_ref(), info)?,
                 last: Box::default(),
+                colour: match colour {
+                    Some(topic) => Some(Colours::open(transport.as_ref(), topic)?),
+                    None => None,
+                },
             },
         };
         Ok(Self {
@@ -196,17 +273,32 @@ impl Camera {
                 let scan = Scan::from_cloud(&cloud, unit)?;
                 (cloud.header, scan)
             }
-            Source::Depth { image, info, last } => {
+            Source::Depth {
+                image,
+                info,
+                last,
+                colour,
+            } => {
                 if let Some(info) = info.newest(transport)? {
                     **last = Some(info);
                 }
                 let Some(info) = last.as_ref() else {
                     return Ok(None);
                 };
-                let Some(image) = image.newest(transport)? else {
+                let image = image.newest(transport)?;
+                let pair = match colour {
+                    Some(colours) => colours.pair(transport, image)?,
+                    None => image.map(|image| (image, None)),
+                };
+                let Some((image, colour)) = pair else {
                     return Ok(None);
                 };
-                let scan = Scan::from_depth(&image, info, unit)?;
+                let mut scan = Scan::from_depth(&image, info, unit)?;
+                if let Some(colour) = colour {
+                    let colours =
+                        of_same_view(&image, &colour).and_then(|()| scan.colours_of(&colour))?;
+                    scan = scan.with_colours(colours);
+                }
                 (image.header, scan)
             }
         };

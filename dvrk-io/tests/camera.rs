@@ -102,6 +102,7 @@ fn a_depth_image_leads_to_the_object() {
     let topics = CameraTopics::Depth {
         image: "/camera/depth/image_rect_raw".into(),
         info: "/camera/depth/camera_info".into(),
+        colour: None,
     };
     let options = CameraOptions::default();
     let mut camera = Camera::open(Arc::new(bus.node()), &topics, options.clone()).unwrap();
@@ -167,4 +168,79 @@ fn a_depth_image_leads_to_the_object() {
     assert!(matches!(camera.try_frame(), Err(Error::BadImage { .. })));
     images.publish(&image).unwrap();
     assert!(camera.try_frame().unwrap().is_some());
+}
+
+/// A depth image waits for its colour image, but not long, and takes no other.
+#[test]
+fn a_depth_image_comes_with_its_colours() {
+    let bus = Bus::new();
+    let node = bus.node();
+    let topics = CameraTopics::Depth {
+        image: "/depth".into(),
+        info: "/info".into(),
+        colour: Some("/colour".into()),
+    };
+    let options = CameraOptions::default();
+    let mut camera = Camera::open(Arc::new(bus.node()), &topics, options).unwrap();
+    let mut depths: Writer<Image> = Writer::new(&node, "/depth", Qos::PERIODIC).unwrap();
+    let mut infos: Writer<CameraInfo> = Writer::new(&node, "/info", Qos::PERIODIC).unwrap();
+    let mut colours: Writer<Image> = Writer::new(&node, "/colour", Qos::PERIODIC).unwrap();
+    let (width, height) = (3, 2);
+    infos
+        .publish(&CameraInfo {
+            width,
+            height,
+            k: [100.0, 0.0, 1.0, 0.0, 100.0, 0.5, 0.0, 0.0, 1.0],
+            ..CameraInfo::default()
+        })
+        .unwrap();
+    let image = |time: f64, encoding: &str, bytes: u32, data: Vec<u8>| Image {
+        header: Header {
+            stamp: Time::from_seconds(time).unwrap(),
+            frame_id: "optical".into(),
+        },
+        width,
+        height,
+        encoding: encoding.into(),
+        step: bytes * width,
+        data,
+        ..Image::default()
+    };
+    let depth = |time: f64| {
+        image(
+            time,
+            "16UC1",
+            2,
+            [500_u16; 6].map(u16::to_le_bytes).concat(),
+        )
+    };
+    let grey = |time: f64, level: u8| image(time, "mono8", 1, vec![level; 6]);
+    let now = || node.now().as_secs_f64();
+
+    // The colours come later.
+    let taken = now();
+    depths.publish(&depth(taken)).unwrap();
+    assert!(camera.try_frame().unwrap().is_none());
+    bus.advance(seconds(0.02));
+    colours.publish(&grey(taken + 0.01, 7)).unwrap();
+    let frame = camera.try_frame().unwrap().unwrap();
+    assert_eq!(frame.scan.colours(), Some(&[[7; 3]; 6][..]));
+    // Those of another moment are not waited for any longer than 50 ms, also if depth images keep coming.
+    let mut plain = 0;
+    for _ in 0..10 {
+        bus.advance(seconds(0.03));
+        depths.publish(&depth(now())).unwrap();
+        colours.publish(&grey(taken, 9)).unwrap();
+        if let Some(frame) = camera.try_frame().unwrap() {
+            assert_eq!(frame.scan.colours(), None);
+            plain += 1;
+        }
+    }
+    assert!((3..=5).contains(&plain), "{plain}");
+    // From another point of view they are not the colours of these points.
+    let mut aside = grey(now(), 8);
+    aside.header.frame_id = "elsewhere".into();
+    depths.publish(&depth(now())).unwrap();
+    colours.publish(&aside).unwrap();
+    assert!(matches!(camera.try_frame(), Err(Error::BadImage { .. })));
 }

@@ -97,6 +97,68 @@ fn scans(reader: &SessionReader, file: &[u8]) -> Vec<RecordedScan> {
     scans.map(Result::unwrap).collect()
 }
 
+/// Three pixels by two, each of another colour, in an encoding with blue first.
+fn colours(time: f64) -> Image {
+    let data = (0..6).flat_map(|i| [i, 10 + i, 20 + i]).collect();
+    Image {
+        header: header(time),
+        height: 2,
+        width: 3,
+        encoding: "bgr8".into(),
+        step: 9,
+        data,
+        ..Image::default()
+    }
+}
+
+/// A scan has the colours of the image that was taken with it, from the same point of view and of the same size.
+#[test]
+fn images_with_their_colours() {
+    const COLOUR: &str = "/camera/camera/color/image_raw";
+    let recorded = |topic: &str, change: &dyn Fn(&mut Image)| {
+        let mut file = Recorder::new();
+        file.add(INFO, 1.0, &lens(1.0, 100.0));
+        for time in [1.0, 2.0] {
+            file.add(IMAGE, time, &image(time));
+        }
+        let mut colour = colours(2.01);
+        change(&mut colour);
+        file.add(topic, 2.01, &colour);
+        file.finish()
+    };
+    let usual = SessionReader::default();
+    let found = scans(&usual, &recorded(COLOUR, &|_| {}));
+    assert_eq!(found[0].scan.colours(), None);
+    let expected: Vec<[u8; 3]> = (0..6).map(|i| [20 + i, 10 + i, i]).collect();
+    assert_eq!(found[1].scan.colours(), Some(&expected[..]));
+    // The usual topic of another point of view is not used; one that was named must be of the same.
+    let aside = |image: &mut Image| image.header.frame_id = "camera_color_optical_frame".into();
+    let found = scans(&usual, &recorded(COLOUR, &aside));
+    assert!(found.iter().all(|scan| scan.scan.colours().is_none()));
+    let named = SessionReader::default().with_topic(Role::Colour, "/rgb");
+    assert_eq!(
+        scans(&named, &recorded("/rgb", &|_| {}))[1].scan.colours(),
+        Some(&expected[..])
+    );
+    assert!(matches!(
+        named.scans_of_bytes(&recorded("/rgb", &aside)),
+        Err(Error::FrameMismatch { .. })
+    ));
+    // Images that do not fit are skipped and reported, the scans stay.
+    let changes: [&dyn Fn(&mut Image); 3] = [
+        &|image| image.encoding = "yuv422".into(),
+        &|image| (image.width, image.step) = (2, 6),
+        &|image| image.data.truncate(5),
+    ];
+    for change in changes {
+        let file = recorded(COLOUR, change);
+        let mut scans = usual.scans_of_bytes(&file).unwrap();
+        let found: Vec<_> = scans.by_ref().map(Result::unwrap).collect();
+        assert!(found.len() == 2 && found[1].scan.colours().is_none());
+        assert_eq!(scans.skipped().messages, 1);
+    }
+}
+
 #[test]
 fn images_with_the_lens_and_the_arms_of_their_time() {
     let mut file = Recorder::new();

@@ -726,6 +726,7 @@ fn our_camera_reads_our_server() {
         CameraTopics::Depth {
             image: IMAGE[0].into(),
             info: IMAGE[1].into(),
+            colour: None,
         },
     ];
     for topics in topics {

@@ -18,7 +18,18 @@ fn parse(text: &str) -> Result<CellFile, String> {
 #[test]
 fn a_file_that_is_wrong_is_named_with_its_line() {
     parse(FILE).unwrap();
+    let two_lines = "image = \"/camera/camera/depth/image_rect_raw\"\ninfo = \"/camera/camera/depth/camera_info\"";
+    let coloured = FILE.replacen(two_lines, &format!("{two_lines}\ncolour = \"/rgb\""), 1);
+    assert_eq!(
+        parse(&coloured).unwrap().camera.colour.as_deref(),
+        Some("/rgb")
+    );
     let cases = [
+        (
+            two_lines,
+            "cloud = \"/points\"\ncolour = \"/rgb\"",
+            "has its own colours",
+        ),
         ("rate = 10.0", "rate = -1.0", "positive"),
         ("kind = \"si\"", "kind = \"mk3\"", "unknown variant"),
         (
@@ -49,9 +60,12 @@ fn a_file_that_is_wrong_is_named_with_its_line() {
         assert!(error.contains(why), "{error}");
         let line: usize = error.split(':').nth(1).unwrap().parse().unwrap();
         let lines: Vec<&str> = wrong.lines().collect();
-        // The line itself, or that of the arm or the network that it is of.
+        // The line itself, or that of the arm, the network or the camera that it is of.
         let named = lines[line - 1];
-        let whole = named == "[[arm]]" || named.starts_with("[network]");
+        let whole = named == "[[arm]]"
+            || ["[network]", "[camera]"]
+                .iter()
+                .any(|table| named.starts_with(table));
         assert!(named.contains(to) || whole, "{error}: {named}");
     }
 }

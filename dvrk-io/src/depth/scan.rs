@@ -231,6 +231,45 @@ impl Scan {
         self.colours.as_deref()
     }
 
+    /// The colour of each point, from a colour image with the same rays (`rgb8`, `bgr8`, `rgba8`, `bgra8` or `mono8`): that of a RealSense whose
+    /// depth is aligned to its colour.
+    ///
+    /// # Errors
+    /// [`Error::BadImage`]: another encoding, another size than the scan, a scan without rows, an inconsistent image.
+    pub fn colours_of(&self, image: &Image) -> Result<Vec<[u8; 3]>, Error> {
+        let colours = match image.encoding.as_str() {
+            "rgb8" => image.pixels(|rgb: [u8; 3]| rgb)?,
+            "bgr8" => image.pixels(|[b, g, r]: [u8; 3]| [r, g, b])?,
+            "rgba8" => image.pixels(|[r, g, b, _]: [u8; 4]| [r, g, b])?,
+            "bgra8" => image.pixels(|[b, g, r, _]: [u8; 4]| [r, g, b])?,
+            "mono8" => image.pixels(|[grey]: [u8; 1]| [grey; 3])?,
+            other => {
+                let reason = format!(
+                    "encoding `{other}` is not a colour: use rgb8, bgr8, rgba8, bgra8 or mono8"
+                );
+                return Err(Error::BadImage { reason });
+            }
+        };
+        let rows = self.points.len().checked_div(self.width).unwrap_or(0);
+        if (image.width as usize, image.height as usize) != (self.width, rows) {
+            let reason = format!(
+                "the colour image has {} × {} pixels, the depth image {} × {rows}: align the depth to the colour",
+                image.width, image.height, self.width
+            );
+            return Err(Error::BadImage { reason });
+        }
+        Ok(colours)
+    }
+
+    /// The scan with these colours, if there is one for each point.
+    pub(crate) fn with_colours(self, colours: Vec<[u8; 3]>) -> Self {
+        let fits = colours.len() == self.points.len();
+        Self {
+            colours: if fits { Some(colours) } else { self.colours },
+            ..self
+        }
+    }
+
     /// Columns, if neighbours in the message are neighbours in the image.
     pub fn columns(&self) -> Option<usize> {
         (self.width > 1).then_some(self.width)

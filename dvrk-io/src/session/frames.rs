@@ -10,7 +10,8 @@ use super::skipped::{Skip, Skipped};
 use super::source::{Input, Source};
 use super::topic::Role;
 use crate::Error;
-use crate::cdr::{self, PointCloud2, Time};
+use crate::cdr::{self, Image, PointCloud2, Time};
+use crate::depth::Scan;
 use crate::features::Feature;
 
 /// The frames of a session, in the order of time; each is read from the file on demand.
@@ -129,6 +130,22 @@ impl<'a> Frames<'a> {
             Err(error) => {
                 self.skip(place.record(), &Role::Features.topic(), &error);
                 None
+            }
+        })
+    }
+
+    /// A scan with the colours of the colour image that belongs to it; one that cannot be decoded, or has another size, is skipped.
+    pub(super) fn coloured(&mut self, scan: Scan, stamp: u64) -> Result<Scan, Error> {
+        let Some(place) = self.closest(&self.index.colours, stamp).copied() else {
+            return Ok(scan);
+        };
+        self.read(place)?;
+        let coloured = cdr::decode::<Image>(&self.buffer).and_then(|i| scan.colours_of(&i));
+        Ok(match coloured {
+            Ok(colours) => scan.with_colours(colours),
+            Err(error) => {
+                self.skip(place.record(), &Role::Colour.topic(), &error);
+                scan
             }
         })
     }

@@ -44,9 +44,11 @@ impl Content {
             Role::Truth => false,
             Role::Points | Role::Camera | Role::Table | Role::Jaw(_) => true,
             Role::Features | Role::Pose(_) => self == Self::Objects,
-            Role::Depth | Role::CameraInfo | Role::Joints(_) | Role::JawSetpoint(_) => {
-                self == Self::Scans
-            }
+            Role::Depth
+            | Role::CameraInfo
+            | Role::Colour
+            | Role::Joints(_)
+            | Role::JawSetpoint(_) => self == Self::Scans,
         }
     }
 }
@@ -64,6 +66,9 @@ pub(super) struct Index {
     pub(super) images: Track<Place>,
     /// Camera parameters, with the time of each change.
     pub(super) lenses: Track<CameraInfo>,
+    /// The colour images, and the frame of the first.
+    pub(super) colours: Track<Place>,
+    pub(super) colour_frame: String,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
     pub(super) arms: BTreeMap<String, Arm>,
     pub(super) camera_frame: String,
@@ -101,7 +106,12 @@ impl Index {
                 index.arm(&arm);
             }
         }
-        for track in [&mut index.clouds, &mut index.features, &mut index.images] {
+        for track in [
+            &mut index.clouds,
+            &mut index.features,
+            &mut index.images,
+            &mut index.colours,
+        ] {
             track.sort_by_key(|(stamp, _)| *stamp);
         }
         index.lenses.sort_by_key(|(stamp, _)| *stamp);
@@ -143,6 +153,17 @@ impl Index {
                 let stamp = std::mem::take(&mut info.header).stamp.nanoseconds();
                 if self.lenses.last().is_none_or(|(_, last)| *last != info) {
                     self.lenses.push((stamp, info));
+                }
+            }
+            Role::Colour => {
+                let header = Header::read(&mut Decoder::new(data)?)?;
+                self.colours.push((header.stamp.nanoseconds(), place));
+                if self.colour_frame.is_empty() {
+                    self.colour_frame.clone_from(&header.frame_id);
+                }
+                // Many recordings have the usual topic, from another point of view than the depth images; a topic that was named must be from the same.
+                if channel.topic != Role::Colour.topic() {
+                    self.in_frame(channel, header.frame_id, true);
                 }
             }
             Role::Features => {

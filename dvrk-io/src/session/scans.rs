@@ -32,6 +32,10 @@ impl<'a> Scans<'a> {
         let index = frames.index();
         let images = std::mem::take(&mut index.images);
         let lenses = std::mem::take(&mut index.lenses);
+        // Only images from the point of view of the depth images show the colours of their points.
+        if images.is_empty() || index.colour_frame != index.camera_frame {
+            index.colours.clear();
+        }
         if images.is_empty() {
             let lenses = Track::new();
             return Ok(Self { frames, lenses });
@@ -84,7 +88,11 @@ impl Iterator for Scans<'_> {
     fn next(&mut self) -> Option<Self::Item> {
         let lenses = &self.lenses;
         self.frames.next_with(|frames, stamp, data| {
-            Ok(scan(data, lens(lenses, stamp)).map(|scan| RecordedScan {
+            let scan = match scan(data, lens(lenses, stamp)) {
+                Ok(scan) => frames.coloured(scan, stamp)?,
+                Err(error) => return Ok(Err(error)),
+            };
+            Ok(Ok(RecordedScan {
                 stamp: seconds(stamp),
                 scan,
                 arms: frames.samples(stamp),

@@ -18,10 +18,11 @@ const JOINTS: &str = "/measured_js";
 /// With the names of a RealSense driver.
 const DEPTH: &str = "/camera/camera/depth/image_rect_raw";
 const CAMERA_INFO: &str = "/camera/camera/depth/camera_info";
+const COLOUR: &str = "/camera/camera/color/image_raw";
 
 /// The role of a topic in a session.
 ///
-/// Written and parsed as its usual topic without the leading slash, or as `points`, `depth`, `camera_info`, `features`, `camera`,
+/// Written and parsed as its usual topic without the leading slash, or as `points`, `depth`, `camera_info`, `colour`, `features`, `camera`,
 /// `table`, `truth`:
 ///
 /// ```
@@ -40,6 +41,8 @@ pub enum Role {
     Depth,
     /// Camera parameters of the depth images.
     CameraInfo,
+    /// Colour images with the rays and the frame of the depth images.
+    Colour,
     /// Features of the colour image on the object: x, y, z and a descriptor.
     Features,
     /// Pose of a camera that moves, in the frame of arms and table.
@@ -76,6 +79,7 @@ impl Role {
             TRUTH => Some(Self::Truth),
             DEPTH => Some(Self::Depth),
             CAMERA_INFO => Some(Self::CameraInfo),
+            COLOUR => Some(Self::Colour),
             _ => arm(JAW)
                 .map(Self::Jaw)
                 .or_else(|| arm(JAW_SETPOINT).map(Self::JawSetpoint))
@@ -98,6 +102,7 @@ impl Role {
             Self::Joints(arm) => format!("/{arm}{JOINTS}"),
             Self::Depth => DEPTH.to_owned(),
             Self::CameraInfo => CAMERA_INFO.to_owned(),
+            Self::Colour => COLOUR.to_owned(),
         }
     }
 
@@ -108,7 +113,7 @@ impl Role {
             Self::Table => Plane::TYPE,
             Self::Pose(_) | Self::Camera => PoseStamped::TYPE,
             Self::Jaw(_) | Self::JawSetpoint(_) | Self::Joints(_) => JointState::TYPE,
-            Self::Depth => Image::TYPE,
+            Self::Depth | Self::Colour => Image::TYPE,
             Self::CameraInfo => CameraInfo::TYPE,
         }
     }
@@ -124,6 +129,7 @@ impl fmt::Display for Role {
             Self::Truth => formatter.write_str("truth"),
             Self::Depth => formatter.write_str("depth"),
             Self::CameraInfo => formatter.write_str("camera_info"),
+            Self::Colour => formatter.write_str("colour"),
             Self::Pose(_) | Self::Jaw(_) | Self::JawSetpoint(_) | Self::Joints(_) => {
                 formatter.write_str(&self.topic()[1..])
             }
@@ -143,6 +149,7 @@ impl FromStr for Role {
             "truth" => Ok(Self::Truth),
             "depth" => Ok(Self::Depth),
             "camera_info" => Ok(Self::CameraInfo),
+            "colour" => Ok(Self::Colour),
             _ => Self::of_topic(&format!("/{text}")).ok_or_else(|| Error::BadRole {
                 text: text.to_owned(),
             }),

@@ -49,6 +49,7 @@ impl Recording {
             (Role::Points, &camera.cloud),
             (Role::Depth, &camera.image),
             (Role::CameraInfo, &camera.info),
+            (Role::Colour, &camera.colour),
         ];
         let named = named.into_iter();
         let topics = named.filter_map(|(role, topic)| Some((role, topic.clone()?)));

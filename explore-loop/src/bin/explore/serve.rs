@@ -307,6 +307,7 @@ fn cell_file(cell: &SimCell, stands: &[PsmStand], network: &Network) -> Result<C
         rate: Positive::new(cell.frame_rate())?,
         image: Some(TOPICS[0].to_owned()),
         info: Some(TOPICS[1].to_owned()),
+        colour: None,
         cloud: None,
         arm_clearance: Positive::new(0.004)?,
     };

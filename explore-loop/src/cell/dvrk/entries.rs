@@ -47,6 +47,9 @@ pub struct CameraEntry {
     /// Topic of the `CameraInfo`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub info: Option<String>,
+    /// Topic of colour images with the rays of the depth images, for features of the texture; none by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour: Option<String>,
     /// Topic of the clouds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cloud: Option<String>,
@@ -197,13 +200,17 @@ impl CameraEntry {
     /// Its topics.
     ///
     /// # Errors
-    /// Neither `cloud` nor both `image` and `info` are given, or all of them.
+    /// Neither `cloud` nor both `image` and `info` are given, or all of them; `colour` beside `cloud`.
     pub fn topics(&self) -> Result<CameraTopics, String> {
         match (&self.cloud, &self.image, &self.info) {
+            (Some(_), None, None) if self.colour.is_some() => {
+                Err("`colour` belongs to `image` and `info`; a cloud has its own colours".into())
+            }
             (Some(cloud), None, None) => Ok(CameraTopics::Cloud(cloud.clone())),
             (None, Some(image), Some(info)) => Ok(CameraTopics::Depth {
                 image: image.clone(),
                 info: info.clone(),
+                colour: self.colour.clone(),
             }),
             _ => Err("the camera needs either `cloud`, or `image` and `info`".into()),
         }

@@ -14,6 +14,7 @@
 //! rate = 10.0                       # frames used each second: at most what the camera sends and the computer can process
 //! image = "/camera/depth/image_rect_raw"
 //! info = "/camera/depth/camera_info"
+//! # colour = "/camera/color/image_raw"        beside both, if the depth is aligned to the colour: features against sliding
 //! # cloud = "/camera/depth/color/points"      instead of both
 //! arm_clearance = 0.005             # points within this distance of an arm are removed with it, m
 //!
