@@ -5,7 +5,7 @@
 //! cloud     sensor_msgs/PointCloud2                               6 MB a frame of 300,000 points
 //! depth     sensor_msgs/Image (16UC1, 32FC1) + CameraInfo         0.6 MB for the same: preferable if available
 //! ```
-//! With colour images, a depth image waits up to 50 ms for the one that was taken with it.
+//! With colour images, a depth image waits up to 50 ms for the one that was taken with it; then it is used without colours.
 //!
 //! Frames that were not requested are skipped: the next one is the newest one. Cameras offer reliable or best-effort streams; a
 //! reader that requests *reliable* receives nothing from a best-effort camera, and one that does not loses whole clouds of a reliable

@@ -151,8 +151,8 @@ fn images_with_their_colours() {
         &|image| image.data.truncate(5),
     ];
     for change in changes {
-        let file = recorded(COLOUR, change);
-        let mut scans = usual.scans_of_bytes(&file).unwrap();
+        let file = recorded("/rgb", change);
+        let mut scans = named.scans_of_bytes(&file).unwrap();
         let found: Vec<_> = scans.by_ref().map(Result::unwrap).collect();
         assert!(found.len() == 2 && found[1].scan.colours().is_none());
         assert_eq!(scans.skipped().messages, 1);

@@ -8,7 +8,6 @@ use super::index::{Arm, Index, Track};
 use super::scan::Place;
 use super::skipped::{Skip, Skipped};
 use super::source::{Input, Source};
-use super::topic::Role;
 use crate::Error;
 use crate::cdr::{self, Image, PointCloud2, Time};
 use crate::depth::Scan;
@@ -128,7 +127,8 @@ impl<'a> Frames<'a> {
         Ok(match decoded {
             Ok(features) => Some(features),
             Err(error) => {
-                self.skip(place.record(), &Role::Features.topic(), &error);
+                let topic = self.index.feature_topic.clone();
+                self.skip(place.record(), &topic, &error);
                 None
             }
         })
@@ -144,7 +144,8 @@ impl<'a> Frames<'a> {
         Ok(match coloured {
             Ok(colours) => scan.with_colours(colours),
             Err(error) => {
-                self.skip(place.record(), &Role::Colour.topic(), &error);
+                let topic = self.index.colour_topic.clone();
+                self.skip(place.record(), &topic, &error);
                 scan
             }
         })

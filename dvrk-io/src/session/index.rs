@@ -66,7 +66,7 @@ pub(super) struct Index {
     pub(super) images: Track<Place>,
     /// Camera parameters, with the time of each change.
     pub(super) lenses: Track<CameraInfo>,
-    /// The colour images, and the frame of the first.
+    /// The colour images, likewise, and the frame of the first.
     pub(super) colours: Track<Place>,
     pub(super) colour_frame: String,
     pub(super) table: Option<(UnitVector3<f64>, f64)>,
@@ -74,8 +74,10 @@ pub(super) struct Index {
     pub(super) camera_frame: String,
     /// Frame of the poses of a moving camera, and then also of arms and table.
     fixed_frame: String,
-    /// Topic of the clouds.
+    /// Topics of the clouds, of the features and of the colour images.
     pub(super) cloud_topic: String,
+    pub(super) feature_topic: String,
+    pub(super) colour_topic: String,
     pub(super) topics: Vec<TopicCount>,
     pub(super) complete: bool,
     pub(super) skipped: Skipped,
@@ -155,20 +157,11 @@ impl Index {
                     self.lenses.push((stamp, info));
                 }
             }
-            Role::Colour => {
-                let header = Header::read(&mut Decoder::new(data)?)?;
-                self.colours.push((header.stamp.nanoseconds(), place));
-                if self.colour_frame.is_empty() {
-                    self.colour_frame.clone_from(&header.frame_id);
-                }
-                // Many recordings have the usual topic, from another point of view than the depth images; a topic that was named must be from the same.
-                if channel.topic != Role::Colour.topic() {
-                    self.in_frame(channel, header.frame_id, true);
-                }
-            }
+            Role::Colour => self.colour(channel, place, data)?,
             Role::Features => {
                 let header = Header::read(&mut Decoder::new(data)?)?;
                 self.features.push((header.stamp.nanoseconds(), place));
+                self.feature_topic.clone_from(&channel.topic);
                 self.in_frame(channel, header.frame_id, true);
             }
             Role::Camera => {
@@ -222,6 +215,21 @@ impl Index {
         }
         self.in_frame(channel, header.frame_id, true);
         Ok(header.stamp.nanoseconds())
+    }
+
+    /// Records a colour image. Many recordings have the usual topic, from another point of view than the depth images; a topic that was named must be
+    /// from the same.
+    fn colour(&mut self, channel: &Channel, place: Place, data: &[u8]) -> Result<(), Error> {
+        let header = Header::read(&mut Decoder::new(data)?)?;
+        self.colours.push((header.stamp.nanoseconds(), place));
+        self.colour_topic.clone_from(&channel.topic);
+        if self.colour_frame.is_empty() {
+            self.colour_frame.clone_from(&header.frame_id);
+        }
+        if channel.topic != Role::Colour.topic() {
+            self.in_frame(channel, header.frame_id, true);
+        }
+        Ok(())
     }
 
     fn arm(&mut self, name: &str) -> &mut Arm {

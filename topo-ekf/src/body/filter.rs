@@ -10,7 +10,7 @@
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that the rest shape is never
 //! lost: sliding of the surface along itself must strain the body, which resists it.
 //!
-//! Contact with the table is in `touch`, constraints of the pose in `constrain`, the estimate of the weight in `weigh`, uncertainties in
+//! Contact with the table is in `touch`, constraints of the pose in `constrain`, weight and its estimate in `weigh`, uncertainties in
 //! `certainty`, changes of the material in `edit`, data kept from one step to the next in `equations`.
 //!
 //! The projection removes the depth to which points are pressed into the table, and with it the reaction of the table. The next frame therefore
@@ -25,7 +25,7 @@ use super::options::BodyOptions;
 use super::pose::Pose;
 use super::row::{Row, check_unit};
 use super::spent::Spent;
-use super::weight::{Foot, WeightEstimate, loads};
+use super::weight::{Foot, WeightEstimate};
 use crate::observation::Plane;
 use crate::{Error, Status};
 
@@ -473,24 +473,6 @@ impl BodyFilter {
             forces: &self.loads_of(pose, weight),
         };
         elastic.step(&self.lattice, pose, &acting)
-    }
-
-    /// Loads in a pose. During a fall there is no reaction and no weight.
-    fn loads_of(&self, pose: &Pose, weight: f64) -> Vec<Vector3<f64>> {
-        let faded = 1.0 - self.state.falling as f64 / self.options.release_frames.max(1) as f64;
-        let full = self.options.stiffness * self.lattice.size().powi(3) * weight;
-        let down = -self.table.normal.into_inner();
-        loads(
-            &self.lattice,
-            pose,
-            &self.feet,
-            full * faded.max(0.0),
-            &down,
-        )
-    }
-
-    fn cell_weight(&self) -> f64 {
-        self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
     }
 }
 

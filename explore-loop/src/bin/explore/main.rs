@@ -286,8 +286,8 @@ struct RunArgs {
 struct ReplayArgs {
     /// The recording (MCAP with ROS 2 messages, or a rosbag2 directory)
     session: PathBuf,
-    /// Topic of the points, the depth image, its camera_info, the colour image with the same rays, the features, the pose of a moving camera, the table, the truth or an arm: points, depth,
-    /// camera_info, colour, features, camera, table, truth, PSM1/measured_cp, PSM1/jaw/measured_js, PSM1/jaw/setpoint_js or PSM1/measured_js
+    /// Topic of the points, the depth image, its camera_info, the colour image with the same rays, the features, the pose of a moving camera, the table,
+    /// the truth or an arm: points, depth, camera_info, colour, features, camera, table, truth, PSM1/measured_cp, PSM1/jaw/measured_js, PSM1/jaw/setpoint_js or PSM1/measured_js
     #[arg(long = "topic", value_name = "ROLE=/NAME", value_parser = topic)]
     topics: Vec<(dvrk_io::session::Role, String)>,
     /// The clouds or depth images show everything in view: find table and object in each

@@ -1,18 +1,20 @@
-//! Estimates weight over stiffness from the sag of the held body.
+//! The weight of the body in a pose, and the estimate of weight over stiffness from the sag of the held body.
 //!
 //! ```text
 //! sag(γ) = mean over the seen points of  down · (x_γ(e) − x_fitted(e)),     x_γ: the pose by grips, table and weight γ alone
 //! sag(γ) ≈ a + s γ                                                        from γ and 0.6 γ;  the estimate moves to the zero of this line
 //! ```
 
-use nalgebra::UnitVector3;
+use nalgebra::{UnitVector3, Vector3};
 
 use super::{BodyFilter, Setting};
 use crate::Error;
 use crate::body::elastic::Elastic;
 use crate::body::frame::BodyFrame;
 use crate::body::lattice::Embedding;
+use crate::body::pose::Pose;
 use crate::body::row::check_unit;
+use crate::body::weight::loads;
 
 /// Steps of the poses that [`BodyFilter::weigh`] compares, and the standard deviation of their nodes, m.
 const WEIGH_STEPS: usize = 5;
@@ -102,5 +104,23 @@ impl BodyFilter {
             slope,
             sigma: (0.002f64.powi(2) + (0.5 * error).powi(2)).sqrt(),
         })
+    }
+
+    /// Loads in a pose. During a fall there is no reaction and no weight.
+    pub(super) fn loads_of(&self, pose: &Pose, weight: f64) -> Vec<Vector3<f64>> {
+        let faded = 1.0 - self.state.falling as f64 / self.options.release_frames.max(1) as f64;
+        let full = self.options.stiffness * self.lattice.size().powi(3) * weight;
+        let down = -self.table.normal.into_inner();
+        loads(
+            &self.lattice,
+            pose,
+            &self.feet,
+            full * faded.max(0.0),
+            &down,
+        )
+    }
+
+    pub(super) fn cell_weight(&self) -> f64 {
+        self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
     }
 }
