@@ -18,7 +18,10 @@ const OVERLAP: f64 = 0.02;
 
 /// The pieces in all cells of a lattice, and which of them are connected.
 pub(crate) struct Pieces {
+    /// Those with material first.
     pub pieces: Vec<Piece>,
+    /// Number of pieces with material.
+    pub filled: usize,
     pub joined: Vec<[usize; 2]>,
 }
 
@@ -75,6 +78,7 @@ impl Pieces {
             }
         }
         let mut joins = Joins::of_links(&links, &part_of, &index, pieces.len());
+        let filled = pieces.len();
         add_empty(&mut pieces, &mut joins, &needed);
         for piece in &mut pieces {
             let scale = if surface.contains(&piece.place) {
@@ -88,7 +92,11 @@ impl Pieces {
             Material::Connected => joins.pairs(&pieces),
             Material::Whole => neighbours(&pieces),
         };
-        Self { pieces, joined }
+        Self {
+            pieces,
+            filled,
+            joined,
+        }
     }
 }
 

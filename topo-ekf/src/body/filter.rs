@@ -52,7 +52,7 @@ const RELEASED: f64 = 3.0;
 /// table and every inequality holds to 1e-6 m, unless the report says `Infeasible`. The same calls give the same bits.
 ///
 /// # Limits
-/// Cells are never removed; sheets closer than a cell are joined unless they are declared as separate pieces ([`Lattice::set_pieces`]); and the covariances treat the
+/// Cells are removed only on request ([`Self::remove_cells`]); sheets closer than a cell are joined unless they are declared as separate pieces ([`Lattice::set_pieces`]); and the covariances treat the
 /// rotations of cells as known.
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyFilter {

@@ -10,6 +10,7 @@
 //! | `cube` | shape functions and stiffness of the unit cube |
 //! | `lattice` | cells and nodes at rest, embedding of points |
 //! | `pieces` | copies of a cell for pieces of material that are not connected in it |
+//! | `removal` | removal of cells, new indices |
 //! | `pose` | live nodes, rotations, forward and inverse map |
 //! | `row` | equations and inequalities on embedded points |
 //! | `self_contact` | inequalities where the surface comes near itself |
@@ -73,6 +74,7 @@ mod options;
 mod pieces;
 mod pose;
 mod project;
+mod removal;
 mod row;
 #[cfg(feature = "serde")]
 mod saved;
@@ -88,6 +90,7 @@ pub use lattice::{Cell, Embedding, Lattice};
 pub use options::{BodyOptions, Table};
 pub use pieces::Piece;
 pub use pose::{AtRest, Pose};
+pub use removal::Renumbered;
 pub use row::{BodyInequality, Row};
 pub use self_contact::SelfContact;
 pub use spent::Spent;

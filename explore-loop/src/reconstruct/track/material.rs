@@ -24,6 +24,9 @@ const MOST_CELLS: f64 = 300.0;
 /// The body is filled anew when it has grown by this many vertices, and by this fraction of them (one in so many).
 const LEAST_GROWN: usize = 30;
 const SHARE_GROWN: usize = 25;
+/// Cells without material, surface and grips are removed when they are more than this fraction of all (one in so many): each removal costs a new
+/// analysis of the equations.
+const MOST_ABANDONED: usize = 4;
 
 /// How the columns under the points of the first view are filled.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -115,15 +118,54 @@ impl Track {
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
         let found = Pieces::new(columns, self.body.lattice(), &surface, inner, material);
+        let mut cells = Vec::new();
         self.body.edit(|lattice| {
             // The pieces cover every needed cell, and are joined only where they touch.
-            let _cells = lattice.set_pieces(&found.pieces, &found.joined);
+            cells = lattice
+                .set_pieces(&found.pieces, &found.joined)
+                .unwrap_or_default();
         });
         let feet = columns.feet(self.body.lattice());
         if !feet.is_empty() {
             self.body.set_feet(feet);
         }
         self.embed_anew();
+        self.remove_abandoned(cells.get(..found.filled).unwrap_or_default());
+    }
+
+    /// Removes the cells without material, surface and grips, if they are more than a share of all: where the rest shape has changed often, they would
+    /// accumulate, and with them the time of a frame. `filled` are the cells with material.
+    fn remove_abandoned(&mut self, filled: &[u32]) {
+        let kept = self.keyframes.all().iter();
+        let gripped = kept
+            .flat_map(|k| &k.grips)
+            .chain(self.grips.iter().flatten().flatten());
+        let feet = self.body.feet().iter().map(|foot| foot.at.cell);
+        let held = gripped.map(|(at, _)| at.cell).chain(feet);
+        let surface = self.embeddings.iter().map(|at| at.cell);
+        let mut keep = vec![false; self.body.lattice().cells().len()];
+        for cell in filled.iter().copied().chain(surface).chain(held) {
+            keep[cell as usize] = true;
+        }
+        let abandoned = keep.iter().filter(|keep| !**keep).count();
+        if abandoned * MOST_ABANDONED <= keep.len() {
+            return;
+        }
+        self.keyframes.extend(self.body.lattice());
+        let Ok(renumbered) = self.body.remove_cells(&keep) else {
+            return;
+        };
+        let follow = |at: &mut Embedding| *at = renumbered.embedding(at).unwrap_or(*at);
+        self.embeddings.iter_mut().for_each(follow);
+        let keyframes = self.keyframes.all_mut();
+        let grips = keyframes.iter_mut().map(|k| {
+            k.pose = renumbered.pose(&k.pose);
+            &mut k.grips
+        });
+        let held = self.grips.iter_mut().flatten();
+        for (at, _) in grips.chain(held).flatten() {
+            follow(at);
+        }
     }
 
     /// Embeds everything again in the new copies of the cells.

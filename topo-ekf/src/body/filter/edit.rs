@@ -1,10 +1,11 @@
-//! Changes of the material: cells that are new or filled again, and the feet of the body.
+//! Changes of the material: cells that are new, filled again or removed, and the feet of the body.
 
 use nalgebra::Vector3;
 
 use super::BodyFilter;
 use crate::Error;
 use crate::body::lattice::Lattice;
+use crate::body::removal::Renumbered;
 use crate::body::weight::Foot;
 
 impl BodyFilter {
@@ -55,6 +56,37 @@ impl BodyFilter {
         }
         self.follow_lattice();
         Ok(())
+    }
+
+    /// Removes the cells that are not marked; the pose of the others stays. Points embedded in the body, and poses of it, are of use only with
+    /// their new indices, which are returned. Whoever refills a body for hours removes cells that have lost their material; the
+    /// time of a step depends on the number of cells.
+    ///
+    /// # Errors
+    /// Not one mark for each cell, no cell marked, or a foot ([`Self::set_feet`]) in a cell that would be removed; the body is then unchanged.
+    ///
+    /// # Complexity
+    /// Cells times logarithm of cells; the next step analyses its equations anew.
+    pub fn remove_cells(&mut self, keep: &[bool]) -> Result<Renumbered, Error> {
+        let stands = |foot: &Foot| keep.get(foot.at.cell as usize) == Some(&true);
+        if let Some(index) = self.feet.iter().position(|foot| !stands(foot)) {
+            return Err(Error::CellOutOfRange {
+                what: "foot",
+                index,
+                cell: self.feet[index].at.cell,
+                cells: keep.iter().filter(|keep| **keep).count(),
+            });
+        }
+        let renumbered = self.lattice.remove_cells(keep)?;
+        for foot in &mut self.feet {
+            foot.at = renumbered.embedding(&foot.at).unwrap_or(foot.at);
+        }
+        let state = &mut self.state;
+        state.pose = renumbered.pose(&state.pose);
+        state.displacement = renumbered.of_nodes(&state.displacement);
+        state.raised = renumbered.of_nodes(&state.raised);
+        self.last = None;
+        Ok(renumbered)
     }
 
     fn follow_lattice(&mut self) {
