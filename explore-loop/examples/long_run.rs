@@ -4,8 +4,8 @@
 //! cargo run --release -p explore-loop --example long_run -- 10000
 //! ```
 //! prints a line every thousand frames: vertices of the model, frame time (median, 95th percentile), memory of the program, size of the saved state
-//! (which does not depend on what else the machine does). It fails if the memory exceeds 600 MB, or the median time or the state of the last thousand
-//! frames is more than 1.5 times that of the second thousand.
+//! (which does not depend on what else the machine does). It fails if the memory exceeds 600 MB, or, of the last thousand
+//! frames, the median time is more than 1.5 times or the state more than 1.2 times that of the second thousand.
 #![allow(dead_code, reason = "the egg has more than is needed here")]
 
 #[path = "own_robot/egg.rs"]
@@ -33,9 +33,10 @@ struct Arguments {
 
 /// Frames of a cycle: reach, grip, lift and turn, release.
 const CYCLE: usize = 80;
-/// Largest memory, MB, and largest factor by which frame time and state grow.
+/// Largest memory, MB, and largest factors by which frame time, which depends on other work of the machine, and state grow.
 const MEMORY: f64 = 600.0;
-const GROWTH: f64 = 1.5;
+const SLOWER: f64 = 1.5;
+const LARGER: f64 = 1.2;
 
 fn main() -> ExitCode {
     program::run(long_run)
@@ -92,9 +93,12 @@ fn long_run(arguments: &Arguments) -> Result<ExitCode, Failure> {
     }
     bar.finish_and_clear();
     output.object(&json!({ "rows": rows }))?;
-    for (what, values) in [("frame time, ms", medians), ("state, kB", states)] {
+    for (what, values, growth) in [
+        ("frame time, ms", medians, SLOWER),
+        ("state, kB", states, LARGER),
+    ] {
         if let (Some(early), Some(late)) = (values.get(1), values.last())
-            && late > &(GROWTH * early)
+            && late > &(growth * early)
         {
             return Err(format!("{what} grew: {early:.1}, then {late:.1}").into());
         }

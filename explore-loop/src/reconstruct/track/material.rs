@@ -236,3 +236,104 @@ impl Track {
         self.renew_contact(spacing);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::{ArmState, Observation};
+    use nalgebra::{Isometry3, Vector3};
+
+    const TABLE: f64 = 0.5;
+
+    /// The upper half of a ball of 50 mm on a table, in the jaws of an arm at its top.
+    fn ball() -> (Observation, Plane) {
+        let grid = (-24..=24).flat_map(|x| (-24..=24).map(move |y| (x, y)));
+        let points = grid.filter_map(|(x, y)| {
+            let (x, y) = (0.002 * f64::from(x), 0.002 * f64::from(y));
+            let squared = 0.05_f64.powi(2) - x * x - y * y;
+            (squared > 4e-4).then(|| Point3::new(x, y, TABLE - squared.sqrt()))
+        });
+        let arm = ArmState {
+            camera_from_tip: Isometry3::translation(0.0, 0.0, TABLE - 0.05),
+            jaw: 0.0,
+            holding: true,
+            moving: false,
+        };
+        let observation = Observation {
+            stamp: 0.0,
+            camera: None,
+            points: points.collect(),
+            colours: None,
+            features: None,
+            arms: vec![arm],
+        };
+        let table = Plane {
+            normal: -Vector3::z_axis(),
+            offset: TABLE,
+        };
+        (observation, table)
+    }
+
+    /// Where the surface, what is held and what was held are.
+    fn positions(track: &Track) -> Vec<Point3<f64>> {
+        let lattice = track.body.lattice();
+        let mut all: Vec<Point3<f64>> = Vec::new();
+        for (pose, grips) in track.keyframes.all().iter().map(|k| (&k.pose, &k.grips)) {
+            let embedded = track
+                .embeddings
+                .iter()
+                .chain(grips.iter().map(|(at, _)| at));
+            all.extend(embedded.map(|at| pose.position(lattice, at)));
+        }
+        let held = track.grips.iter().flatten().flatten().map(|(at, _)| at);
+        let embedded = track.embeddings.iter().chain(held);
+        all.extend(embedded.map(|at| track.body.pose().position(lattice, at)));
+        all
+    }
+
+    #[test]
+    fn abandoned_cells_are_removed_and_nothing_moves() {
+        let (observation, table) = ball();
+        let options = ReconstructOptions::new(5e-3);
+        let view = Arc::new(FrameView::new(&observation, 5e-3).unwrap().unwrap());
+        let mut track = Track::begin(&view, &table, &options, Fill { inner: 1.0 }).unwrap();
+        track.take_grips(&observation.arms, options.grip_radius);
+        track.keep_keyframe(Arc::clone(&view), &observation.arms, true);
+        let (needed, before) = (track.body.lattice().cells().len(), positions(&track));
+        let seen = Seen {
+            points: &view.points,
+            normals: &view.normals,
+        };
+        let refill = |track: &mut Track| {
+            let columns = Columns::under(seen, Seen::NOTHING, track.body.lattice(), 5e-3);
+            track.refill(&columns, 1.0, options.material);
+        };
+        // Surface was assumed here once; fewer such cells than a fourth are not worth a new analysis.
+        let plant = |track: &mut Track, count: usize| {
+            for k in 0..count as i32 {
+                track.body.ensure([20 + k, 0, 2], fill::LEAST);
+            }
+            track.body.lattice().cells().len()
+        };
+        let few = plant(&mut track, needed / MOST_ABANDONED);
+        refill(&mut track);
+        assert_eq!(track.body.lattice().cells().len(), few);
+        plant(&mut track, needed);
+        track.keep_keyframe(view.clone(), &observation.arms, true);
+        refill(&mut track);
+        assert!(track.body.lattice().cells().len() <= needed);
+        track.keyframes.extend(track.body.lattice());
+        let after = positions(&track);
+        let first_keyframe = before.len() / 2;
+        assert_eq!(after[..first_keyframe], before[..first_keyframe]);
+        assert_eq!(
+            after[after.len() - first_keyframe..],
+            before[first_keyframe..]
+        );
+        track.check_read().unwrap();
+        track
+            .follow(&view, None, &observation.arms, &options)
+            .unwrap();
+        assert!(track.fits(), "{} {}", track.residual, track.share);
+    }
+}
