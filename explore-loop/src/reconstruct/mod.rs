@@ -70,6 +70,9 @@ const DECIDE_EARLY: f64 = 0.1;
 const HOLLOW_BELOW: f64 = 0.7;
 /// Ratios that decide before the end of a manipulation: hollow below the first, solid above the second.
 const CLEARLY: [f64; 2] = [0.4, 1.5];
+/// Share of the visible vertices below which the solid body begins to lose what the camera sees; a hollow one that predicts better then replaces it at
+/// once.
+const LOSING: f64 = 0.95;
 
 /// Builds the canonical model frame by frame.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -371,7 +374,9 @@ impl Reconstructor {
         let held = track.held_frames();
         let enough = held >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
         let [hollow, solid] = CLEARLY;
-        let early = track.carried() >= DECIDE_EARLY && !(hollow..solid).contains(&ratio);
+        let losing = track.share < LOSING && ratio < HOLLOW_BELOW;
+        let early =
+            track.carried() >= DECIDE_EARLY && (losing || !(hollow..solid).contains(&ratio));
         if !(end || enough && early) {
             return;
         }
