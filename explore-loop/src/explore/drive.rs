@@ -34,8 +34,26 @@ pub(super) enum Care {
     Empty,
     /// The jaws hold the body: slow when frames fit badly, stopped when they do not fit.
     Holding,
+    /// The same, and the motion ends where the table carries the body.
+    SettingDown,
     /// The body is being put down and tracking may be lost: only the arms count.
     PutDown,
+}
+
+impl Care {
+    /// Whether the jaws hold the body, which must not be lost.
+    fn holds(self) -> bool {
+        matches!(self, Self::Holding | Self::SettingDown)
+    }
+}
+
+/// Where a motion ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum End {
+    /// At its end.
+    There,
+    /// Before it: the table carries the body.
+    Stands,
 }
 
 /// State of a motion that is followed.
@@ -46,17 +64,24 @@ struct Progress {
     misfits: usize,
     /// Seconds without progress of the motion.
     late: f64,
+    /// Whether the grips press the body onto the table.
+    pressed: bool,
 }
 
 impl Explorer<'_> {
     /// Follows a motion to its end, frame by frame.
     pub(super) fn follow(&mut self, motion: &Motion, care: Care, cruise: f64) -> Followed {
+        self.follow_until(motion, care, cruise).map(|_| ())
+    }
+
+    fn follow_until(&mut self, motion: &Motion, care: Care, cruise: f64) -> Result<End, Halt> {
         let mut progress = Progress {
             governor: self.governor(care, cruise)?,
             time: 0.0,
             residual: 0.0,
             misfits: 0,
             late: 0.0,
+            pressed: false,
         };
         loop {
             self.open_early(motion, progress.time)?;
@@ -70,9 +95,14 @@ impl Explorer<'_> {
                 self.command(motion, &mut progress)?;
             }
             self.step(motion, care, &mut progress)?;
+            if care == Care::SettingDown && progress.pressed {
+                self.halt()?;
+                return Ok(End::Stands);
+            }
             let arrived = !motion.arms.iter().any(|p| self.moves(p.arm));
             if progress.time >= motion.duration && arrived && self.lag(motion).is_none() {
-                return self.open_early(motion, motion.duration);
+                self.open_early(motion, motion.duration)?;
+                return Ok(End::There);
             }
             let advanced = progress.time > before || stands;
             self.wait_for_arms(motion, advanced, &mut progress)?;
@@ -95,7 +125,7 @@ impl Explorer<'_> {
     /// Whether the arms must wait for frames that can be used or that fit.
     fn stands(&self, care: Care, progress: &Progress) -> bool {
         let blind = self.bad_frames > 0 && care != Care::PutDown && self.mode == Mode::Exploring;
-        let lost = progress.misfits > self.options.doubt && care == Care::Holding;
+        let lost = progress.misfits > self.options.doubt && care.holds();
         blind || lost
     }
 
@@ -149,12 +179,15 @@ impl Explorer<'_> {
             let misfit = report.failure.is_some();
             progress.misfits = if misfit { progress.misfits + 1 } else { 0 };
             progress.residual = if misfit { f64::NAN } else { report.residual };
-            if progress.misfits == self.options.doubt + 1 && care == Care::Holding {
+            progress.pressed = report
+                .pressed
+                .is_some_and(|force| force > set_down::PRESSED);
+            if progress.misfits == self.options.doubt + 1 && care.holds() {
                 let frames = progress.misfits;
                 self.note(Some(FrameFault::Misfits { frames }))?;
             }
         }
-        if care != Care::Holding {
+        if !care.holds() {
             return Ok(());
         }
         let frames = progress.misfits;
@@ -279,15 +312,29 @@ impl Explorer<'_> {
         Ok(())
     }
 
-    /// Moves the tips out to the width of the body at rest and down to the table, where a turn ends: see `set_down`.
+    /// Moves the tips out to the width of the body at rest and down to the table, or as far as the body lets them, where a turn ends: see `set_down`.
     pub(super) fn spread_out(&mut self, manipulation: &Manipulation) -> Followed {
+        let height = self.options.set_down;
+        match self.spread_to(manipulation, Some(height), Care::SettingDown)? {
+            End::There => Ok(()),
+            End::Stands => self
+                .spread_to(manipulation, None, Care::Holding)
+                .map(|_| ()),
+        }
+    }
+
+    fn spread_to(
+        &mut self,
+        manipulation: &Manipulation,
+        release_height: Option<f64>,
+        care: Care,
+    ) -> Result<End, Halt> {
         let table = self.cell.info().table;
         let Some(latest) = &self.latest else {
-            return Ok(());
+            return Ok(End::There);
         };
         let rest = self.reconstructor.model().rest();
-        let height = self.options.set_down;
-        let goals = set_down::goals(manipulation, latest, rest, &table, height);
+        let goals = set_down::goals(manipulation, latest, rest, &table, release_height);
         let (arms, goals): (Vec<usize>, Vec<Isometry3<f64>>) = goals.into_iter().unzip();
         let (tips, options) = (self.tips(&arms), self.carrying(0.7));
         let live = self.reconstructor.model().live();
@@ -297,11 +344,14 @@ impl Explorer<'_> {
                 .or_else(|_| carry(&[], scene, &tips, &goals, &options))
         });
         // Without such a motion the turn ends where jaws may open.
-        let Ok(motion) = motion else { return Ok(()) };
-        match self.follow(&motion, Care::Holding, options.speed) {
+        let Ok(motion) = motion else {
+            return Ok(End::There);
+        };
+        match self.follow_until(&motion, care, options.speed) {
             // If the tips are held back, a firm body has reached the table: it is down.
             Err(Halt::Trouble(trouble)) if matches!(*trouble, Trouble::NotArriving { .. }) => {
-                self.halt()
+                self.halt()?;
+                Ok(End::There)
             }
             followed => followed,
         }

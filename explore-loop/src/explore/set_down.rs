@@ -6,22 +6,27 @@
 //! where `across` is the direction along the table from the line through both grips toward the body, `w` the extent of the body in that
 //! direction, and `h` the height of the tip: the tips move out to the width of the body at rest, and down to the table. A body that is released
 //! bunched up springs out, and one released high above the table falls; both motions are too fast to track.
+//!
+//! A firm or hollow body stands on the table before the tips are down, and is then pressed flat: it would spring up when it is released. The tips therefore
+//! go no lower than where they push with more than [`PRESSED`].
 
 use super::Manipulation;
 use crate::cell::{Observation, Plane};
 use grip_planner::Role;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
+/// Force toward the table, in weights of the body, from which on the table carries it: soft bodies that lie on the table are pushed with 0.1 or less.
+pub(super) const PRESSED: f64 = 0.7;
 /// Farthest that tips move outwards, metres.
 const MOST_OUTWARD: f64 = 0.06;
 
-/// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` is in metres.
+/// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` is in metres, or `None` to stay at the present height.
 pub(super) fn goals(
     manipulation: &Manipulation,
     latest: &Observation,
     rest: &[Point3<f64>],
     table: &Plane,
-    release_height: f64,
+    release_height: Option<f64>,
 ) -> Vec<(usize, Isometry3<f64>)> {
     let lifting = lifting(manipulation);
     let out = outward(&lifting, latest, rest, table);
@@ -30,7 +35,8 @@ pub(super) fn goals(
         .map(|&(arm, _)| {
             let tip = latest.arms[arm].camera_from_tip;
             let height = table.height(&tip.translation.vector.into());
-            let down = -table.normal.into_inner() * (height - release_height).max(0.0);
+            let lower = release_height.map_or(0.0, |release| (height - release).max(0.0));
+            let down = -table.normal.into_inner() * lower;
             (arm, Translation3::from(down + out) * tip)
         })
         .collect()

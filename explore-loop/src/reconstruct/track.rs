@@ -57,6 +57,8 @@ pub(crate) struct Track {
     pub still: usize,
     /// Outcome of the constraints in the last frame.
     pub constraints: Constraints,
+    /// Force of the grips toward the table in the last frame, in weights of the body, while they hold it.
+    pub pressed: Option<f64>,
     /// Times of the parts of the last frame.
     #[serde(skip)]
     pub parts: FrameParts,
@@ -102,6 +104,7 @@ impl Track {
             moved: 0.0,
             still: 0,
             constraints: Constraints::default(),
+            pressed: None,
             parts: FrameParts::default(),
             refused: None,
             missed: 0,
@@ -185,6 +188,7 @@ impl Track {
         };
         (self.refused, self.missed) = (None, 0);
         self.moved = report.moved;
+        self.pressed = (!grips.is_empty()).then(|| self.body.pressed(&report));
         self.constraints = Constraints {
             active: report.pushing,
             near_itself: contacts.len(),

@@ -204,6 +204,12 @@ impl BodyFilter {
         self.cell_weight() * mass
     }
 
+    /// Force with which the grips of a frame press the body onto the table, in weights of the body: −1 when they carry all of it, positive when they push
+    /// it down.
+    pub fn pressed(&self, report: &BodyReport) -> f64 {
+        -self.table.normal.dot(&report.grip_force) / self.weight().max(f64::MIN_POSITIVE)
+    }
+
     /// Elastic energy of the present pose, in units of the data: a row whose residual is its standard deviation costs 1/2.
     ///
     /// # Complexity
