@@ -97,6 +97,24 @@ pub enum FrameFault {
 }
 
 impl FrameFault {
+    /// A keyword for tables.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Empty { .. } => "empty",
+            Self::Frozen => "frozen",
+            Self::Duplicate { .. } => "duplicate",
+            Self::OutOfOrder { .. } => "out_of_order",
+            Self::Late { .. } => "late",
+            Self::ClockJump { .. } => "clock_jump",
+            Self::NonFinitePoints { .. } => "non_finite_points",
+            Self::NonFinitePose { .. } => "non_finite_pose",
+            Self::WrongArms { .. } => "wrong_arms",
+            Self::Foreign { .. } => "foreign",
+            Self::Misfits { .. } => "misfits",
+            Self::Refused { .. } => "refused",
+        }
+    }
+
     /// Whether the rest of the frame could be used.
     pub fn is_usable(&self) -> bool {
         matches!(

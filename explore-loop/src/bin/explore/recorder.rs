@@ -16,7 +16,7 @@ use explore_loop::canonical::topology::Topology;
 use explore_loop::cell::sim::{Journal, SimCell, Truth};
 use explore_loop::cell::{Cell, CellInfo, Observation};
 use explore_loop::checkpoint;
-use explore_loop::explore::{Event, Outcome, SavedState, Watcher};
+use explore_loop::explore::{Event, FrameFault, Outcome, SavedState, Watcher};
 use explore_loop::measure::{Measurer, TrueSurface};
 use explore_loop::report::frames;
 use explore_loop::report::html::About;
@@ -42,6 +42,9 @@ pub(crate) fn interruption() -> Result<Arc<AtomicBool>, Failure> {
     }
     Ok(interrupted)
 }
+
+/// A fault that occurs again after at most this time goes on, seconds: it is reported once.
+const SAME_FAULT: f64 = 2.0;
 
 /// Watches a run: progress on the terminal, the session file, the measures.
 pub(crate) struct Recorder<'a> {
@@ -260,9 +263,9 @@ impl<'a> Recorder<'a> {
         self.so_far.shapes.push(shape.unwrap_or_default());
         self.so_far.betti.push(topology.persistent);
         self.say(&format!(
-            "{:5.1} s  {} manipulations: explored {}, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
+            "{:5.1} s  {}: explored {}, Betti {:?} (persistent {:?}), boundary {:.1} %, missing {:.1} %, bare {:.2} %, strays {:.1} %, {} vertices, difference {}, {} frames not registered",
             self.so_far.last_stamp,
-            self.so_far.shapes.len() - 1,
+            self.so_far.manipulated(),
             shape.map_or_else(
                 || "unknown".into(),
                 |s| format!("{:.1} %", 100.0 * s.explored)
@@ -301,6 +304,16 @@ impl<'a> Recorder<'a> {
     fn note(&mut self, text: String) {
         self.say(&format!("{:5.1} s  {text}", self.so_far.last_stamp));
         self.so_far.report.note(text);
+    }
+
+    /// Reports a fault of a frame, unless a frame less than [`SAME_FAULT`] before it had the same.
+    fn fault(&mut self, fault: &FrameFault) {
+        let (kind, now) = (fault.word(), self.so_far.last_stamp);
+        let before = self.so_far.last_fault.replace((kind.into(), now));
+        let goes_on = |(earlier, then): (String, f64)| earlier == kind && now - then < SAME_FAULT;
+        if !before.is_some_and(goes_on) {
+            self.note(fault.to_string());
+        }
     }
 
     /// Closes the session file; what was recorded stays readable even after an error.
@@ -439,7 +452,7 @@ impl Watcher for Recorder<'_> {
                 self.say(&format!("        {what}"));
                 self.so_far.report.planned(what, plan, model);
             }
-            Event::Fault(fault) => self.note(fault.to_string()),
+            Event::Fault(fault) => self.fault(fault),
             Event::Trouble(trouble) => self.note(format!("{trouble}: the arms are stopped")),
             Event::Found => self.note("the body was found again".into()),
             Event::Manipulated(count) => self.so_far.manipulations = count,

@@ -86,8 +86,8 @@ pub fn explore(args: &RunArgs) -> Result<Metrics, Failure> {
             let recorder = finished?;
             let dir = args.results.out.display();
             return Err(format!(
-                "interrupted after {} manipulations; continue with --resume --out {dir}",
-                recorder.so_far.manipulations
+                "interrupted after {}; continue with --resume --out {dir}",
+                recorder.so_far.manipulated()
             )
             .into());
         }

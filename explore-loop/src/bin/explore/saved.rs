@@ -69,6 +69,20 @@ impl Saved {
     }
 }
 
+impl SoFar {
+    /// How many manipulations there were before the last decision, in words.
+    pub fn manipulated(&self) -> String {
+        let attempts = self.shapes.len().saturating_sub(1);
+        match attempts.saturating_sub(self.manipulations) {
+            0 => format!("{} manipulations", self.manipulations),
+            given_up => format!(
+                "{} manipulations and {given_up} given up",
+                self.manipulations
+            ),
+        }
+    }
+}
+
 /// The recording and the measures so far.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(crate) struct SoFar {
@@ -83,6 +97,8 @@ pub(crate) struct SoFar {
     pub lines: String,
     pub model: CanonicalModel,
     pub manipulations: usize,
+    /// The last fault of a frame, and when it was.
+    pub last_fault: Option<(String, f64)>,
     pub report: Report,
     /// Wall-clock time of the earlier sessions, seconds.
     pub wall: f64,
