@@ -10,7 +10,7 @@
 //! A set-point is never more than a frame ahead, so an arm that gets no more commands stops by itself. On a fault,
 //! [`Cell::stop`](crate::cell::Cell::stop) is called in the frame in which it is noticed. Recovery motions start at the present poses and are planned and checked as others are.
 
-use super::set_down;
+use super::set_down::{self, Reaction, reaction};
 use super::set_point::apart;
 use super::watch::refused;
 use super::{Event, Explorer, Followed, FrameFault, Halt, Manipulation, Mode, Trouble};
@@ -19,7 +19,7 @@ use grip_planner::{
     CarryOptions, GovernorOptions, Motion, ReachOptions, Refusal, Role, SpeedGovernor, Tip, carry,
     go_home, lower, put_down,
 };
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 /// How far empty tips retreat before they turn for home, metres.
 const RETREAT: f64 = 0.05;
@@ -34,26 +34,28 @@ pub(super) enum Care {
     Empty,
     /// The jaws hold the body: slow when frames fit badly, stopped when they do not fit.
     Holding,
-    /// The same, and the motion ends where the table carries the body.
+    /// The same, and the motion ends where the table carries the body or it resists.
     SettingDown,
+    /// The same, and the motion ends where it resists.
+    Spreading,
     /// The body is being put down and tracking may be lost: only the arms count.
     PutDown,
 }
 
 impl Care {
+    /// Whether a motion ends with this reaction of the body.
+    fn ends_with(self, reaction: Reaction) -> bool {
+        match self {
+            Self::SettingDown => true,
+            Self::Spreading => reaction == Reaction::Resists,
+            _ => false,
+        }
+    }
+
     /// Whether the jaws hold the body, which must not be lost.
     fn holds(self) -> bool {
-        matches!(self, Self::Holding | Self::SettingDown)
+        !matches!(self, Self::Empty | Self::PutDown)
     }
-}
-
-/// Where a motion ended.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum End {
-    /// At its end.
-    There,
-    /// Before it: the table carries the body.
-    Stands,
 }
 
 /// State of a motion that is followed.
@@ -64,8 +66,10 @@ struct Progress {
     misfits: usize,
     /// Seconds without progress of the motion.
     late: f64,
-    /// Whether the grips press the body onto the table.
-    pressed: bool,
+    /// Force of the grips in the first frame that has it.
+    first_force: Option<Vector3<f64>>,
+    /// The reaction of the body to the tips.
+    reaction: Option<Reaction>,
 }
 
 impl Explorer<'_> {
@@ -74,14 +78,21 @@ impl Explorer<'_> {
         self.follow_until(motion, care, cruise).map(|_| ())
     }
 
-    fn follow_until(&mut self, motion: &Motion, care: Care, cruise: f64) -> Result<End, Halt> {
+    /// The same; if it ends early, why.
+    fn follow_until(
+        &mut self,
+        motion: &Motion,
+        care: Care,
+        cruise: f64,
+    ) -> Result<Option<Reaction>, Halt> {
         let mut progress = Progress {
             governor: self.governor(care, cruise)?,
             time: 0.0,
             residual: 0.0,
             misfits: 0,
             late: 0.0,
-            pressed: false,
+            first_force: None,
+            reaction: None,
         };
         loop {
             self.open_early(motion, progress.time)?;
@@ -95,14 +106,14 @@ impl Explorer<'_> {
                 self.command(motion, &mut progress)?;
             }
             self.step(motion, care, &mut progress)?;
-            if care == Care::SettingDown && progress.pressed {
+            if let Some(reaction) = progress.reaction.filter(|r| care.ends_with(*r)) {
                 self.halt()?;
-                return Ok(End::Stands);
+                return Ok(Some(reaction));
             }
             let arrived = !motion.arms.iter().any(|p| self.moves(p.arm));
             if progress.time >= motion.duration && arrived && self.lag(motion).is_none() {
                 self.open_early(motion, motion.duration)?;
-                return Ok(End::There);
+                return Ok(None);
             }
             let advanced = progress.time > before || stands;
             self.wait_for_arms(motion, advanced, &mut progress)?;
@@ -179,9 +190,11 @@ impl Explorer<'_> {
             let misfit = report.failure.is_some();
             progress.misfits = if misfit { progress.misfits + 1 } else { 0 };
             progress.residual = if misfit { f64::NAN } else { report.residual };
-            progress.pressed = report
-                .pressed
-                .is_some_and(|force| force > set_down::PRESSED);
+            let first = progress.first_force.or(report.grip_force);
+            let forces = first.zip(report.grip_force);
+            let table = self.cell.info().table;
+            progress.reaction = forces.and_then(|(first, now)| reaction(&first, &now, &table));
+            progress.first_force = first;
             if progress.misfits == self.options.doubt + 1 && care.holds() {
                 let frames = progress.misfits;
                 self.note(Some(FrameFault::Misfits { frames }))?;
@@ -316,10 +329,10 @@ impl Explorer<'_> {
     pub(super) fn spread_out(&mut self, manipulation: &Manipulation) -> Followed {
         let height = self.options.set_down;
         match self.spread_to(manipulation, Some(height), Care::SettingDown)? {
-            End::There => Ok(()),
-            End::Stands => self
-                .spread_to(manipulation, None, Care::Holding)
+            Some(Reaction::Stands) => self
+                .spread_to(manipulation, None, Care::Spreading)
                 .map(|_| ()),
+            Some(Reaction::Resists) | None => Ok(()),
         }
     }
 
@@ -328,10 +341,10 @@ impl Explorer<'_> {
         manipulation: &Manipulation,
         release_height: Option<f64>,
         care: Care,
-    ) -> Result<End, Halt> {
+    ) -> Result<Option<Reaction>, Halt> {
         let table = self.cell.info().table;
         let Some(latest) = &self.latest else {
-            return Ok(End::There);
+            return Ok(None);
         };
         let rest = self.reconstructor.model().rest();
         let goals = set_down::goals(manipulation, latest, rest, &table, release_height);
@@ -345,13 +358,13 @@ impl Explorer<'_> {
         });
         // Without such a motion the turn ends where jaws may open.
         let Ok(motion) = motion else {
-            return Ok(End::There);
+            return Ok(None);
         };
         match self.follow_until(&motion, care, options.speed) {
             // If the tips are held back, a firm body has reached the table: it is down.
             Err(Halt::Trouble(trouble)) if matches!(*trouble, Trouble::NotArriving { .. }) => {
                 self.halt()?;
-                Ok(End::There)
+                Ok(None)
             }
             followed => followed,
         }

@@ -7,8 +7,9 @@
 //! direction, and `h` the height of the tip: the tips move out to the width of the body at rest, and down to the table. A body that is released
 //! bunched up springs out, and one released high above the table falls; both motions are too fast to track.
 //!
-//! A firm or hollow body stands on the table before the tips are down, and is then pressed flat: it would spring up when it is released. The tips therefore
-//! go no lower than where they push with more than [`PRESSED`].
+//! A firm or hollow body stands on the table before the tips are down, and would be pressed flat, or dragged along if it cannot become wider: it would
+//! spring up when it is released. The tips therefore go no lower than where they push with more than [`PRESSED`], and stop altogether when they pull or
+//! push by [`RESISTED`] more than at the beginning.
 
 use super::Manipulation;
 use crate::cell::{Observation, Plane};
@@ -16,9 +17,35 @@ use grip_planner::Role;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 /// Force toward the table, in weights of the body, from which on the table carries it: soft bodies that lie on the table are pushed with 0.1 or less.
-pub(super) const PRESSED: f64 = 0.7;
+const PRESSED: f64 = 0.7;
+/// Increase of the force, in weights of the body, by which a body resists: soft ones spread with half of it.
+const RESISTED: f64 = 1.0;
 /// Farthest that tips move outwards, metres.
 const MOST_OUTWARD: f64 = 0.06;
+
+/// How a body that is set down acts on the tips.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Reaction {
+    /// The table carries it.
+    Stands,
+    /// It resists further motion.
+    Resists,
+}
+
+/// The reaction of the body by the force of the grips at the beginning and now, in weights of the body, if there is one.
+pub(super) fn reaction(
+    first: &Vector3<f64>,
+    now: &Vector3<f64>,
+    table: &Plane,
+) -> Option<Reaction> {
+    if -table.normal.dot(now) > PRESSED {
+        Some(Reaction::Stands)
+    } else if now.norm() > first.norm() + RESISTED {
+        Some(Reaction::Resists)
+    } else {
+        None
+    }
+}
 
 /// Goal of every lifting arm; `rest` are the vertices of the model at rest, `release_height` is in metres, or `None` to stay at the present height.
 pub(super) fn goals(

@@ -275,7 +275,7 @@ impl Reconstructor {
         report.overlap = track.share.min(1.0);
         report.moved = track.moved;
         report.constraints = track.constraints;
-        report.pressed = track.pressed.filter(|_| track.refused.is_none());
+        report.grip_force = track.grip_force.filter(|_| track.refused.is_none());
         report.failure = failure(track);
         let arms = &observation.arms;
         if self.is_due(track, arms) {

@@ -1,5 +1,7 @@
 //! The result of a frame.
 
+use nalgebra::Vector3;
+
 /// The result of a frame.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct FrameReport {
@@ -21,9 +23,8 @@ pub struct FrameReport {
     pub moved: f64,
     /// Ratio of the prediction error of the hollow hypothesis to that of the solid one so far, while both are tracked and the body was held.
     pub hollow_over_solid: Option<f64>,
-    /// Force with which the grips press the body onto the table, in weights of the body: about −1 while they carry it, positive when they push it
-    /// down. `None` while nothing is held, or if it is not estimated.
-    pub pressed: Option<f64>,
+    /// Force of the grips on the body, in weights of the body: one upwards while they carry it. `None` while nothing is held, or if it is not estimated.
+    pub grip_force: Option<Vector3<f64>>,
     /// Outcome of the constraints on the body.
     pub constraints: Constraints,
     /// Why the frame was not used, if it was not.

@@ -10,7 +10,7 @@ use crate::Error;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
-use nalgebra::{Point3, Rotation3, UnitVector3};
+use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use std::time::{Duration, Instant};
 use topo_ekf::body::{
     AtRest, BodyFilter, BodyFrame, BodyInequality, BodyReport, Embedding, Lattice, Limits,
@@ -57,8 +57,8 @@ pub(crate) struct Track {
     pub still: usize,
     /// Outcome of the constraints in the last frame.
     pub constraints: Constraints,
-    /// Force of the grips toward the table in the last frame, in weights of the body, while they hold it.
-    pub pressed: Option<f64>,
+    /// Force of the grips in the last frame, in weights of the body, while they hold it.
+    pub grip_force: Option<Vector3<f64>>,
     /// Times of the parts of the last frame.
     #[serde(skip)]
     pub parts: FrameParts,
@@ -104,7 +104,7 @@ impl Track {
             moved: 0.0,
             still: 0,
             constraints: Constraints::default(),
-            pressed: None,
+            grip_force: None,
             parts: FrameParts::default(),
             refused: None,
             missed: 0,
@@ -188,7 +188,7 @@ impl Track {
         };
         (self.refused, self.missed) = (None, 0);
         self.moved = report.moved;
-        self.pressed = (!grips.is_empty()).then(|| self.body.pressed(&report));
+        self.grip_force = (!grips.is_empty()).then(|| self.body.grip_force_in_weights(&report));
         self.constraints = Constraints {
             active: report.pushing,
             near_itself: contacts.len(),

@@ -204,10 +204,9 @@ impl BodyFilter {
         self.cell_weight() * mass
     }
 
-    /// Force with which the grips of a frame press the body onto the table, in weights of the body: −1 when they carry all of it, positive when they push
-    /// it down.
-    pub fn pressed(&self, report: &BodyReport) -> f64 {
-        -self.table.normal.dot(&report.grip_force) / self.weight().max(f64::MIN_POSITIVE)
+    /// The force of the grips of a frame in weights of the body: one upwards when they carry all of it.
+    pub fn grip_force_in_weights(&self, report: &BodyReport) -> Vector3<f64> {
+        report.grip_force / self.weight().max(f64::MIN_POSITIVE)
     }
 
     /// Elastic energy of the present pose, in units of the data: a row whose residual is its standard deviation costs 1/2.
@@ -421,7 +420,7 @@ impl BodyFilter {
         let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
         moves.sort_unstable_by(f64::total_cmp);
         let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let pulled = report.grip_force.norm() / self.weight().max(f64::MIN_POSITIVE);
+        let pulled = self.grip_force_in_weights(report).norm();
         let told = [
             ("motion of the surface, m", moved, motion),
             ("pull of the grips in weights of the body", pulled, pull),
