@@ -19,7 +19,7 @@ const OVERLAP: f64 = 0.02;
 /// The pieces in all cells of a lattice, and which of them are connected.
 pub(crate) struct Pieces {
     /// Those with material first.
-    pub pieces: Vec<Piece>,
+    pub all: Vec<Piece>,
     /// Number of pieces with material.
     pub filled: usize,
     pub joined: Vec<[usize; 2]>,
@@ -93,7 +93,7 @@ impl Pieces {
             Material::Whole => neighbours(&pieces),
         };
         Self {
-            pieces,
+            all: pieces,
             filled,
             joined,
         }

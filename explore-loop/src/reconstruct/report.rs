@@ -23,7 +23,8 @@ pub struct FrameReport {
     pub moved: f64,
     /// Ratio of the prediction error of the hollow hypothesis to that of the solid one so far, while both are tracked and the body was held.
     pub hollow_over_solid: Option<f64>,
-    /// Force of the grips on the body, in weights of the body: one upwards while they carry it. `None` while nothing is held, or if it is not estimated.
+    /// Force of the grips on the body, in weights of the body: one upwards while they carry it. `None` while nothing is held, or if it is not estimated
+    /// ([`topo_ekf::body::Limits::pull`] is infinite).
     pub grip_force: Option<Vector3<f64>>,
     /// Outcome of the constraints on the body.
     pub constraints: Constraints,

@@ -188,7 +188,8 @@ impl Track {
         };
         (self.refused, self.missed) = (None, 0);
         self.moved = report.moved;
-        self.grip_force = (!grips.is_empty()).then(|| self.body.grip_force_in_weights(&report));
+        let felt = !grips.is_empty() && limits.pull.is_finite();
+        self.grip_force = felt.then(|| self.body.grip_force_in_weights(&report));
         self.constraints = Constraints {
             active: report.pushing,
             near_itself: contacts.len(),

@@ -64,7 +64,7 @@ pub(super) fn filled(
     }
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
     let found = Pieces::new(&columns, &lattice, &surface, fill.inner, options.material);
-    lattice.set_pieces(&found.pieces, &found.joined)?;
+    lattice.set_pieces(&found.all, &found.joined)?;
     let feet = columns.feet(&lattice);
     Ok((lattice, feet))
 }
@@ -122,7 +122,7 @@ impl Track {
         self.body.edit(|lattice| {
             // The pieces cover every needed cell, and are joined only where they touch.
             cells = lattice
-                .set_pieces(&found.pieces, &found.joined)
+                .set_pieces(&found.all, &found.joined)
                 .unwrap_or_default();
         });
         let feet = columns.feet(self.body.lattice());
@@ -238,6 +238,7 @@ impl Track {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
 mod tests {
     use super::*;
     use crate::cell::{ArmState, Observation};
@@ -310,7 +311,7 @@ mod tests {
         };
         // Surface was assumed here once; fewer such cells than a fourth are not worth a new analysis.
         let plant = |track: &mut Track, count: usize| {
-            for k in 0..count as i32 {
+            for k in (0..).take(count) {
                 track.body.ensure([20 + k, 0, 2], fill::LEAST);
             }
             track.body.lattice().cells().len()
