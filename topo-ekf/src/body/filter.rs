@@ -41,6 +41,8 @@ const IDLE: f64 = 3e-4;
 /// Depth to which points on the table at rest are assumed to be pressed into it, m: at exactly zero height rounding would decide whether they touch,
 /// and the first step would let them sink.
 const TOUCHING: f64 = 1e-9;
+/// Least weight in which the pull of the grips is expressed, in weights assumed before anything was lifted.
+const LIGHTEST: f64 = 0.5;
 /// Factor on the standard deviation of the motion after a release.
 const RELEASED: f64 = 3.0;
 /// Tracks the volume of a soft body: an elastic lattice deformed from rest by observations, grips and contacts.
@@ -420,7 +422,10 @@ impl BodyFilter {
         let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
         moves.sort_unstable_by(f64::total_cmp);
         let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let pulled = self.grip_force_in_weights(report).norm();
+        let (weight, assumed) = (self.weight.value(), self.options.initial_weight);
+        // A body that does not sag seems to weigh nothing, and any error of its shape to pull with many times its weight.
+        let share = weight / weight.max(LIGHTEST * assumed).max(f64::MIN_POSITIVE);
+        let pulled = self.grip_force_in_weights(report).norm() * share;
         let told = [
             ("motion of the surface, m", moved, motion),
             ("pull of the grips in weights of the body", pulled, pull),
