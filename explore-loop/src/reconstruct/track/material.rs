@@ -118,19 +118,19 @@ impl Track {
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
         let found = Pieces::new(columns, self.body.lattice(), &surface, inner, material);
-        let mut cells = Vec::new();
-        self.body.edit(|lattice| {
-            // The pieces cover every needed cell, and are joined only where they touch.
-            cells = lattice
-                .set_pieces(&found.all, &found.joined)
-                .unwrap_or_default();
+        let mut cells = None;
+        let edited = self.body.try_edit(|lattice| {
+            cells = lattice.set_pieces(&found.all, &found.joined).ok();
         });
         let feet = columns.feet(self.body.lattice());
         if !feet.is_empty() {
             self.body.set_feet(feet);
         }
         self.embed_anew();
-        self.remove_abandoned(cells.get(..found.filled).unwrap_or_default());
+        // The pieces cover every needed cell, and are joined only where they touch; if that fails nonetheless, the body is as before.
+        if let Some(cells) = cells.filter(|_| edited.is_ok()) {
+            self.remove_abandoned(&cells[..found.filled]);
+        }
     }
 
     /// Removes the cells without material, surface and grips, if they are more than a share of all: where the rest shape has changed often, they would
