@@ -9,6 +9,7 @@ mod frame;
 mod input;
 mod model;
 mod nodes;
+mod off_rigid;
 mod options;
 mod prior;
 mod register;

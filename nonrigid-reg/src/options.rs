@@ -50,8 +50,8 @@ pub struct Options {
     /// Standard deviation of an image feature, in m; a robust weight suppresses outliers.
     pub feature_sigma: f64,
     /// Without landmarks, features or `initial`: share of matched source points, at the start or at the end, below which the
-    /// registration also starts from [`align_rigid`](crate::align_rigid) and the better result is taken. 0: only if it failed. 1: always, which also
-    /// finds a turn in place, where most points find wrong matches from rest.
+    /// registration also starts from [`align_rigid`](crate::align_rigid) and the better result is taken; so it does when it has not converged and bends
+    /// the source by more than 4 % of its size. 0: only if it failed. 1: always.
     pub align_below: f64,
     /// Share of matched source points below which the status is [`Status::LowOverlap`](crate::Status::LowOverlap).
     pub min_overlap: f64,

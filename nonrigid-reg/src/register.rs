@@ -22,11 +22,19 @@ use crate::error::Error;
 use crate::frame::{Frame, State};
 use crate::input::Input;
 use crate::model::Model;
+use crate::off_rigid::off_rigid;
 use crate::options::Options;
 use crate::registration::{Feature, Landmark, LandmarkField, Registration, Status};
 use crate::system::{Solver, System};
 use crate::target::Target;
 use crate::traits::{Correspondence, Progress, Rejection, Residual, Termination};
+
+/// Distance from rigid, in sizes of the source, from which on a search from rest that did not converge may have bent the source into a wrong place. True
+/// bends of a few millimetres are at 0.01 to 0.02; a turn in place that was taken for a bend is at 0.11 in the median.
+const BENT: f64 = 0.04;
+/// Difference below which two overlaps count as equal, and ratio of the distances from rigid below which one is much less: of two motions that match as much, the one that bends much less is taken.
+const AS_MUCH: f64 = 0.1;
+const LESS_BENT: f64 = 0.5;
 
 /// Registers `source` onto `target`: [`Registrar::register`] for a single pair.
 ///
@@ -153,7 +161,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
     ///
     /// `initial` is a predicted displacement of every source point: the search starts from it instead of from rest,
     /// and is tied to it with the weight [`Options::prediction`]. With neither landmarks, features nor `initial`, and if too few points
-    /// are matched from rest (see [`Options::align_below`]), the search starts from [`align_rigid`].
+    /// are matched from rest or the source is bent without convergence (see [`Options::align_below`]), the search starts from [`align_rigid`].
     ///
     /// # Errors
     /// Clouds of fewer than four points or of mismatched slices, coordinates that are not finite, a negative `sigma`, landmarks that contradict
@@ -179,20 +187,37 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         self.kept.target = Some(self.take_target(target)?);
         let (result, met) = self.follow(&input, None)?;
         let free = landmarks.is_empty() && features.is_empty() && initial.is_none();
-        if free && is_poor(&result, met, &self.options) {
+        if free && self.is_poor(source, &result, met) {
             return self.realign(&input, result);
         }
         Ok(result)
     }
 
+    /// Whether the search from rest has probably ended beside the true motion: it failed, too few points matched at its beginning or end, or it did not
+    /// converge and bends the source.
+    fn is_poor(&self, source: &Cloud, result: &Registration, met: f64) -> bool {
+        let failed = matches!(
+            result.status,
+            Status::LowOverlap { .. } | Status::HighResidual { .. }
+        );
+        let asked = self.options.align_below > 0.0;
+        let few = met.min(result.overlap) < self.options.align_below;
+        let bent = || off_rigid(source.points, &result.displacements) > BENT;
+        failed || few || asked && result.status != Status::Converged && bent()
+    }
+
     /// Only the clouds are given, and they were not brought together from rest: starts again from a rigid alignment.
     fn realign(&mut self, input: &Input, poor: Registration) -> Result<Registration, Error> {
+        let bent = |result: &Registration| off_rigid(input.source.points, &result.displacements);
         let found = align_rigid(input.source, input.target)?;
-        if found.overlap <= poor.overlap {
+        let (poor_bent, promises) = (bent(&poor), found.overlap > poor.overlap);
+        if !promises && poor_bent <= BENT {
             return Ok(poor);
         }
         let (aligned, _) = self.follow(input, Some(&found))?;
-        let better = aligned.overlap > poor.overlap;
+        let more = promises && aligned.overlap > poor.overlap;
+        let as_much = aligned.overlap > poor.overlap - AS_MUCH;
+        let better = more || as_much && bent(&aligned) < LESS_BENT * poor_bent;
         Ok(if better { aligned } else { poor })
     }
 
@@ -366,14 +391,6 @@ fn start(
         return frame.landmark_field(fixed, system, solver);
     }
     Ok(state)
-}
-
-fn is_poor(result: &Registration, met: f64, options: &Options) -> bool {
-    let failed = matches!(
-        result.status,
-        Status::LowOverlap { .. } | Status::HighResidual { .. }
-    );
-    failed || met.min(result.overlap) < options.align_below
 }
 
 fn largest_step(a: &[Vector3<f64>], b: &[Vector3<f64>]) -> f64 {
