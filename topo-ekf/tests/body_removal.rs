@@ -68,7 +68,7 @@ fn the_rest_goes_on_as_if_the_cells_had_never_been() {
     let (a, b) = (corner(&mixed), corner(&plain));
     lift(&mut mixed, a, 0, 5);
     lift(&mut plain, b, 0, 5);
-    let renumbered = mixed.remove_cells(&keep).unwrap();
+    let renumbered = mixed.retain_cells(&keep).unwrap();
     assert_eq!(renumbered.cell(a), Some(b));
     assert_eq!(mixed.lattice().cells(), plain.lattice().cells());
     assert_eq!(mixed.lattice().rest(), plain.lattice().rest());
@@ -84,7 +84,7 @@ fn the_rest_goes_on_as_if_the_cells_had_never_been() {
 fn what_cannot_be_is_refused_and_changes_nothing() {
     let (mut mixed, _, keep) = with_and_without();
     let before = format!("{:?} {:?}", mixed.lattice(), mixed.pose());
-    let short = mixed.remove_cells(&keep[1..]);
+    let short = mixed.retain_cells(&keep[1..]);
     assert!(matches!(
         short,
         Err(Error::CellOutOfRange { .. } | Error::Length { .. })
@@ -92,7 +92,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     let mut without_foot = keep.clone();
     without_foot[0] = false;
     assert!(matches!(
-        mixed.remove_cells(&without_foot),
+        mixed.retain_cells(&without_foot),
         Err(Error::CellOutOfRange {
             what: "foot",
             index: 0,
@@ -101,7 +101,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
     ));
     mixed.set_feet(vec![]);
     assert!(matches!(
-        mixed.remove_cells(&keep[1..]),
+        mixed.retain_cells(&keep[1..]),
         Err(Error::Length {
             found: 14,
             expected: 15,
@@ -109,7 +109,7 @@ fn what_cannot_be_is_refused_and_changes_nothing() {
         })
     ));
     assert_eq!(
-        mixed.remove_cells(&vec![false; keep.len()]),
+        mixed.retain_cells(&vec![false; keep.len()]),
         Err(Error::NoVertices)
     );
     assert_eq!(format!("{:?} {:?}", mixed.lattice(), mixed.pose()), before);
@@ -154,7 +154,7 @@ proptest! {
         let mut keep = marks[..lattice.cells().len()].to_vec();
         keep[usize::from(seed) % lattice.cells().len()] = true;
         let before = body.pose().clone();
-        let renumbered = body.remove_cells(&keep).unwrap();
+        let renumbered = body.retain_cells(&keep).unwrap();
         let now = body.lattice();
         prop_assert_eq!(now.cells().len(), keep.iter().filter(|k| **k).count());
         prop_assert_eq!(now.rest().len(), body.pose().live.len());

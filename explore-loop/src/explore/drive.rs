@@ -34,9 +34,9 @@ pub(super) enum Care {
     Empty,
     /// The jaws hold the body: slow when frames fit badly, stopped when they do not fit.
     Holding,
-    /// The same, and the motion ends where the table carries the body or it resists.
+    /// As [`Self::Holding`], and the motion ends where the table carries the body or the body resists.
     SettingDown,
-    /// The same, and the motion ends where it resists.
+    /// As [`Self::Holding`], and the motion ends where the body resists.
     Spreading,
     /// The body is being put down and tracking may be lost: only the arms count.
     PutDown,

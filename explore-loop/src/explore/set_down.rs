@@ -16,9 +16,10 @@ use crate::cell::{Observation, Plane};
 use grip_planner::Role;
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
-/// Force toward the table, in weights of the body, from which on the table carries it: soft bodies that lie on the table are pushed with 0.1 or less.
+/// Force toward the table, in weights of the body, from which on the table carries it: soft bodies that are set down are pushed with 0.1 (liver) to 0.5
+/// (peanut, colon).
 const PRESSED: f64 = 0.7;
-/// Increase of the force, in weights of the body, by which a body resists: soft ones spread with half of it.
+/// Increase of the force, in weights of the body, by which a body resists: livers spread with 0.4.
 const RESISTED: f64 = 1.0;
 /// Farthest that tips move outwards, metres.
 const MOST_OUTWARD: f64 = 0.06;

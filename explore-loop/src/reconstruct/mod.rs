@@ -364,7 +364,7 @@ impl Reconstructor {
     }
 
     /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, or earlier if one
-    /// is clearly better.
+    /// is clearly better, or if the solid one begins to lose the body and the hollow one is better.
     fn decide(&mut self, track: &mut Track, end: bool) {
         let Some(ratio) = self.hollow_over_solid(track) else {
             if end {

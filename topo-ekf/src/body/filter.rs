@@ -41,7 +41,7 @@ const IDLE: f64 = 3e-4;
 /// Depth to which points on the table at rest are assumed to be pressed into it, m: at exactly zero height rounding would decide whether they touch,
 /// and the first step would let them sink.
 const TOUCHING: f64 = 1e-9;
-/// Least weight in which the pull of the grips is expressed, in weights assumed before anything was lifted.
+/// Least weight in which the force of the grips is expressed, in weights assumed before anything was lifted.
 const LIGHTEST: f64 = 0.5;
 /// Factor on the standard deviation of the motion after a release.
 const RELEASED: f64 = 3.0;
@@ -54,7 +54,7 @@ const RELEASED: f64 = 3.0;
 /// table and every inequality holds to 1e-6 m, unless the report says `Infeasible`. The same calls give the same bits.
 ///
 /// # Limits
-/// Cells are removed only on request ([`Self::remove_cells`]); sheets closer than a cell are joined unless they are declared as separate pieces ([`Lattice::set_pieces`]); and the covariances treat the
+/// Cells are removed only on request ([`Self::retain_cells`]); sheets closer than a cell are joined unless they are declared as separate pieces ([`Lattice::set_pieces`]); and the covariances treat the
 /// rotations of cells as known.
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyFilter {
@@ -207,8 +207,13 @@ impl BodyFilter {
     }
 
     /// The force of the grips of a frame in weights of the body: one upwards when they carry all of it.
+    ///
+    /// The weight is here at least half of what was assumed before anything was lifted ([`BodyOptions::initial_weight`]): a rigid body does not sag, so
+    /// that it seems to weigh nothing, and any error of its shape to be a force of many weights.
     pub fn grip_force_in_weights(&self, report: &BodyReport) -> Vector3<f64> {
-        report.grip_force / self.weight().max(f64::MIN_POSITIVE)
+        let (weight, least) = (self.weight.value(), LIGHTEST * self.options.initial_weight);
+        let share = weight / weight.max(least).max(f64::MIN_POSITIVE);
+        report.grip_force * share / self.weight().max(f64::MIN_POSITIVE)
     }
 
     /// Elastic energy of the present pose, in units of the data: a row whose residual is its standard deviation costs 1/2.
@@ -422,10 +427,7 @@ impl BodyFilter {
         let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
         moves.sort_unstable_by(f64::total_cmp);
         let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let (weight, assumed) = (self.weight.value(), self.options.initial_weight);
-        // A body that does not sag seems to weigh nothing, and any error of its shape to pull with many times its weight.
-        let share = weight / weight.max(LIGHTEST * assumed).max(f64::MIN_POSITIVE);
-        let pulled = self.grip_force_in_weights(report).norm() * share;
+        let pulled = self.grip_force_in_weights(report).norm();
         let told = [
             ("motion of the surface, m", moved, motion),
             ("pull of the grips in weights of the body", pulled, pull),

@@ -67,7 +67,7 @@ impl Embedding {
 /// Cubes of one size, and their nodes at rest.
 ///
 /// Cells and nodes keep their indices: the lattice only grows, unless the filter is told to remove cells
-/// ([`BodyFilter::remove_cells`](super::BodyFilter::remove_cells)). Methods that take an index of a cell panic if there is no such
+/// ([`BodyFilter::retain_cells`](super::BodyFilter::retain_cells)). Methods that take an index of a cell panic if there is no such
 /// cell, as slices do; [`BodyFilter`](super::BodyFilter) checks every index that it is given.
 ///
 /// ```

@@ -10,7 +10,7 @@ use super::lattice::{Embedding, Lattice};
 use super::pose::Pose;
 use crate::Error;
 
-/// The new indices of cells and nodes after a removal ([`BodyFilter::remove_cells`](super::BodyFilter::remove_cells)).
+/// The new indices of cells and nodes after a removal ([`BodyFilter::retain_cells`](super::BodyFilter::retain_cells)).
 ///
 /// ```
 /// use topo_ekf::Plane;
@@ -26,7 +26,7 @@ use crate::Error;
 /// body.set_feet(Vec::new());
 /// let mut at = Embedding::new(2, [0.5; 3]);
 /// // The second cell is removed; what was embedded in the third is now in the second.
-/// let renumbered = body.remove_cells(&[true, false, true])?;
+/// let renumbered = body.retain_cells(&[true, false, true])?;
 /// at = renumbered.embedding(&at).ok_or(topo_ekf::Error::NoVertices)?;
 /// assert_eq!((at.cell, body.lattice().cells().len()), (1, 2));
 /// # Ok(())
@@ -90,7 +90,7 @@ impl Lattice {
     ///
     /// # Complexity
     /// Cells times logarithm of cells.
-    pub(super) fn remove_cells(&mut self, keep: &[bool]) -> Result<Renumbered, Error> {
+    pub(super) fn retain_cells(&mut self, keep: &[bool]) -> Result<Renumbered, Error> {
         if keep.len() != self.cells.len() {
             return Err(Error::Length {
                 what: "marks of cells",

@@ -43,9 +43,6 @@ pub(crate) fn interruption() -> Result<Arc<AtomicBool>, Failure> {
     Ok(interrupted)
 }
 
-/// A fault that occurs again after at most this time goes on, seconds: it is reported once.
-const SAME_FAULT: f64 = 2.0;
-
 /// Watches a run: progress on the terminal, the session file, the measures.
 pub(crate) struct Recorder<'a> {
     args: &'a RunArgs,
@@ -306,12 +303,9 @@ impl<'a> Recorder<'a> {
         self.so_far.report.note(text);
     }
 
-    /// Reports a fault of a frame, unless a frame less than [`SAME_FAULT`] before it had the same.
+    /// Reports a fault of a frame, unless it is the one before that goes on.
     fn fault(&mut self, fault: &FrameFault) {
-        let (kind, now) = (fault.word(), self.so_far.last_stamp);
-        let before = self.so_far.last_fault.replace((kind.into(), now));
-        let goes_on = |(earlier, then): (String, f64)| earlier == kind && now - then < SAME_FAULT;
-        if !before.is_some_and(goes_on) {
+        if !self.so_far.goes_on(fault) {
             self.note(fault.to_string());
         }
     }

@@ -5,7 +5,7 @@ use crate::{Failure, Reconstruction, RunArgs};
 use explore_loop::canonical::CanonicalModel;
 use explore_loop::cell::sim::Command;
 use explore_loop::checkpoint;
-use explore_loop::explore::SavedState;
+use explore_loop::explore::{FrameFault, SavedState};
 use explore_loop::measure::{MeasurerState, ShapeMeasures};
 use explore_loop::report::html::Report;
 use explore_loop::report::metrics::ConstraintMeasures;
@@ -69,7 +69,17 @@ impl Saved {
     }
 }
 
+/// A fault that occurs again within this time goes on, seconds.
+const SAME_FAULT: f64 = 2.0;
+
 impl SoFar {
+    /// Takes the fault of the next frame; whether it goes on from an earlier frame.
+    pub fn goes_on(&mut self, fault: &FrameFault) -> bool {
+        let (kind, now) = (fault.word(), self.last_stamp);
+        let before = self.last_fault.replace((kind.into(), now));
+        before.is_some_and(|(earlier, then)| earlier == kind && now - then < SAME_FAULT)
+    }
+
     /// How many manipulations there were before the last decision, in words.
     pub fn manipulated(&self) -> String {
         let attempts = self.shapes.len().saturating_sub(1);
@@ -102,4 +112,37 @@ pub(crate) struct SoFar {
     pub report: Report,
     /// Wall-clock time of the earlier sessions, seconds.
     pub wall: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_that_goes_on_is_reported_once() {
+        let mut so_far = SoFar::default();
+        let mut reported = |stamp: f64, fault: &FrameFault| {
+            so_far.last_stamp = stamp;
+            !so_far.goes_on(fault)
+        };
+        let foreign = |points| FrameFault::Foreign { points };
+        assert!(reported(1.0, &foreign(46)));
+        // In every frame of ten seconds, with other numbers.
+        assert!((1..100).all(|k| !reported(1.0 + 0.1 * f64::from(k), &foreign(k as usize))));
+        assert!(reported(11.0, &FrameFault::Frozen));
+        assert!(reported(11.1, &foreign(3)));
+        // Over for a while, and back.
+        assert!(reported(11.1 + 1.5 * SAME_FAULT, &foreign(3)));
+    }
+
+    #[test]
+    fn manipulations_given_up_are_told_apart() {
+        let mut so_far = SoFar::default();
+        assert_eq!(so_far.manipulated(), "0 manipulations");
+        so_far.shapes = vec![ShapeMeasures::default(); 4];
+        so_far.manipulations = 3;
+        assert_eq!(so_far.manipulated(), "3 manipulations");
+        so_far.manipulations = 1;
+        assert_eq!(so_far.manipulated(), "1 manipulations and 2 given up");
+    }
 }

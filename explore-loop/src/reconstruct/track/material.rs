@@ -152,7 +152,8 @@ impl Track {
             return;
         }
         self.keyframes.extend(self.body.lattice());
-        let Ok(renumbered) = self.body.remove_cells(&keep) else {
+        // The cells of the feet are kept, so this succeeds; if not, the body only stays larger than it needs to be.
+        let Ok(renumbered) = self.body.retain_cells(&keep) else {
             return;
         };
         let follow = |at: &mut Embedding| *at = renumbered.embedding(at).unwrap_or(*at);

@@ -58,16 +58,16 @@ impl BodyFilter {
         Ok(())
     }
 
-    /// Removes the cells that are not marked; the pose of the others stays. Points embedded in the body, and poses of it, are of use only with
-    /// their new indices, which are returned. Whoever refills a body for hours removes cells that have lost their material; the
-    /// time of a step depends on the number of cells.
+    /// Keeps the marked cells and removes the others; the pose of those kept stays as it is. Embedded points and poses that the caller holds must be given the
+    /// new indices, which are returned. For bodies that are refilled many times: the time of a step grows with the number of cells, so cells that have
+    /// lost their material should go.
     ///
     /// # Errors
     /// Not one mark for each cell, no cell marked, or a foot ([`Self::set_feet`]) in a cell that would be removed; the body is then unchanged.
     ///
     /// # Complexity
     /// Cells times logarithm of cells; the next step analyses its equations anew.
-    pub fn remove_cells(&mut self, keep: &[bool]) -> Result<Renumbered, Error> {
+    pub fn retain_cells(&mut self, keep: &[bool]) -> Result<Renumbered, Error> {
         let stands = |foot: &Foot| keep.get(foot.at.cell as usize) == Some(&true);
         if let Some(index) = self.feet.iter().position(|foot| !stands(foot)) {
             return Err(Error::CellOutOfRange {
@@ -77,7 +77,7 @@ impl BodyFilter {
                 cells: keep.iter().filter(|keep| **keep).count(),
             });
         }
-        let renumbered = self.lattice.remove_cells(keep)?;
+        let renumbered = self.lattice.retain_cells(keep)?;
         for foot in &mut self.feet {
             foot.at = renumbered.embedding(&foot.at).unwrap_or(foot.at);
         }
