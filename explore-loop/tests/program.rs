@@ -475,6 +475,22 @@ fn the_metrics_have_their_keys() {
     }
 }
 
+/// Grips are as fast as asked for only if what keeps them slower is left out; in no run are they faster.
+#[test]
+fn grips_reach_the_requested_speed_without_its_limits() {
+    let fastest = |run: &Ran| run.metrics()["fastest_grip_m_s"].as_f64().unwrap();
+    let limited = &twice()[0];
+    let allowed = limited.metrics()["speed_m_s"].as_f64().unwrap();
+    assert!((0.005..allowed + 1e-6).contains(&fastest(limited)));
+    let arguments = "run --scene ellipsoid --max-manipulations 1 --quiet --speed 150";
+    let mut arguments: Vec<&str> = arguments.split(' ').collect();
+    let slowed = fastest(&ran(&arguments));
+    assert!(slowed < 0.12, "{slowed}");
+    arguments.extend(["--without", "speed-limit"]);
+    let steady = fastest(&ran(&arguments));
+    assert!((0.149..0.15 + 1e-6).contains(&steady), "{steady}");
+}
+
 /// A run that may not touch the object sees one side: it ends with code 1, and its mesh is open.
 #[test]
 fn a_run_that_does_not_close_says_so() {

@@ -124,8 +124,15 @@ impl Explorer<'_> {
         if care == Care::Empty {
             return Ok(None);
         }
-        let options = GovernorOptions::default()
+        let defaults = GovernorOptions::default();
+        let least = if self.options.steady_speed {
+            1.0
+        } else {
+            defaults.least
+        };
+        let options = defaults
             .with_cruise(cruise.min(self.options.limits.holding.speed))
+            .with_least(least)
             .with_calm(CALM * self.options.spacing)
             .with_alarm(ALARM * self.options.spacing);
         Ok(Some(

@@ -93,6 +93,21 @@ pub enum Phase {
     Release,
 }
 
+impl std::fmt::Display for Phase {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Home => "arms go home",
+            Self::Look => "looking",
+            Self::Decide => "topology and plan",
+            Self::Reach => "reaching for the grips",
+            Self::Grasp => "closing the jaws",
+            Self::Manipulate => "lifting and turning",
+            Self::Lower => "lowering",
+            Self::Release => "letting go",
+        })
+    }
+}
+
 /// How an exploration ended.
 #[derive(Debug, Clone)]
 #[non_exhaustive]

@@ -16,6 +16,9 @@ pub struct ExploreOptions {
     /// Limits of the arms. Holding: the given speed, 0.05 m/s², 1 rad/s. Empty: 0.25 m/s, 0.4 m/s², 1.5 rad/s. Set-points are at most 30 mm
     /// apart.
     pub limits: Limits,
+    /// Whether grips move at their largest speed from beginning to end, instead of starting slowly and slowing down where frames fit badly. Default
+    /// false.
+    pub steady_speed: bool,
     /// Largest number of manipulations. Default 8.
     pub max_manipulations: usize,
     /// Largest number of consecutive failed grasps or slips. Default 4.
@@ -73,6 +76,7 @@ impl ExploreOptions {
                 empty,
                 step: 0.03,
             },
+            steady_speed: false,
             max_manipulations: 8,
             max_misses: 4,
             max_recoveries: 4,

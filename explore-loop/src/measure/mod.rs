@@ -11,6 +11,7 @@
 //! mesh report        watertight, Euler number, open and non-manifold edges, components
 //! prediction error   mean distance, live position of an unseen vertex → where its material point is
 //! slide              mean tangential part of the same distance for seen vertices
+//! grip speed         the largest speed of a tip that holds the object
 //! ```
 //!
 //! All shape measures are taken at rest, on points sampled evenly by area. They take plain slices of vertices and triangles, so
@@ -37,6 +38,7 @@
 //! | `support` | which share of its area was never seen? |
 //! | `mesh_report` | is it closed, manifold, one piece? |
 //! | `tracking` | do the vertices follow the material, according to the truth? |
+//! | `grip_speed` | how fast did the grips move? |
 //! | `tracks` | do they follow the material, according to a pixel tracker? |
 //! | `truth` | the true surface |
 //! | `from_points` | a closed surface through the points of a ground truth without triangles |
@@ -45,6 +47,7 @@
 mod doubled;
 mod from_points;
 mod gaps;
+mod grip_speed;
 mod mesh_report;
 mod sampling;
 mod shape;
@@ -56,6 +59,7 @@ mod tracks;
 mod truth;
 
 pub use doubled::{DoubledOptions, doubled};
+pub use grip_speed::GripSpeed;
 pub use mesh_report::MeshReport;
 pub use sampling::Sampling;
 pub use shape::{Comparison, FScore, ShapeMeasures, Spread, compare, explored, shape_difference};

@@ -69,7 +69,7 @@ impl PixelTracks {
         let &[_, tracks, numbers @ (2 | 3)] = &array.shape[..] else {
             return Err(MeasureError::BadTracks {
                 reason: format!(
-                    "an array of the shape {:?}, but it must be (frames, tracks, 2) or (frames, tracks, 3)",
+                    "an array of the shape {:?}, but must be (frames, tracks, 2) or (frames, tracks, 3)",
                     array.shape
                 ),
             });

@@ -123,8 +123,11 @@ pub struct Metrics {
     pub grips: String,
     /// Seed of the random numbers.
     pub seed: u64,
-    /// Largest grip speed, m/s.
+    /// Largest grip speed that was allowed, m/s.
     pub speed_m_s: Option<f64>,
+    /// Largest speed of a tip while it held the object, m/s; null if none did.
+    #[serde(default)]
+    pub fastest_grip_m_s: Option<f64>,
     /// Spacing ε of the model, metres.
     pub spacing_m: f64,
     /// Parts that were left out (`--without`).

@@ -41,7 +41,7 @@ const IDLE: f64 = 3e-4;
 /// Depth to which points on the table at rest are assumed to be pressed into it, m: at exactly zero height rounding would decide whether they touch,
 /// and the first step would let them sink.
 const TOUCHING: f64 = 1e-9;
-/// Least weight in which the force of the grips is expressed, in weights assumed before anything was lifted.
+/// Least weight in which the pull of the grips is judged, in weights assumed before anything was lifted.
 const LIGHTEST: f64 = 0.5;
 /// Factor on the standard deviation of the motion after a release.
 const RELEASED: f64 = 3.0;
@@ -206,14 +206,10 @@ impl BodyFilter {
         self.cell_weight() * mass
     }
 
-    /// The force of the grips of a frame in weights of the body: one upwards when they carry all of it.
-    ///
-    /// The weight is here at least half of what was assumed before anything was lifted ([`BodyOptions::initial_weight`]): a rigid body does not sag, so
-    /// that it seems to weigh nothing, and any error of its shape to be a force of many weights.
+    /// The force of the grips of a frame in weights of the body: one upwards when they carry all of it. Of a stiff body, which does not sag and
+    /// so seems to weigh nothing, small errors of its shape are forces of many weights.
     pub fn grip_force_in_weights(&self, report: &BodyReport) -> Vector3<f64> {
-        let (weight, least) = (self.weight.value(), LIGHTEST * self.options.initial_weight);
-        let share = weight / weight.max(least).max(f64::MIN_POSITIVE);
-        report.grip_force * share / self.weight().max(f64::MIN_POSITIVE)
+        report.grip_force / self.weight().max(f64::MIN_POSITIVE)
     }
 
     /// Elastic energy of the present pose, in units of the data: a row whose residual is its standard deviation costs 1/2.
@@ -427,7 +423,9 @@ impl BodyFilter {
         let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
         moves.sort_unstable_by(f64::total_cmp);
         let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let pulled = self.grip_force_in_weights(report).norm();
+        let (weight, least) = (self.weight.value(), LIGHTEST * self.options.initial_weight);
+        let share = weight / weight.max(least).max(f64::MIN_POSITIVE);
+        let pulled = self.grip_force_in_weights(report).norm() * share;
         let told = [
             ("motion of the surface, m", moved, motion),
             ("pull of the grips in weights of the body", pulled, pull),

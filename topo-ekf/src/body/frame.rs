@@ -28,7 +28,8 @@ pub struct Limits {
     /// The same in the frames after a release, when the body may fall, m.
     pub fall: f64,
     /// Largest total force of the grips, in weights of the body: grips that carry the body pull with about its weight, grips that slip or tear
-    /// with many times that. See [`BodyFilter::grip_force_in_weights`](super::BodyFilter::grip_force_in_weights).
+    /// with many times that. For this limit the weight is at least half of what was assumed before anything was lifted: a stiff body does not sag, seems to
+    /// weigh nothing, and would exceed any number of weights.
     pub pull: f64,
 }
 

@@ -146,13 +146,7 @@ impl BodyOptions {
                 "between 0 and 0.49",
             ),
             ("momentum", self.momentum, 0.0, 1.0, "between 0 and 1"),
-            (
-                "friction",
-                self.friction,
-                0.0,
-                f64::INFINITY,
-                "not negative",
-            ),
+            ("friction", self.friction, 0.0, f64::INFINITY, "at least 0"),
             ("touch", self.touch, 0.0, 1.0, "between 0 and 1"),
             ("tolerance", self.tolerance, 0.0, 1.0, "between 0 and 1"),
             (

@@ -55,7 +55,7 @@ pub(crate) struct Recorder<'a> {
     pub measurer: Option<Measurer>,
     bar: indicatif::ProgressBar,
     live: Live,
-    doing: &'static str,
+    doing: String,
     pace: Pace,
     started: Instant,
     interrupted: Arc<AtomicBool>,
@@ -99,7 +99,7 @@ impl<'a> Recorder<'a> {
             measurer: None,
             bar,
             live,
-            doing: "",
+            doing: String::new(),
             pace: Pace::default(),
             started: Instant::now(),
             interrupted,
@@ -362,6 +362,7 @@ impl<'a> Recorder<'a> {
             .into(),
             seed: args.seed,
             speed_m_s: Some(args.speed * 1e-3),
+            fastest_grip_m_s: self.so_far.grip_speed.fastest(),
             spacing_m: spacing,
             manipulations: outcome.manipulations,
             stop: outcome.stop.word().into(),
@@ -406,9 +407,9 @@ impl Watcher for Recorder<'_> {
         }
         match event {
             Event::Phase(phase) => {
-                self.bar.set_message(words::of_phase(phase));
+                self.bar.set_message(phase.to_string());
                 self.pace.phase(phase, self.so_far.last_stamp);
-                self.doing = words::of_phase(phase);
+                self.doing = phase.to_string();
                 self.so_far.report.phase(phase);
             }
             Event::Observed(observation) => self.record(observation)?,
@@ -418,6 +419,7 @@ impl Watcher for Recorder<'_> {
                 self.so_far.frames.push(report.frame_ms);
                 self.so_far.failures += usize::from(report.failure.is_some());
                 self.so_far.constraints.add(&report.constraints);
+                self.so_far.grip_speed.add(observation);
                 let errors = self.measure(observation, &report.measured, model)?;
                 self.so_far.lines.push_str(&frames::line(
                     observation.stamp,
@@ -429,7 +431,7 @@ impl Watcher for Recorder<'_> {
                     .report
                     .frame(observation, report, model, &errors);
                 if let Some(left) = self.pace.left(observation.stamp) {
-                    let doing = self.doing;
+                    let doing = &self.doing;
                     self.bar
                         .set_message(format!("{doing}, {left:.0} s of this motion left"));
                 }
@@ -447,7 +449,7 @@ impl Watcher for Recorder<'_> {
                 self.so_far.report.planned(what, plan, model);
             }
             Event::Fault(fault) => self.fault(fault),
-            Event::Trouble(trouble) => self.note(format!("{trouble}: the arms are stopped")),
+            Event::Trouble(trouble) => self.note(format!("arms stopped: {trouble}")),
             Event::Found => self.note("the body was found again".into()),
             Event::Manipulated(count) => self.so_far.manipulations = count,
             Event::State(state) => self.save(Some(state))?,

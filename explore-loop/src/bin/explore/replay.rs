@@ -14,7 +14,7 @@ use explore_loop::cell::replay::ReplayCell;
 use explore_loop::cell::{Cell, CellError, Observation};
 use explore_loop::explore::Event;
 use explore_loop::measure::{
-    Measurer, MeshReport, PixelTracks, TrackComparison, TrackErrors, TrueSurface,
+    GripSpeed, Measurer, MeshReport, PixelTracks, TrackComparison, TrackErrors, TrueSurface,
 };
 use explore_loop::reconstruct::{ColourFeatures, FrameReport, Reconstruct, ReconstructOptions};
 use explore_loop::report::frames;
@@ -268,6 +268,7 @@ impl<'a> Replay<'a> {
             frames: log.frames.len(),
             failed_frames: log.failures,
             constraints: log.constraints,
+            fastest_grip_m_s: log.grip_speed.fastest(),
             registration_ms: Timing::of(&log.registration),
             frame_ms: Timing::of(&log.frames),
             vertices: self.model().len(),
@@ -381,6 +382,7 @@ struct Log {
     /// Why the most recent frame that failed was not registered.
     failure: Option<String>,
     constraints: ConstraintMeasures,
+    grip_speed: GripSpeed,
     first_stamp: Option<f64>,
     last_stamp: f64,
     lines: String,
@@ -415,6 +417,7 @@ impl Log {
         self.failures += usize::from(report.failure.is_some());
         self.failure = report.failure.clone().or(self.failure.take());
         self.constraints.add(&report.constraints);
+        self.grip_speed.add(observation);
         self.report.frame(observation, report, model, errors);
         let line = frames::line(observation.stamp, report, model, errors);
         self.lines.push_str(&line);

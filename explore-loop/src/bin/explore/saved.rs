@@ -6,7 +6,7 @@ use explore_loop::canonical::CanonicalModel;
 use explore_loop::cell::sim::Command;
 use explore_loop::checkpoint;
 use explore_loop::explore::{FrameFault, SavedState};
-use explore_loop::measure::{MeasurerState, ShapeMeasures};
+use explore_loop::measure::{GripSpeed, MeasurerState, ShapeMeasures};
 use explore_loop::report::html::Report;
 use explore_loop::report::metrics::ConstraintMeasures;
 use serde::{Deserialize, Serialize};
@@ -101,6 +101,7 @@ pub(crate) struct SoFar {
     pub frames: Vec<f64>,
     pub failures: usize,
     pub constraints: ConstraintMeasures,
+    pub grip_speed: GripSpeed,
     pub shapes: Vec<ShapeMeasures>,
     pub betti: Vec<[usize; 3]>,
     pub last_stamp: f64,

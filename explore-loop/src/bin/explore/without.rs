@@ -39,7 +39,7 @@ pub(crate) enum Part {
     Stretching,
     /// Keeping a long body from being stood on its end
     Lying,
-    /// The speed limit by the motion of the surface between frames: the requested speed is tried
+    /// What keeps grips slower than the requested speed: the limits by the motion of the surface between frames, on rotation and on acceleration, and slowing down where frames fit badly
     SpeedLimit,
     /// Recovery: the first failed manipulation ends the run
     Recovery,
@@ -49,6 +49,9 @@ pub(crate) enum Part {
 const CERTAIN: f64 = 1e-9;
 /// Motion of the surface between frames that is never reached, metres.
 const UNLIMITED: f64 = 1.0;
+/// Acceleration, m/s², and rotation rate, rad/s, that do not limit grips at 0.25 m/s and 10 Hz.
+const ABRUPT: f64 = 2.5;
+const WHIRLING: f64 = 10.0;
 
 impl Part {
     /// The name on the command line.
@@ -99,6 +102,11 @@ impl Part {
         match self {
             Self::SurfaceTest => options.closed_by = ClosedBy::BettiNumbers,
             Self::Recovery => options.max_recoveries = 0,
+            Self::SpeedLimit => {
+                options.steady_speed = true;
+                options.limits.holding.acceleration = ABRUPT;
+                options.limits.holding.turn_rate = WHIRLING;
+            }
             _ => {}
         }
     }

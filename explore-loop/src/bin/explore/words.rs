@@ -1,6 +1,5 @@
-//! Texts for plans and phases of an exploration.
+//! Text for a plan.
 
-use explore_loop::explore::Phase;
 use grip_planner::Plan;
 
 /// A plan in one line.
@@ -23,18 +22,4 @@ pub fn of_plan(plan: &Plan) -> String {
         1e3 * plan.speed_limit,
         plan.motion.duration
     )
-}
-
-/// The phase in words.
-pub fn of_phase(phase: Phase) -> &'static str {
-    match phase {
-        Phase::Home => "arms go home",
-        Phase::Look => "looking",
-        Phase::Decide => "topology and plan",
-        Phase::Reach => "reaching for the grips",
-        Phase::Grasp => "closing the jaws",
-        Phase::Manipulate => "lifting and turning",
-        Phase::Lower => "lowering",
-        Phase::Release => "letting go",
-    }
 }

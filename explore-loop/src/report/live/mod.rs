@@ -279,9 +279,9 @@ impl Watcher for LiveView {
             Event::Frame(observation, report) => self.frame(observation, report, model),
             Event::Topology(topology) => self.decision(topology),
             Event::Planned(plan) => self.plan(plan),
-            Event::Phase(phase) => self.say(&format!("{phase:?}")),
+            Event::Phase(phase) => self.say(&phase.to_string()),
             Event::Fault(fault) => self.warn(&fault.to_string()),
-            Event::Trouble(trouble) => self.warn(&format!("{trouble}: the arms are stopped")),
+            Event::Trouble(trouble) => self.warn(&format!("arms stopped: {trouble}")),
             Event::Missed(arm) => self.warn(&format!("arm {arm} closed on nothing")),
             Event::Found => self.say("the body was found again"),
             _ => {}

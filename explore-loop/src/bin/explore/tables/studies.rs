@@ -3,7 +3,7 @@
 use super::ending::Ending;
 use super::study::{
     ACCURACY, ACCURACY_P95, AT_END, AT_START, BELOW_TABLE, COMPLETENESS, COMPLETENESS_P95,
-    DIFFERENCE, DIFFERENCE_REL, DOUBLED, F_SCORE, GAIN, HIDDEN, MANIPULATIONS, NEEDED,
+    DIFFERENCE, DIFFERENCE_REL, DOUBLED, F_SCORE, FASTEST, GAIN, HIDDEN, MANIPULATIONS, NEEDED,
     NON_MANIFOLD, Plot, REGISTRATION, ROBOT_TIME, Row, SLIDE, Study, TROUBLES, VERTICES,
 };
 use super::summary::Summary;
@@ -106,15 +106,16 @@ fn speed() -> Study {
     Study {
         name: "speed",
         title: "Speed of the grips",
-        about: "Liver, three arms, clouds at 10 Hz, grips led as fast as the speed given (figure 14 of the paper): the speed limit by how far the \
-                surface moves between two frames is left out.",
+        about: "Liver, three arms, clouds at 10 Hz, grips led at the speed given from beginning to end (figure 14 of the paper): without a ramp, \
+                without slowing down where frames fit badly, and without limits on rotation and on the motion of the surface between frames.",
         seeds: 5,
         keys: &["speed, mm/s"],
-        rows: ["15", "30", "60", "90", "120", "160", "200"]
+        rows: ["15", "30", "60", "90", "120", "200", "250"]
             .iter()
             .map(row)
             .collect(),
         columns: vec![
+            FASTEST,
             MANIPULATIONS,
             TROUBLES,
             DIFFERENCE,

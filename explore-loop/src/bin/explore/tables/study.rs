@@ -248,6 +248,9 @@ column!(
     2,
     |r| Some(1e3 * metrics(r)?.prediction_error_held_m?)
 );
+column!(FASTEST, "fastest_grip_mm_s", "fastest grip, mm/s", 0, |r| {
+    Some(1e3 * metrics(r)?.fastest_grip_m_s?)
+});
 column!(SLIDE, "slide_mm", "slide, mm", 2, |r| Some(
     1e3 * metrics(r)?.slide_m?
 ));
