@@ -38,14 +38,48 @@ pub fn displacement_cosine(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> Option<f64
 
 /// Limits beyond which an edge counts as distorted.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DistortionLimits {
-    /// Largest `A1`, m.
+    /// Largest `A1`, m. Default 0.02: about two spacings of 2,000 points on an object of 0.2 m.
     pub max_difference: f64,
-    /// Smallest `A2`.
+    /// Smallest `A2`. Default 0: directions up to 90° apart.
     pub min_cosine: f64,
-    /// Displacements shorter than this have no direction: `A2` is not tested, m.
+    /// Displacements shorter than this have no direction: `A2` is not tested, m. Default 0.01.
     pub min_displacement: f64,
+}
+
+impl Default for DistortionLimits {
+    fn default() -> Self {
+        Self {
+            max_difference: 0.02,
+            min_cosine: 0.0,
+            min_displacement: 0.01,
+        }
+    }
+}
+
+impl DistortionLimits {
+    /// Sets the largest difference of the displacements, m.
+    #[must_use]
+    pub fn with_max_difference(mut self, max_difference: f64) -> Self {
+        self.max_difference = max_difference;
+        self
+    }
+
+    /// Sets the smallest cosine between the displacements.
+    #[must_use]
+    pub fn with_min_cosine(mut self, min_cosine: f64) -> Self {
+        self.min_cosine = min_cosine;
+        self
+    }
+
+    /// Sets the smallest displacement that has a direction, m.
+    #[must_use]
+    pub fn with_min_displacement(mut self, min_displacement: f64) -> Self {
+        self.min_displacement = min_displacement;
+        self
+    }
 }
 
 /// What a cut has removed.
@@ -76,7 +110,7 @@ impl Complex {
     /// let complex = Complex::build(&points, &[Vector3::z_axis(); 4], Cylinder::new(0.06, 0.1)?, &Options::default())?;
     /// // The right half moves away.
     /// let (stays, goes) = (Vector3::zeros(), Vector3::new(0.05, 0.0, 0.0));
-    /// let limits = DistortionLimits { max_difference: 0.02, min_cosine: 0.0, min_displacement: 0.01 };
+    /// let limits = DistortionLimits::default().with_max_difference(0.03);
     /// assert_eq!(complex.distorted_edges(&[stays, stays, goes, goes], &limits)?, [[1, 2]]);
     /// # Ok::<(), cech_complex::Error>(())
     /// ```

@@ -194,6 +194,7 @@ fn check_tilt(tilt: f64) -> Result<(), Error> {
         Err(Error::OutOfRange {
             what: "tilt",
             value: tilt,
+            bound: "in [0, π/2)",
         })
     }
 }

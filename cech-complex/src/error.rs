@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 #[non_exhaustive]
 pub enum Error {
     /// A length or scale that has to be positive and finite is not.
-    #[error("{what} must be positive and finite, got {value}")]
+    #[error("{what} is {value}, but must be positive and finite")]
     NotPositive {
         /// Name of the parameter.
         what: &'static str,
@@ -15,12 +15,14 @@ pub enum Error {
         value: f64,
     },
     /// An angle lies outside `[0, π/2)`, or a cosine outside `[−1, 1]`.
-    #[error("{what} is out of range: {value}")]
+    #[error("{what} is {value}, but must be {bound}")]
     OutOfRange {
         /// Name of the parameter.
         what: &'static str,
         /// What was given.
         value: f64,
+        /// The admissible range, in words.
+        bound: &'static str,
     },
     /// The sampling is too coarse for the reach: any cylinder that covers its patch would meet another sheet.
     #[error(
@@ -86,7 +88,7 @@ pub enum Error {
     /// The complex would exceed `Options::max_simplices`.
     #[error(
         "up to scale {max_scale:.3} the complex has {count} simplices or more, the limit is {limit}: {}",
-        advice(*fitting_scale)
+        advice(*fitting_scale, *max_scale)
     )]
     TooManySimplices {
         /// Number of simplices when the limit was passed, or a lower bound by an estimate before counting.
@@ -124,8 +126,17 @@ pub enum Error {
     },
 }
 
+/// A fitting scale below this share of the one asked for is taken for a cylinder in millimetres around points in metres: it is
+/// 1000 times too large, and nobody asks for a scale so far beyond what fits.
+const SUSPECT: f64 = 0.05;
+
 /// Advice for too many simplices.
-fn advice(fitting_scale: f64) -> String {
+fn advice(fitting_scale: f64, max_scale: f64) -> String {
+    if fitting_scale > 0.0 && fitting_scale < SUSPECT * max_scale {
+        return "if the cylinder is in millimetres and the points are in metres, divide its radius and height by 1000; \
+                otherwise take smaller cylinders"
+            .into();
+    }
     let scale = if fitting_scale > 0.0 {
         format!("build up to max_scale {fitting_scale:.2}, ")
     } else {

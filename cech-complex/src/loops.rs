@@ -18,7 +18,7 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 const SCALE: f64 = 1.0;
 /// A boundary loop encloses a gap that the discs leave open, so it is longer than the circle of one disc. Shorter loops are pinholes of the
 /// strip of boundary vertices, not of the surface.
-const SHORTEST_RIM_IN_RADII: f64 = std::f64::consts::TAU;
+const SHORTEST_BOUNDARY_IN_RADII: f64 = std::f64::consts::TAU;
 
 /// A closed path over edges of the complex.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,45 +76,48 @@ impl Complex {
                 others,
             });
         }
-        let mut loops = self.rims(|v| kinds[v as usize] == VertexKind::Boundary);
+        let mut loops = self.boundaries(|v| kinds[v as usize] == VertexKind::Boundary);
         let broken = self.broken_strips(kinds, &loops);
         if broken.contains(&true) {
-            loops.extend(self.rims(|v| broken[v as usize]));
+            loops.extend(self.boundaries(|v| broken[v as usize]));
         }
         loops.sort_by(|a, b| b.length.total_cmp(&a.length));
         Ok(loops)
     }
 
     /// Long loops of the shortest basis of the subcomplex of some vertices.
-    fn rims(&self, wanted: impl Fn(u32) -> bool) -> Vec<BoundaryLoop> {
+    fn boundaries(&self, wanted: impl Fn(u32) -> bool) -> Vec<BoundaryLoop> {
         let strip = Part::new(self, SCALE, wanted);
         let mut loops = self.measure(strip.shortest_basis(self, |edge| self.length(edge).powi(2)));
-        loops.retain(|rim| rim.length > SHORTEST_RIM_IN_RADII * self.cylinder.radius());
+        loops.retain(|path| path.length > SHORTEST_BOUNDARY_IN_RADII * self.cylinder.radius());
         loops
     }
 
     /// Marks the strips of boundary vertices without one of `loops` along them, and the neighbours of these strips.
     fn broken_strips(&self, kinds: &[VertexKind], loops: &[BoundaryLoop]) -> Vec<bool> {
-        let at_rim = |v: u32| kinds[v as usize] == VertexKind::Boundary;
+        let at_boundary = |v: u32| kinds[v as usize] == VertexKind::Boundary;
         let edges = self.skeleton.edges.iter().zip(&self.skeleton.edge_values);
         let near: Vec<[u32; 2]> = edges
             .filter(|(_, value)| **value <= SCALE)
             .map(|(edge, _)| *edge)
             .collect();
         let mut strips = UnionFind::new(self.points.len());
-        for &[a, b] in near.iter().filter(|edge| edge.iter().all(|&v| at_rim(v))) {
+        for &[a, b] in near
+            .iter()
+            .filter(|edge| edge.iter().all(|&v| at_boundary(v)))
+        {
             strips.union(a, b);
         }
         let mut closed = vec![false; self.points.len()];
-        for v in loops.iter().filter_map(|rim| rim.vertices.first()) {
+        for v in loops.iter().filter_map(|path| path.vertices.first()) {
             closed[strips.find(*v) as usize] = true;
         }
-        let mut is_broken = |v: u32| at_rim(v) && !closed[strips.find(v) as usize];
+        let mut is_broken = |v: u32| at_boundary(v) && !closed[strips.find(v) as usize];
         let count = self.points.len() as u32;
         let mut broken: Vec<bool> = (0..count).map(&mut is_broken).collect();
         let strip = broken.clone();
         for [a, b] in near.into_iter().flat_map(|[a, b]| [[a, b], [b, a]]) {
-            broken[b as usize] |= strip[a as usize] && !at_rim(b);
+            broken[b as usize] |= strip[a as usize] && !at_boundary(b);
         }
         broken
     }

@@ -88,6 +88,7 @@ impl Options {
                 Err(Error::OutOfRange {
                     what: "min_cosine",
                     value: min_cosine,
+                    bound: "in [-1, 1]",
                 })
             }
             _ => Ok(()),

@@ -4,7 +4,7 @@
 //! CČC(P′) = { σ ∈ CČC(P) : σ has no changed vertex }  ∪  { σ : σ has one and f(σ) ≤ max_scale }
 //! ```
 //!
-//! A value depends only on the cylinders of its own simplex, so the union is bit for bit what a new build of `P′` would give.
+//! A value depends only on the cylinders of its own simplex, so the union is identical, bit for bit, to a new build of `P′`.
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;

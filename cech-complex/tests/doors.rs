@@ -63,6 +63,15 @@ fn bad_input_is_named() {
         assert!(Cylinder::from_spacing_and_reach(size, 1.0).is_err());
     }
     assert!(Cylinder::from_spacing_reach_and_tilt(0.1, 1.0, 1.6).is_err());
+    let text = |error: Error| error.to_string();
+    assert_eq!(
+        Cylinder::from_spacing_reach_and_tilt(0.1, 1.0, -1.0).map_err(text),
+        Err("tilt is -1, but must be in [0, π/2)".into())
+    );
+    assert_eq!(
+        Cylinder::new(-1.0, 1.0).map_err(text),
+        Err("radius is -1, but must be positive and finite".into())
+    );
     assert!(matches!(
         filtration_value(&[], &[], cylinder),
         Err(Error::SimplexSize { count: 0 })
@@ -222,11 +231,10 @@ fn distorted_edges_are_those_that_part_or_disagree() {
         Vector3::x() * 5.0,
         Vector3::y() * 5.0,
     ];
-    let limits = DistortionLimits {
-        max_difference: 2.0,
-        min_cosine: 0.5,
-        min_displacement: 0.1,
-    };
+    let limits = DistortionLimits::default()
+        .with_max_difference(2.0)
+        .with_min_cosine(0.5)
+        .with_min_displacement(0.1);
     let found = complex.distorted_edges(&displacements, &limits).unwrap();
     assert_eq!(found, [[0, 2], [1, 2], [1, 3], [2, 3]]);
     assert!(complex.distorted_edges(&[], &limits).is_err());

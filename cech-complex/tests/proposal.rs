@@ -197,6 +197,16 @@ fn what_will_not_fit_is_refused_with_a_scale_that_does() {
     assert!(build(0.95 * fitting_scale).is_ok() && build(1.1 * fitting_scale).is_err());
 }
 
+#[test]
+fn a_cylinder_in_millimetres_is_suspected() {
+    let cloud = TORUS.net(300, 1);
+    let spacing = 1000.0 * cloud.spacing;
+    let cylinder = Cylinder::new(1.25 * spacing, spacing).unwrap();
+    let options = Options::default().with_max_simplices(100_000);
+    let error = Complex::build(&cloud.points, &cloud.normals, cylinder, &options).unwrap_err();
+    assert!(error.to_string().contains("millimetres"), "{error}");
+}
+
 proptest! {
     #[test]
     fn a_net_is_apart_and_covers(

@@ -12,11 +12,10 @@ fn options_come_back() {
         .with_orientation(Orientation::Free);
     let text = serde_json::to_string(&options).unwrap();
     assert_eq!(serde_json::from_str::<Options>(&text).unwrap(), options);
-    let limits = DistortionLimits {
-        max_difference: 0.01,
-        min_cosine: 0.2,
-        min_displacement: 0.001,
-    };
+    let limits = DistortionLimits::default()
+        .with_max_difference(0.01)
+        .with_min_cosine(0.2)
+        .with_min_displacement(0.001);
     let text = serde_json::to_string(&limits).unwrap();
     assert_eq!(
         serde_json::from_str::<DistortionLimits>(&text).unwrap(),

@@ -67,7 +67,7 @@ fn drive(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let (moves, mut words) = (!arguments.read_only, arguments.output.words());
     writeln!(
         words,
-        "{} is {}, {:?}",
+        "{} is {}, {}",
         arm.name(),
         arm.status(),
         arm.dialect()
@@ -93,14 +93,14 @@ fn drive(arguments: &Arguments) -> Result<ExitCode, Failure> {
         writeln!(words, "it is not powered: no pose to read")?;
     }
     let events = arm.take_events().into_iter();
-    let events: Vec<String> = events.map(|event| format!("{:?}", event.kind)).collect();
+    let events: Vec<String> = events.map(|event| event.kind.to_string()).collect();
     for event in &events {
         writeln!(words, "  {event}")?;
     }
     arguments.output.object(&json!({
         "arm": arm.name(),
         "status": arm.status().to_string(),
-        "dialect": format!("{:?}", arm.dialect()),
+        "dialect": arm.dialect().to_string(),
         "poses": read,
         "events": events,
     }))?;
@@ -124,7 +124,7 @@ fn say(
     let [x, y, z] = [p.x, p.y, p.z].map(|metres| 1e3 * metres);
     writeln!(
         words,
-        "tips at ({x:.2}, {y:.2}, {z:.2}) mm, control point: {point:?}"
+        "tips at ({x:.2}, {y:.2}, {z:.2}) mm, control point: {point}"
     )?;
     let (joints, angle) = (joints.value, jaw.value.angle);
     writeln!(words, "  joints {joints:.4?}, jaw {angle:.3} rad")?;

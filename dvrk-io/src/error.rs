@@ -124,7 +124,7 @@ pub enum Error {
         point: [f64; 3],
     },
     /// A quantity is NaN, infinite, or out of its range.
-    #[error("{what} is {value}: {expected}")]
+    #[error("{what} is {value}, but {expected}")]
     OutOfRange {
         /// Which quantity.
         what: &'static str,
@@ -273,7 +273,7 @@ pub enum Error {
         length: usize,
     },
     /// A network setting is invalid.
-    #[error("{what} is `{value}`: {expected}")]
+    #[error("{what} is `{value}`, but must be {expected}")]
     BadNetwork {
         /// The setting.
         what: &'static str,

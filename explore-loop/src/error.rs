@@ -11,13 +11,13 @@ use std::path::PathBuf;
 #[non_exhaustive]
 pub enum Error {
     /// The spacing is not positive and finite.
-    #[error("the spacing must be a positive length, not {spacing} m")]
+    #[error("spacing is {spacing}, but must be positive and finite, metres")]
     BadSpacing {
         /// The value given, metres.
         spacing: f64,
     },
     /// A setting is out of its range.
-    #[error("the setting {name} must be {needed}, not {value}")]
+    #[error("{name} is {value}, but must be {needed}")]
     BadSetting {
         /// Its name.
         name: &'static str,

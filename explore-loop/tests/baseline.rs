@@ -248,7 +248,7 @@ fn what_cannot_be_used_is_said() -> Tested {
         .ok_or("taken")?;
     assert_eq!(
         error.to_string(),
-        "the setting coarsening must be finite and more than 1, not 1"
+        "coarsening is 1, but must be finite and more than 1"
     );
     Ok(())
 }

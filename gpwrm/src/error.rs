@@ -18,7 +18,7 @@ pub enum Error {
         found: usize,
     },
     /// A coordinate is not finite, or beyond 1e60, where its square would overflow.
-    #[error("{what} {index} has coordinate {value:e}, which is not finite or beyond 1e60")]
+    #[error("a coordinate of {what} {index} is {value:e}, but must be finite and within ±1e60")]
     BadCoordinate {
         /// Which slice.
         what: &'static str,
@@ -28,7 +28,7 @@ pub enum Error {
         value: f64,
     },
     /// An option is out of range.
-    #[error("{option} = {value}, but it must be {bound}")]
+    #[error("{option} is {value}, but must be {bound}")]
     BadOption {
         /// Name of the option.
         option: &'static str,

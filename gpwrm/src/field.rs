@@ -64,18 +64,18 @@ pub struct Field {
     pub(crate) fits: Vec<NodalFit>,
     pub(crate) options: FieldOptions,
     /// How well each node's displacement is known; empty if all were given.
-    pub(crate) hearsay: Vec<Hearsay>,
+    pub(crate) inherited: Vec<Inherited>,
 }
 
 /// Uncertainty of a node's displacement that was evaluated from other fields: the worst of them.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Hearsay {
+pub(crate) struct Inherited {
     pub determinacy: Determinacy,
     pub extrapolation: f64,
     pub extrapolated: bool,
 }
 
-impl Hearsay {
+impl Inherited {
     /// As certain as a given displacement.
     pub const GIVEN: Self = Self {
         determinacy: Determinacy::Determined,
@@ -114,7 +114,7 @@ impl Field {
             displacements: displacements.to_vec(),
             fits: Vec::new(),
             options: options.clone(),
-            hearsay: Vec::new(),
+            inherited: Vec::new(),
         };
         field.fits = map_indexed(nodes.len(), |i| field.fit(i, &Rotation3::identity()));
         field.spread_rotations();
@@ -157,20 +157,20 @@ impl Field {
             let bracket = value + self.fits[part.node].gradient * centre / 2.0;
             gradient += bracket * part.slope.transpose();
         }
-        let extrapolation = |h: &Hearsay| h.extrapolation;
+        let extrapolation = |h: &Inherited| h.extrapolation;
         Sample {
             displacement,
             gradient,
             determinacy: self.determinacy(parts),
-            extrapolation: place.distance.max(self.heard(parts, extrapolation)),
+            extrapolation: place.distance.max(self.inherited(parts, extrapolation)),
             extrapolated: !place.reached
-                || self.heard(parts, |h| f64::from(u8::from(h.extrapolated))) >= 0.5,
+                || self.inherited(parts, |h| f64::from(u8::from(h.extrapolated))) >= 0.5,
         }
     }
 
     /// Mean over the parts of a quantity of nodes whose displacement was evaluated from other fields.
-    fn heard(&self, parts: &[Part], what: impl Fn(&Hearsay) -> f64) -> f64 {
-        let of = |part: &Part| Some(part.weight * what(self.hearsay.get(part.node)?));
+    fn inherited(&self, parts: &[Part], what: impl Fn(&Inherited) -> f64) -> f64 {
+        let of = |part: &Part| Some(part.weight * what(self.inherited.get(part.node)?));
         parts.iter().filter_map(of).sum()
     }
 
@@ -208,9 +208,9 @@ impl Field {
 
     /// How well the gradient at node `i` is determined, by its neighbours and by the fields from which its displacement was evaluated.
     fn known(&self, i: usize) -> Determinacy {
-        let heard = self.hearsay.get(i).map(|h| h.determinacy);
+        let inherited = self.inherited.get(i).map(|h| h.determinacy);
         let own = self.fits[i].determinacy;
-        heard.map_or(own, |heard| own.min(heard))
+        inherited.map_or(own, |level| own.min(level))
     }
 
     /// `u_i + (G_i + Ḡ)(p − x_i)/2`.

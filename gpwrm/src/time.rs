@@ -13,7 +13,7 @@
 use nalgebra::{Point3, Vector3};
 
 use crate::error::{Error, check_coordinates, check_length};
-use crate::field::{Field, Hearsay};
+use crate::field::{Field, Inherited};
 use crate::options::Sample;
 
 impl Field {
@@ -53,7 +53,7 @@ impl Field {
     /// `later`, with the uncertainty of the nodes of this field.
     fn handing_on(&self, later: Self) -> Self {
         Self {
-            hearsay: self.hearsay.clone(),
+            inherited: self.inherited.clone(),
             ..later
         }
     }
@@ -85,15 +85,18 @@ impl Field {
         let samples = next.evaluate_all(&live);
         let motion: Vec<Vector3<f64>> = samples.iter().map(|s| s.displacement).collect();
         let known = |(i, s): (usize, &Sample)| {
-            let next = Hearsay {
+            let next = Inherited {
                 determinacy: s.determinacy,
                 extrapolation: s.extrapolation,
                 extrapolated: s.extrapolated,
             };
-            self.hearsay.get(i).unwrap_or(&Hearsay::GIVEN).and(&next)
+            self.inherited
+                .get(i)
+                .unwrap_or(&Inherited::GIVEN)
+                .and(&next)
         };
         Ok(Self {
-            hearsay: samples.iter().enumerate().map(known).collect(),
+            inherited: samples.iter().enumerate().map(known).collect(),
             ..self.advance(&motion)?
         })
     }

@@ -195,7 +195,10 @@ fn wrong_files_are_named_with_line_and_value() {
             "ux,uy,uz,x,y,z\n0,0,0,0,0,0\n",
             "nodes.csv: line 1: column \"ux\" stands where \"x\" belongs",
         ),
-        ("1e99,0,0,0,0,0\n", "nodes.csv: node 0 has coordinate 1e99"),
+        (
+            "1e99,0,0,0,0,0\n",
+            "nodes.csv: a coordinate of node 0 is 1e99",
+        ),
         ("", "nodes.csv: no nodes were given"),
         (
             "0,0,0,0,0,x1\n",

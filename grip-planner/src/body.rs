@@ -6,7 +6,6 @@
 //! A part of a tool is a segment; its thickness, half a jaw, is added to the vertices. Surfaces sampled
 //! more finely than that have no gaps. The hierarchy (parry) makes a query logarithmic where nothing is near, which is the usual case; a plan
 //! makes a few thousand queries.
-//! asks a few thousand times.
 
 use nalgebra::{Isometry3, Point3};
 use parry3d_f64::bounding_volume::Aabb;

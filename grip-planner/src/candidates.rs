@@ -126,8 +126,9 @@ impl<'a> Search<'a> {
 
     fn run(&self) -> Candidates {
         let mut rejected = Vec::new();
-        let rim = (0..self.model.points.len() as u32).filter(|&v| self.model.boundary[v as usize]);
-        let reachable = self.examine(rim, &mut rejected);
+        let boundary =
+            (0..self.model.points.len() as u32).filter(|&v| self.model.boundary[v as usize]);
+        let reachable = self.examine(boundary, &mut rejected);
         let fill = self.options.source == CandidateSource::BoundaryThenVisible;
         // A quarter is reserved for the outline: the boundary may be on one side only.
         let room = if fill {

@@ -35,6 +35,14 @@ pub enum Error {
         /// Index of the normal.
         index: usize,
     },
+    /// The length of a normal differs from 1 by more than 0.001.
+    #[error("length of normal {index} is {length}, but must be 1")]
+    BadNormal {
+        /// Index of the normal.
+        index: usize,
+        /// Its length.
+        length: f64,
+    },
     /// The vector area of a hidden piece is NaN or infinite.
     #[error("the vector area of hidden piece {index} is not finite")]
     NonFiniteHidden {
@@ -42,7 +50,7 @@ pub enum Error {
         index: usize,
     },
     /// An area is negative, NaN or infinite.
-    #[error("area {index} is {area}, not a finite number of at least 0")]
+    #[error("area {index} is {area}, but must be finite and at least 0")]
     BadArea {
         /// Index of the vertex.
         index: usize,
@@ -78,6 +86,14 @@ pub enum Error {
         value: f64,
         /// The range.
         expected: &'static str,
+    },
+    /// A target weight is negative, NaN or infinite.
+    #[error("target weight {index} is {weight}, but must be finite and at least 0")]
+    BadTargetWeight {
+        /// Index of the vertex.
+        index: usize,
+        /// The weight.
+        weight: f64,
     },
     /// A property of an arm is not finite or not positive.
     #[error("arm {arm}: {what} is invalid")]

@@ -4,8 +4,7 @@
 //! P K Pᵀ = L Lᵀ,   Z = (L Lᵀ)⁻¹,   Z_ij = δ_ij / L_jj² − Σ_{k>j} (L_kj / L_jj) Z_ik
 //! ```
 //!
-//! costs about as much as the factorisation (Erisman and Tinney 1975). This makes `tr(S K⁻¹)` exact and cheap.
-//! costs about as much as the factorisation (Erisman and Tinney 1975). That is what makes `tr(S K⁻¹)` exact and cheap.
+//! The selected inverse costs about as much as the factorisation (Erisman and Tinney 1975). This makes `tr(S K⁻¹)` exact and cheap.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;

@@ -25,6 +25,36 @@ impl Coverage {
     ///
     /// # Complexity
     /// `O(g³ + g n)`.
+    ///
+    /// ```
+    /// # use grip_planner::nalgebra::{Point3, Vector3};
+    /// # use grip_planner::{Coverage, CoverageOptions, Model, Plane, Stiffness};
+    /// # let points = [0.0, 0.1, 0.2].map(|x| Point3::new(x, 0.0, 0.05));
+    /// # let up = Vector3::z_axis();
+    /// # let model = Model {
+    /// #     points: &points,
+    /// #     normals: &[up; 3],
+    /// #     areas: &[1e-4; 3],
+    /// #     edges: &[],
+    /// #     boundary: &[false; 3],
+    /// #     visible: &[true; 3],
+    /// #     hidden: &[],
+    /// # };
+    /// # let table = Plane { normal: up, offset: 0.0 };
+    /// // Vertices 0 and 1 are joined by a spring as stiff as their anchors; vertex 2 is apart.
+    /// let mut stiffness = Stiffness::membrane(&model, &table, &CoverageOptions::default())?;
+    /// let anchor = stiffness.anchors()[0];
+    /// stiffness.couple([0, 1], anchor)?;
+    ///
+    /// // Pulled at vertex 0, vertex 1 moves half as far and vertex 2 stays.
+    /// let coverage = Coverage::with_stiffness(&stiffness, &[1.0; 3], &[0])?;
+    /// let field = coverage.field(&[(0, Vector3::x())])?;
+    /// for (velocity, expected) in field.iter().zip([1.0, 0.5, 0.0]) {
+    ///     assert!((velocity.x - expected).abs() < 1e-12);
+    ///     assert!(velocity.y.abs() < 1e-12 && velocity.z.abs() < 1e-12);
+    /// }
+    /// # Ok::<(), grip_planner::Error>(())
+    /// ```
     pub fn field(&self, grips: &[(u32, Vector3<f64>)]) -> Result<Vec<Vector3<f64>>, Error> {
         let vertices: Vec<u32> = grips.iter().map(|g| g.0).collect();
         let columns = self.distinct(&vertices)?;

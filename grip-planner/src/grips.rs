@@ -188,6 +188,67 @@ pub struct Ranked {
 ///
 /// # Complexity
 /// `m` candidates: one factorisation, `m` solves, `4·m²/2` pair scores.
+///
+/// With the cushion and the two arms of the [crate's example](crate):
+///
+/// ```
+/// use grip_planner::{Options, plan_grips};
+/// # use grip_planner::nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
+/// # use grip_planner::{Arm, Model, Plane, Scene, Workspace};
+/// # let up = -Vector3::z_axis();
+/// # let (mut points, mut normals, mut boundary) = (vec![], vec![], vec![]);
+/// # for (i, j) in (0..21).flat_map(|i| (0..13).map(move |j| (i, j))) {
+/// #     let (x, y) = (0.01 * f64::from(i - 10), 0.01 * f64::from(j - 6));
+/// #     let on_boundary = i == 0 || i == 20 || j == 0 || j == 12;
+/// #     points.push(Point3::new(x, y, if on_boundary { 0.485 } else { 0.47 }));
+/// #     let out = UnitVector3::new_normalize(Vector3::new(x / 0.1, y / 0.06, -0.3));
+/// #     normals.push(if on_boundary { out } else { up });
+/// #     boundary.push(on_boundary);
+/// # }
+/// # let near = |a: &Point3<f64>, b: &Point3<f64>| (a.xy() - b.xy()).norm() < 0.015;
+/// # let edges: Vec<[u32; 2]> = (0..points.len())
+/// #     .flat_map(|a| (0..a).map(move |b| [b, a]))
+/// #     .filter(|&[a, b]| near(&points[a], &points[b]))
+/// #     .map(|e| e.map(|v| v as u32))
+/// #     .collect();
+/// # let model = Model {
+/// #     points: &points,
+/// #     normals: &normals,
+/// #     areas: &vec![1e-4; points.len()],
+/// #     edges: &edges,
+/// #     boundary: &boundary,
+/// #     visible: &vec![true; points.len()],
+/// #     hidden: &[],
+/// # };
+/// # let arms = [-0.3, 0.3].map(|x| {
+/// #     let base = Point3::new(x, 0.0, 0.25);
+/// #     Arm {
+/// #         base,
+/// #         workspace: Workspace::Ball { center: base, radius: 0.6 },
+/// #         home: Isometry3::translation(x, 0.0, 0.3),
+/// #         max_speed: 0.1,
+/// #     }
+/// # });
+/// # let scene = Scene {
+/// #     table: Plane { normal: up, offset: 0.5 },
+/// #     arms: &arms,
+/// #     camera: Point3::origin(),
+/// #     jaw_radius: 0.005,
+/// #     shaft_length: 0.05,
+/// #     jaw_separation: 0.02,
+/// #     clearance: 0.003,
+/// # };
+/// let ranked = plan_grips(&model, &scene, &Options::default())?;
+/// assert!(ranked.sets.windows(2).all(|pair| pair[0].score >= pair[1].score));
+/// // Two arms hold the half away from the pivot.
+/// let best = &ranked.sets[0];
+/// assert_ne!(best.grips[0].arm, best.grips[1].arm);
+/// for vertex in best.vertices() {
+///     let along = best.turn.local(&points[vertex as usize]).y;
+///     assert!(along > 0.5 * best.turn.span);
+/// }
+/// # Ok::<(), grip_planner::Refusal>(())
+/// ```
 pub fn plan_grips(model: &Model, scene: &Scene, options: &Options) -> Result<Ranked, Refusal> {
     rank(model, scene, options, None)
 }

@@ -11,6 +11,9 @@ use nalgebra::{Point3, UnitVector3, Vector3};
 
 use crate::Error;
 
+/// Largest deviation of the length of a normal from 1.
+const UNIT: f64 = 1e-3;
+
 /// A partly known surface: one entry per vertex, live positions.
 #[derive(Debug, Clone, Copy)]
 pub struct Model<'a> {
@@ -32,7 +35,7 @@ pub struct Model<'a> {
 }
 
 impl Model<'_> {
-    /// Rejects slices of different lengths, values that are not finite, edges to vertices that do not exist.
+    /// Rejects slices of different lengths, values that are not finite, normals that are not unit vectors, edges to vertices that do not exist.
     pub(crate) fn check(&self) -> Result<(), Error> {
         let points = self.points.len();
         if points == 0 {
@@ -58,6 +61,10 @@ impl Model<'_> {
             .position(|n| !n.iter().all(|x| x.is_finite()))
         {
             return Err(Error::NonFiniteNormal { index });
+        }
+        let lengths = self.normals.iter().map(|n| n.norm());
+        if let Some((index, length)) = lengths.enumerate().find(|(_, l)| (l - 1.0).abs() > UNIT) {
+            return Err(Error::BadNormal { index, length });
         }
         if let Some((index, &area)) = self
             .areas

@@ -134,6 +134,42 @@ impl ArmPath {
 }
 
 /// A motion of several arms, checked and timed.
+///
+/// ```
+/// use grip_planner::nalgebra::{Isometry3, Vector3};
+/// use grip_planner::{ArmPath, Keyframe, Leg, Motion, Role, Stage};
+///
+/// // Up (−z) by 0.1 m in 5 s, then to the side by 0.2 m in 5 s.
+/// let key = |time: f64, x: f64, z: f64| Keyframe {
+///     time,
+///     camera_from_tip: Isometry3::translation(x, 0.0, z),
+/// };
+/// let path = ArmPath {
+///     arm: 0,
+///     role: Role::Lift,
+///     keyframes: vec![key(0.0, 0.0, 0.4), key(5.0, 0.0, 0.3), key(10.0, 0.2, 0.3)],
+///     release: 10.0,
+///     camera_from_retreat: Isometry3::translation(0.2, 0.0, 0.25),
+/// };
+/// let legs = [(Stage::Lift, 5.0), (Stage::Lower, 10.0)].map(|(stage, until)| Leg { stage, until });
+/// let motion = Motion { arms: vec![path], duration: 10.0, legs: legs.to_vec() };
+///
+/// // It is never faster than 0.04 m/s: with a quarter of that, its time runs four times more slowly.
+/// assert!((motion.rate(0.01) - 0.25).abs() < 1e-12);
+/// assert_eq!(motion.rate(0.1), 1.0);
+///
+/// // On from 6 s, when the tip is at x = 0.04, and back from there.
+/// let (on, back) = (motion.onward(6.0), motion.back(6.0));
+/// let at = |m: &Motion, time: f64| m.arms[0].at(time).unwrap().translation.vector;
+/// for m in [&on, &back] {
+///     assert!((at(m, 0.0).x - 0.04).abs() < 1e-12);
+/// }
+/// assert_eq!((on.duration, on.legs.len()), (4.0, 1));
+/// assert_eq!(at(&on, 4.0), Vector3::new(0.2, 0.0, 0.3));
+/// assert_eq!(back.duration, 6.0);
+/// assert!(at(&back, 1.0).x.abs() < 1e-12);
+/// assert_eq!(at(&back, 6.0), Vector3::new(0.0, 0.0, 0.4));
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motion {

@@ -28,6 +28,43 @@ use crate::{CoverageOptions, Error, Model, Plane};
 pub(crate) const REPEATED: f64 = 1e-12;
 
 /// Covariance columns of the candidates.
+///
+/// ```
+/// # use grip_planner::nalgebra::{Point3, Vector3};
+/// # use grip_planner::{Coverage, CoverageOptions, Model, Plane, Stiffness};
+/// # let points = [0.0, 0.1, 0.2].map(|x| Point3::new(x, 0.0, 0.05));
+/// # let up = Vector3::z_axis();
+/// # let model = Model {
+/// #     points: &points,
+/// #     normals: &[up; 3],
+/// #     areas: &[1e-4; 3],
+/// #     edges: &[],
+/// #     boundary: &[false; 3],
+/// #     visible: &[true; 3],
+/// #     hidden: &[],
+/// # };
+/// # let table = Plane { normal: up, offset: 0.0 };
+/// // Vertices 0 and 1 are joined by a spring as stiff as their anchors; vertex 2 is apart.
+/// let mut stiffness = Stiffness::membrane(&model, &table, &CoverageOptions::default())?;
+/// let anchor = stiffness.anchors()[0];
+/// stiffness.couple([0, 1], anchor)?;
+///
+/// // In units of 1/anchor, C = K⁻¹ has ⅔ on the diagonal of the joined vertices, ⅓ between them, and 1 for the other.
+/// let coverage = Coverage::with_stiffness(&stiffness, &[2.0, 1.0, 1.0], &[0, 1, 2])?;
+/// let near = |score: f64, expected: f64| (score - expected).abs() < 1e-12;
+/// assert!(near(coverage.score(&[0])?, 1.0 / 2.0));
+/// assert!(near(coverage.score(&[0, 1, 2])?, 1.0));
+///
+/// let expected = [([0, 1], 2.0 / 3.0), ([0, 2], 5.0 / 6.0), ([1, 2], 2.0 / 3.0)];
+/// for ((pair, score), (vertices, value)) in coverage.pairs().zip(expected) {
+///     assert!(pair == vertices && near(score, value));
+/// }
+///
+/// let (best, score) = coverage.best_set(2).unwrap();
+/// assert!(best == [0, 2] && near(score, 5.0 / 6.0));
+/// assert!(coverage.best_set(4).is_none());
+/// # Ok::<(), grip_planner::Error>(())
+/// ```
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Coverage {
@@ -211,12 +248,12 @@ fn check(size: usize, targets: &[f64], candidates: &[u32]) -> Result<(), Error> 
             points: size,
         });
     }
-    if let Some(&value) = targets.iter().find(|s| !(s.is_finite() && **s >= 0.0)) {
-        return Err(Error::BadSetting {
-            name: "target weight",
-            value,
-            expected: "finite and at least 0",
-        });
+    if let Some((index, &weight)) = targets
+        .iter()
+        .enumerate()
+        .find(|(_, s)| !(s.is_finite() && **s >= 0.0))
+    {
+        return Err(Error::BadTargetWeight { index, weight });
     }
     match candidates.iter().find(|&&v| v as usize >= size) {
         Some(&vertex) => Err(Error::NoSuchVertex {

@@ -120,12 +120,12 @@ impl<'a> Orientation<'a> {
 
     /// Direction of the boundary at `v`: the principal direction of the edges to boundary neighbours.
     fn tangent(&self, v: usize) -> Option<Vector3<f64>> {
-        let rim = self
+        let boundary = self
             .near
             .of(v)
             .iter()
             .filter(|&&w| self.model.boundary[w as usize] && self.model.boundary[v]);
-        let scatter: Matrix3<f64> = rim
+        let scatter: Matrix3<f64> = boundary
             .filter_map(|&w| {
                 (self.model.points[w as usize] - self.model.points[v]).try_normalize(0.0)
             })

@@ -18,8 +18,8 @@ use crate::setters::setters;
 use crate::stretch::{beside, grips, pull};
 use crate::turn_over::turn_in;
 use crate::{
-    Coverage, Error, Grip, GripSet, Model, Motion, Options, ReachOptions, Reason, Refusal, Role,
-    Scene, StretchOptions, Turn, TurnOptions, speed_limit,
+    Coverage, Error, Grip, GripSet, Model, Motion, Options, ReachOptions, Reason, Refusal,
+    RefusedSet, Role, Scene, StretchOptions, Turn, TurnOptions, speed_limit,
 };
 
 /// What to do with the body.
@@ -91,20 +91,6 @@ setters! {
         with_reach reach: ReachOptions,
         with_tracking tracking: Tracking,
     }
-}
-
-/// A set of grips whose motion was refused.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
-pub struct RefusedSet {
-    /// The vertices of its grips.
-    pub vertices: Vec<u32>,
-    /// Their arms.
-    pub arms: Vec<usize>,
-    /// Its score.
-    pub score: f64,
-    /// The reason.
-    pub reason: Refusal,
 }
 
 /// Grips, the motions before, during and after the grasp, and the sets that were rejected before.

@@ -1,6 +1,5 @@
 //! Why there is no plan.
 
-use crate::plan::RefusedSet;
 use crate::reason::tally;
 use crate::{Error, Reason, Stage};
 
@@ -115,6 +114,20 @@ pub enum Refusal {
         /// Each set with the reason.
         refused: Vec<RefusedSet>,
     },
+}
+
+/// A set of grips whose motion was refused.
+#[derive(Debug, Clone)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+pub struct RefusedSet {
+    /// The vertices of its grips.
+    pub vertices: Vec<u32>,
+    /// Their arms.
+    pub arms: Vec<usize>,
+    /// Its score.
+    pub score: f64,
+    /// The reason.
+    pub reason: Refusal,
 }
 
 fn first_reason(refused: &[RefusedSet]) -> String {

@@ -210,13 +210,13 @@ fn anchors(model: &Model, table: &Plane, options: &CoverageOptions, areas: &[f64
 pub fn target_weights(model: &Model, options: &CoverageOptions) -> Result<Vec<f64>, Error> {
     model.check()?;
     options.check()?;
-    let rim: Vec<u32> = (0..model.points.len() as u32)
+    let boundary: Vec<u32> = (0..model.points.len() as u32)
         .filter(|&v| model.boundary[v as usize])
         .collect();
     // Beyond five lengths the additional weight is below one per cent.
     let reach = 5.0 * options.boundary_length;
     let distance =
-        Adjacency::new(model.points.len(), model.edges).distances(model.points, &rim, reach);
+        Adjacency::new(model.points.len(), model.edges).distances(model.points, &boundary, reach);
     let weight = |(a, d): (&f64, &f64)| {
         a * (1.0 + options.boundary_weight * (-d / options.boundary_length).exp())
     };

@@ -71,7 +71,7 @@ impl Surface {
             points,
             triangles: triangles.to_vec(),
         };
-        let closed = rims(triangles).is_empty();
+        let closed = boundary_edges(triangles).is_empty();
         let free = unhidden(&mesh, camera)?;
         face_outward(&mut mesh, &free, camera);
         let seen = visible(&mesh, &free, camera);
@@ -88,7 +88,7 @@ impl Surface {
     /// the area `spacing²` (m²); those whose normals face the camera are visible.
     ///
     /// # Errors
-    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, edges to vertices that do not exist; a `spacing` that is not positive.
+    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, normals that are not unit vectors, edges to vertices that do not exist; a `spacing` that is not positive.
     ///
     /// ```
     /// use cech_complex::manifolds::Manifold;
@@ -199,7 +199,7 @@ impl Surface {
             }
         }
         let mut boundary = vec![false; points.len()];
-        for v in rims(&triangles).into_iter().flatten() {
+        for v in boundary_edges(&triangles).into_iter().flatten() {
             boundary[v as usize] = true;
         }
         let normal = |n: &Vector3<f64>| UnitVector3::try_new(*n, 0.0).unwrap_or(Vector3::z_axis());
@@ -238,7 +238,7 @@ fn sides(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], usize> {
 }
 
 /// Edges of one triangle only.
-fn rims(triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
+fn boundary_edges(triangles: &[[u32; 3]]) -> Vec<[u32; 2]> {
     let once = |(edge, count): ([u32; 2], usize)| (count == 1).then_some(edge);
     sides(triangles).into_iter().filter_map(once).collect()
 }

@@ -144,6 +144,44 @@ impl Turn {
 ///
 /// # Errors
 /// An invalid model or scene; a tilt outside 0 to 60°.
+///
+/// ```
+/// use grip_planner::turns;
+/// # use grip_planner::nalgebra::{Point3, Vector3};
+/// # use grip_planner::{Model, Plane, Scene};
+/// # let up = -Vector3::z_axis();
+/// # let scene = Scene {
+/// #     table: Plane { normal: up, offset: 0.5 },
+/// #     arms: &[],
+/// #     camera: Point3::origin(),
+/// #     jaw_radius: 0.005,
+/// #     shaft_length: 0.05,
+/// #     jaw_separation: 0.02,
+/// #     clearance: 0.003,
+/// # };
+/// // The top of a slab of 0.2 × 0.12 × 0.03 m, seen from above: its underside is missing.
+/// let corners = [[0.1, 0.06, 0.47], [-0.1, 0.06, 0.47], [-0.1, -0.06, 0.47], [0.1, -0.06, 0.47]];
+/// let points = corners.map(Point3::from);
+/// # let model = Model {
+/// #     points: &points,
+/// #     normals: &[up; 4],
+/// #     areas: &[0.006; 4],
+/// #     edges: &[],
+/// #     boundary: &[false; 4],
+/// #     visible: &[true; 4],
+/// #     hidden: &[],
+/// # };
+/// let turns = turns(&model, &scene, 0.0)?;
+/// // Every half turn shows all of it, and the ones that lift a long side lift the body least.
+/// let gains: Vec<f64> = turns.iter().map(|turn| turn.gain).collect();
+/// assert_eq!(gains.len(), 4);
+/// for (gain, expected) in gains.iter().zip([1.0, 1.0, 0.6, 0.6]) {
+///     assert!((gain - expected).abs() < 1e-9);
+/// }
+/// assert!(turns[0].lifted.y.abs() > 0.999);
+/// assert!((turns[0].angle - std::f64::consts::PI).abs() < 1e-9);
+/// # Ok::<(), grip_planner::Error>(())
+/// ```
 pub fn turns(model: &Model, scene: &Scene, tilt: f64) -> Result<Vec<Turn>, Error> {
     model.check()?;
     scene.check()?;
@@ -217,8 +255,8 @@ impl Hidden {
                 directions: model.hidden.to_vec(),
             };
         }
-        let rim = (0..model.points.len()).filter(|&v| model.boundary[v]);
-        let mut directions: Vec<_> = rim
+        let boundary = (0..model.points.len()).filter(|&v| model.boundary[v]);
+        let mut directions: Vec<_> = boundary
             .map(|v| model.normals[v].as_ref() * model.areas[v])
             .collect();
         let missing = Some(missing_vector_area(model)).filter(|m| m.norm() >= NOISE * known);

@@ -159,6 +159,40 @@ pub fn carry(
 ///
 /// # Complexity
 /// Linear in the number of way points.
+///
+/// ```
+/// use grip_planner::nalgebra::{Isometry3, Point3, Vector3};
+/// use grip_planner::{ArmPath, Keyframe, Leg, Motion, Role, Stage, put_down};
+/// # use grip_planner::{Arm, Plane, Scene, Workspace};
+/// # let base = Point3::new(0.3, 0.0, 0.3);
+/// # let workspace = Workspace::Ball { center: base, radius: 0.6 };
+/// # let arms = [Arm { base, workspace, home: Isometry3::translation(0.3, 0.0, 0.3), max_speed: 0.1 }];
+/// # let table = Plane { normal: -Vector3::z_axis(), offset: 0.5 };
+/// # let scene = Scene { table, arms: &arms, camera: Point3::origin(), jaw_radius: 0.005, shaft_length: 0.05, jaw_separation: 0.02, clearance: 0.003 };
+///
+/// // Lifts for 5 s, and lowers 0.1 m farther along for 5 s.
+/// let key = |time: f64, x: f64, z: f64| Keyframe {
+///     time,
+///     camera_from_tip: Isometry3::translation(x, 0.0, z),
+/// };
+/// let path = ArmPath {
+///     arm: 0,
+///     role: Role::Lift,
+///     keyframes: vec![key(0.0, 0.0, 0.45), key(5.0, 0.0, 0.35), key(10.0, 0.1, 0.45)],
+///     release: 10.0,
+///     camera_from_retreat: Isometry3::translation(0.1, 0.0, 0.4),
+/// };
+/// let legs = [(Stage::Lift, 5.0), (Stage::Lower, 10.0)].map(|(stage, until)| Leg { stage, until });
+/// let motion = Motion { arms: vec![path], duration: 10.0, legs: legs.to_vec() };
+///
+/// let end = |m: &Motion| m.arms[0].at(m.duration).unwrap().translation.vector;
+/// // Given up while it lifts, it goes back; while it lowers, on.
+/// let down = put_down(&scene, &motion, 2.0)?;
+/// assert_eq!((down.duration, end(&down)), (2.0, Vector3::new(0.0, 0.0, 0.45)));
+/// let down = put_down(&scene, &motion, 7.0)?;
+/// assert_eq!((down.duration, end(&down)), (3.0, Vector3::new(0.1, 0.0, 0.45)));
+/// # Ok::<(), grip_planner::Refusal>(())
+/// ```
 pub fn put_down(scene: &Scene, motion: &Motion, time: f64) -> Result<Motion, Refusal> {
     scene.check()?;
     not_negative("time", time)?;

@@ -271,6 +271,19 @@ fn what_is_next_to_the_hidden_surface_weighs_more() {
     assert!(share(top) < 1.2);
 }
 
+#[test]
+fn a_target_weight_that_is_none_is_named() {
+    let body = fixture::usual(100);
+    let stiffness = Stiffness::membrane(&body.model(), &table(), &options()).unwrap();
+    let mut targets = vec![1.0; body.points.len()];
+    targets[3] = -1.0;
+    let refused = Coverage::with_stiffness(&stiffness, &targets, &[0]).unwrap_err();
+    assert_eq!(
+        refused.to_string(),
+        "target weight 3 is -1, but must be finite and at least 0"
+    );
+}
+
 fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }

@@ -848,6 +848,14 @@ fn bad_input_is_named() {
         run(&b),
         Err(Refusal::Input(Error::NonFiniteNormal { index: 5 }))
     ));
+    for wrong in [0.0, 0.9, 2.0] {
+        let mut b = good.clone();
+        b.normals[5] = UnitVector3::new_unchecked(Vector3::new(0.0, 0.0, wrong));
+        assert!(matches!(
+            run(&b),
+            Err(Refusal::Input(Error::BadNormal { index: 5, length })) if (length - wrong).abs() < 1e-12
+        ));
+    }
     let mut b = good.clone();
     b.areas.fill(0.0);
     assert!(matches!(

@@ -27,7 +27,7 @@ use serde_json::json;
     after_help = "Example: pairs folder features bending=1.5
 
 Every sub-folder of FOLDER has source.ply, target.ply, truth.ply (where each source point went), landmarks.csv and features.csv.
-Settings: gates (as .02>.01), iterations, spacing, bending, strain, drag, tolerance, denoise, rim."
+Settings: gates (as .02>.01), iterations, spacing, bending, strain, drag, tolerance, denoise, boundary."
 )]
 struct Arguments {
     /// Folder of pairs
@@ -316,7 +316,7 @@ fn set(options: &mut Options, setting: &str) -> Result<(), Failure> {
         "drag" => options.drag = value.parse()?,
         "tolerance" => options.tolerance = value.parse()?,
         "denoise" => options.denoise = value.parse()?,
-        "rim" => options.boundary_weight = value.parse()?,
+        "boundary" => options.boundary_weight = value.parse()?,
         _ => return Err(format!("no setting {name}").into()),
     }
     Ok(())

@@ -67,7 +67,7 @@ impl Alignment {
 /// returned, the identity first. Views that share less than half of their surface may be misaligned: check `overlap`.
 ///
 /// # Errors
-/// Clouds of fewer than four points, or with coordinates that are not finite.
+/// Clouds of fewer than four points, or with coordinates that are not finite or normals that are not unit vectors.
 ///
 /// # Complexity
 /// About 200 descents on 150 points: some tens of milliseconds, whatever the size of the clouds, plus `O(n log n)`.

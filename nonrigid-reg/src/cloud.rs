@@ -114,7 +114,7 @@ pub struct Downsampled {
 /// the input.
 ///
 /// # Errors
-/// Slices of different lengths, a coordinate that is not finite, or a spacing that is not positive or so small
+/// Slices of different lengths, a coordinate that is not finite, a normal that is not a unit vector, or a spacing that is not positive or so small
 /// that cells cannot be numbered (a coordinate beyond 2⁵² spacings).
 ///
 /// # Complexity
@@ -126,7 +126,7 @@ pub fn voxel_downsample(
 ) -> Result<Downsampled, Error> {
     check_length("normals", points.len(), normals.len())?;
     check_points("point", points)?;
-    check_normals("normal", normals)?;
+    check_normals("cloud", normals)?;
     let indices = representatives(points, spacing)?;
     let blended = indices.iter().map(|kept| {
         let sum: Vector3<f64> = kept.cell.iter().map(|&i| normals[i].into_inner()).sum();
@@ -186,7 +186,7 @@ fn nearest_to_centre(points: &[Point3<f64>], cell: &[usize], key: [i64; 3], spac
 /// Which points lie on the boundary of the visible surface: seen along the normal, the directions of the `k` nearest leave a gap wider than `angle` (rad).
 ///
 /// # Errors
-/// As for a registration: empty, mismatched or non-finite clouds; `k` below 3; an angle outside `(0, 2π)`.
+/// As for a registration: empty, mismatched or non-finite clouds, normals that are not unit vectors; `k` below 3; an angle outside `(0, 2π)`.
 ///
 /// # Complexity
 /// `O(n log n + n k log k)`.

@@ -76,7 +76,7 @@ impl Rejection for AnnealedTukey {
     fn weight(&self, pair: &Pair, iteration: usize) -> f64 {
         let relative = pair.offset().norm() / self.reach(iteration);
         let share = (1.0 - relative * relative).max(0.0);
-        let trust = if pair.on_rim {
+        let trust = if pair.on_boundary {
             self.boundary_weight
         } else {
             1.0

@@ -45,7 +45,7 @@ pub enum Error {
         found: usize,
     },
     /// A coordinate is not finite, or beyond 1e6 m.
-    #[error("{what} {index} has coordinate {value}, which is not finite or beyond 1e6 m")]
+    #[error("a coordinate of {what} {index} is {value}, but must be finite and within ±1e6 m{}", too_far(*value))]
     BadCoordinate {
         /// Name of the slice.
         what: &'static str,
@@ -54,8 +54,18 @@ pub enum Error {
         /// The offending coordinate.
         value: f64,
     },
+    /// A normal is not a unit vector: zero, of another length, or not finite.
+    #[error("the length of {cloud} normal {index} is {length}, but must be 1 to within 0.001")]
+    BadNormal {
+        /// Which cloud.
+        cloud: &'static str,
+        /// Index of the normal.
+        index: usize,
+        /// Its length; NaN or infinite if the normal is not finite.
+        length: f64,
+    },
     /// A standard deviation is negative or not finite.
-    #[error("landmark {index} has sigma {value}, which must be finite and not negative")]
+    #[error("the sigma of landmark {index} is {value}, but must be finite and not negative")]
     BadSigma {
         /// Index of the landmark.
         index: usize,
@@ -63,7 +73,7 @@ pub enum Error {
         value: f64,
     },
     /// An option lies outside its range.
-    #[error("{option} = {value}, but it must be {bound}")]
+    #[error("{option} is {value}, but must be {bound}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
@@ -86,7 +96,9 @@ pub enum Error {
         extent: f64,
     },
     /// The normal equations could not be factorised: the weights span too many orders of magnitude.
-    #[error("the normal equations lost definiteness in iteration {iteration}")]
+    #[error(
+        "the normal equations are not positive definite in iteration {iteration}: weights differ by too many orders of magnitude"
+    )]
     Singular {
         /// Iteration in which it happened.
         iteration: usize,
@@ -105,6 +117,15 @@ fn too_large(extent: f64) -> String {
         )
     } else {
         "use a larger node spacing, or Options::scaled".into()
+    }
+}
+
+/// Advice for a finite coordinate that is too large.
+fn too_far(coordinate: f64) -> &'static str {
+    if coordinate.is_finite() {
+        ": if it is in millimetres, divide all coordinates by 1000"
+    } else {
+        ""
     }
 }
 
@@ -131,8 +152,27 @@ pub(crate) fn check_vectors(what: &'static str, vectors: &[Vector3<f64>]) -> Res
     check_coordinates(what, vectors.iter())
 }
 
-pub(crate) fn check_normals(what: &'static str, normals: &[UnitVector3<f64>]) -> Result<(), Error> {
-    check_coordinates(what, normals.iter().map(AsRef::as_ref))
+/// Largest difference of the length of a normal from 1. Sources in `f32`, or rounded to a few digits, are not exact.
+const LENGTH_TOLERANCE: f64 = 1e-3;
+
+/// Rejects normals that are not unit vectors, which `UnitVector3::new_unchecked` can make.
+pub(crate) fn check_normals(
+    cloud: &'static str,
+    normals: &[UnitVector3<f64>],
+) -> Result<(), Error> {
+    for (index, normal) in normals.iter().enumerate() {
+        let length = normal.norm();
+        // The comparison is false for NaN.
+        let unit = (length - 1.0).abs() <= LENGTH_TOLERANCE;
+        if !unit {
+            return Err(Error::BadNormal {
+                cloud,
+                index,
+                length,
+            });
+        }
+    }
+    Ok(())
 }
 
 pub(crate) fn check_length(what: &'static str, expected: usize, found: usize) -> Result<(), Error> {

@@ -175,7 +175,7 @@ impl Frame<'_> {
                 target: q,
                 point: place.point,
                 normal: target.normals()[q].into_inner(),
-                on_rim: place.on_rim,
+                on_boundary: place.on_boundary,
             };
             let weight = rejection.weight(&pair, iteration);
             (weight > 0.0).then(|| (pair, weight.min(1.0)))

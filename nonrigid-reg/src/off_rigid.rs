@@ -8,8 +8,8 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-/// Root mean square distance from the nearest rigid motion, in root mean square distances of the points from their middle: 0 for a rigid motion. Points
-/// in one place do not bend.
+/// Root mean square distance from the nearest rigid motion, divided by the root mean square distance of the points from their centroid: 0 for a rigid
+/// motion. Points in one place do not bend.
 pub(crate) fn off_rigid(points: &[Point3<f64>], displacements: &[Vector3<f64>]) -> f64 {
     let count = points.len().max(1) as f64;
     let before = points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / count;

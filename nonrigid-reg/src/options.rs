@@ -167,7 +167,7 @@ impl Options {
         check_range("iterations", 0.0, self.iterations > 0, "at least 1")?;
         let neighbours = self.denoise as f64;
         check_range("denoise", neighbours, self.denoise <= 100, "at most 100")?;
-        check_range("gates", 0.0, !self.gates.is_empty(), "at least one gate")?;
+        check_range("gates.len()", 0.0, !self.gates.is_empty(), "at least 1")?;
         for &gate in &self.gates {
             check_range(
                 "gates",

@@ -164,9 +164,9 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
     /// are matched from rest or the source is bent without convergence (see [`Options::align_below`]), the search starts from [`align_rigid`].
     ///
     /// # Errors
-    /// Clouds of fewer than four points or of mismatched slices, coordinates that are not finite, a negative `sigma`, landmarks that contradict
-    /// each other, options out of range, a node spacing that
-    /// makes too many nodes, or normal equations that lose definiteness. A poor fit is no error but a [`Status`].
+    /// Clouds of fewer than four points or of mismatched slices, coordinates that are not finite, normals that are not unit vectors, a negative
+    /// `sigma`, landmarks that contradict each other, options out of range, a node spacing that
+    /// makes too many nodes, or normal equations that are not positive definite. A poor fit is no error but a [`Status`].
     pub fn register(
         &mut self,
         source: &Cloud,

@@ -42,7 +42,7 @@ pub enum Status {
     /// is a line, which can rotate about itself. The displacements are one solution of many. A motion also counts as free if the noise of the normals hides its
     /// resistance: a relief of 1 mm on a plane is not enough against 0.5 mm of noise.
     Undetermined {
-        /// Number of free rigid motions: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution, 4 of a line, whose normals carry next to no information.
+        /// Number of free rigid motions: 3 on a plane or a sphere, 2 on a cylinder, 1 on a surface of revolution, 4 for collinear points, whose normals say almost nothing.
         free_motions: usize,
     },
     /// Too few source points found a match: the field follows mostly from the prior.

@@ -31,7 +31,7 @@ impl Frame<'_> {
         // Matches with boundary points do not support the motion of their points.
         let inner: Vec<Option<&Match>> = matches
             .iter()
-            .map(|m| m.as_ref().filter(|(pair, _)| !pair.on_rim))
+            .map(|m| m.as_ref().filter(|(pair, _)| !pair.on_boundary))
             .collect();
         let size = |(pair, _): &Match| residual.linearise(pair).residual.norm();
         let trust: Vec<f64> = inner

@@ -8,7 +8,7 @@ use crate::error::Error;
 use crate::options::Options;
 
 /// Number of neighbours that decide whether a point lies on the boundary.
-const RIM_NEIGHBOURS: usize = 12;
+const BOUNDARY_NEIGHBOURS: usize = 12;
 
 /// What is computed from the neighbourhood of a target point.
 #[derive(Clone, Copy)]
@@ -16,7 +16,7 @@ pub(crate) struct Place {
     /// The point with reduced noise across the surface.
     pub point: Point3<f64>,
     /// Whether it is a boundary point.
-    pub on_rim: bool,
+    pub on_boundary: bool,
 }
 
 /// A cloud and its search tree.
@@ -25,7 +25,7 @@ pub struct Target {
     normals: Vec<UnitVector3<f64>>,
     tree: Tree,
     places: Vec<Option<Place>>,
-    rim_angle: f64,
+    boundary_angle: f64,
     denoise: usize,
 }
 
@@ -44,7 +44,7 @@ impl Target {
             normals: cloud.normals.to_vec(),
             tree: Tree::new(cloud.points).map_err(|_| Error::EmptyCloud { cloud: "target" })?,
             places: vec![None; cloud.points.len()],
-            rim_angle: options.boundary_angle,
+            boundary_angle: options.boundary_angle,
             denoise: options.denoise,
         })
     }
@@ -84,14 +84,14 @@ impl Target {
             points: &self.points,
             normals: &self.normals,
         };
-        let wanted = RIM_NEIGHBOURS.max(self.denoise) + 1;
+        let wanted = BOUNDARY_NEIGHBOURS.max(self.denoise) + 1;
         let near = self
             .tree
             .nearest_n(&self.points[index], wanted.min(self.points.len()));
-        let rim = &near[..near.len().min(RIM_NEIGHBOURS + 1)];
+        let around = &near[..near.len().min(BOUNDARY_NEIGHBOURS + 1)];
         let place = Place {
             point: denoised(&cloud, index, &near[..near.len().min(self.denoise + 1)]),
-            on_rim: is_boundary(&cloud, rim, index, self.rim_angle),
+            on_boundary: is_boundary(&cloud, around, index, self.boundary_angle),
         };
         self.places[index] = Some(place);
         place

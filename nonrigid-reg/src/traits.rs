@@ -39,7 +39,7 @@ pub struct Pair {
     /// Its unit normal.
     pub normal: Vector3<f64>,
     /// Whether the target point lies on the boundary of the visible surface.
-    pub on_rim: bool,
+    pub on_boundary: bool,
 }
 
 impl Pair {

@@ -3,7 +3,7 @@
 
 mod shapes;
 
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Point3, Rotation3, UnitVector3, Vector3};
 use nonrigid_reg::{
     Cloud, Error, Feature, Landmark, Options, Registrar, Registration, Status, align_rigid,
     register,
@@ -95,6 +95,41 @@ fn every_number_that_is_none_is_named() {
         .register(&source.cloud(), &target.cloud(), &[], &[], None)
         .unwrap();
     assert_eq!(before, after);
+}
+
+/// Normals made by `new_unchecked` are checked; those of `f32` sources pass.
+#[test]
+fn normals_that_are_no_unit_vectors_are_named() {
+    let (source, target) = pair(0.0);
+    let with = |cloud: &Oriented, index: usize, factor: f64| {
+        let mut cloud = cloud.clone();
+        cloud.normals[index] = UnitVector3::new_unchecked(cloud.normals[index].scale(factor));
+        cloud
+    };
+    for (factor, text) in [
+        (0.0, "is 0, but must be 1 to within 0.001"),
+        (f64::NAN, "is NaN, but must be 1 to within 0.001"),
+        (2.0, "but must be 1 to within 0.001"),
+    ] {
+        let results = [
+            (
+                "the length of source normal 7",
+                run(&with(&source, 7, factor).cloud(), &target.cloud(), &[]),
+            ),
+            (
+                "the length of target normal 9",
+                run(&source.cloud(), &with(&target, 9, factor).cloud(), &[]),
+            ),
+        ];
+        for (name, result) in results {
+            let error = result.unwrap_err();
+            assert!(matches!(error, Error::BadNormal { .. }), "{error}");
+            let said = error.to_string();
+            assert!(said.starts_with(name) && said.ends_with(text), "{said}");
+        }
+    }
+    let rounded = with(&source, 7, 1.0 + 1e-6);
+    assert!(run(&rounded.cloud(), &target.cloud(), &[]).is_ok());
 }
 
 #[test]

@@ -201,7 +201,7 @@ fn the_default_weights_are_tukeys() {
     };
     assert!((part.reach(0) - 0.02).abs() < 1e-15);
     assert!((part.reach(1) - 0.01).abs() < 1e-15 && (part.reach(usize::MAX) - 0.01).abs() < 1e-15);
-    let pair = |x: f64, on_rim: bool| Pair {
+    let pair = |x: f64, on_boundary: bool| Pair {
         probe: Probe {
             index: 0,
             position: Point3::new(x, 0.0, 0.0),
@@ -210,7 +210,7 @@ fn the_default_weights_are_tukeys() {
         target: 0,
         point: Point3::origin(),
         normal: Vector3::z(),
-        on_rim,
+        on_boundary,
     };
     for (x, iteration, expected) in [
         (0.0, 0, 1.0),
@@ -243,7 +243,7 @@ proptest! {
             target: 0,
             point: Point3::from(Vector3::from(q)),
             normal: n,
-            on_rim: false,
+            on_boundary: false,
         };
         let (part, at) = (PointToPlane { drag }, Point3::from(Vector3::from(y)));
         let here = part.linearise(&pair(at));

@@ -25,7 +25,7 @@ use crate::system::System;
 /// of vertices.
 const ROUNDS: usize = 40;
 /// Rounds in which the next set is predicted by relaxation. After them only the primal-dual active set is used, which is known to terminate.
-const FORETOLD: usize = 3;
+const PREDICTED: usize = 3;
 /// While the set of the plane still changes, forces are computed only to this share of the largest gap.
 const COARSE: f64 = 1e-1;
 /// Most passes. Usually one suffices; gaps of metres take two or three.
@@ -79,7 +79,7 @@ impl<'a> ActiveSets<'a> {
         let rows = self.problem.rows;
         let soft: Vec<f64> = rows.iter().map(|r| r.softness() * held).collect();
         if self.problem.plane.is_some() {
-            self.foretell(system);
+            self.predict_set(system);
         }
         let mut asked = self.gaps.clone();
         let mut left = vec![f64::INFINITY; rows.len()];
@@ -129,8 +129,8 @@ impl<'a> ActiveSets<'a> {
             self.respond(&lift, system);
             let push = self.stack.push(&self.forces, lift.len());
             let changed = self.table.update(values, system, &self.shift, &push);
-            if changed && self.rounds < FORETOLD {
-                self.foretell(system);
+            if changed && self.rounds < PREDICTED {
+                self.predict_set(system);
             }
             settled = !changed && tolerance <= ROW_DEPTH && found;
             if !changed {
@@ -198,10 +198,10 @@ impl<'a> ActiveSets<'a> {
         }
     }
 
-    fn foretell(&mut self, system: &System) {
+    fn predict_set(&mut self, system: &System) {
         let push = self.stack.push(&self.forces, self.problem.estimate.len());
         let (values, pattern) = (self.problem.values, &system.pattern);
-        self.table.foretell(values, pattern, &self.shift, &push);
+        self.table.predict_set(values, pattern, &self.shift, &push);
     }
 
     /// The gaps that remain after the displacement.

@@ -10,7 +10,7 @@ pub enum Error {
     #[error("the graph has no vertices")]
     NoVertices,
     /// An option is out of range.
-    #[error("option `{name}` is {value}; it must be {must}")]
+    #[error("{name} is {value}, but must be {must}")]
     Option {
         /// Field of [`Options`](crate::Options).
         name: &'static str,
@@ -75,7 +75,7 @@ pub enum Error {
         cells: usize,
     },
     /// The weights of an embedded point are invalid: not finite, or their sum is not one.
-    #[error("the weights of {what} {index} are {weights:.3?}; they must be finite and sum to one")]
+    #[error("the weights of {what} {index} are {weights:.3?}, but must be finite and sum to one")]
     Embedding {
         /// Which list, as for [`Self::CellOutOfRange`].
         what: &'static str,
@@ -115,7 +115,7 @@ pub enum Error {
         vertex: u32,
     },
     /// A standard deviation, weight or duration is out of range.
-    #[error("{what} {index} is {value}; it must be {must}")]
+    #[error("{what} {index} is {value}, but must be {must}")]
     Value {
         /// Which quantity.
         what: &'static str,

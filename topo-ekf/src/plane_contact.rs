@@ -1,19 +1,19 @@
 //! The main plane as bounds on heights: the active set of vertices that rest on it.
 //!
 //! ```text
-//! struck vertices   h_i = 0,  force of the table  (W δh)_i − f_i ≥ 0      else they are released     f: normal forces of the rows
-//! other vertices    h_i ≥ 0                                               else they are struck
+//! vertices held on the plane   h_i = 0,  force of the table  (W δh)_i − f_i ≥ 0      else they are released     f: normal forces of the rows
+//! other vertices               h_i ≥ 0                                               else they are held
 //! ```
 //!
 //! All wrong vertices change sides at once: a primal-dual active set, that is, a semismooth Newton method (Hintermüller, Ito, Kunisch
-//! 2002), with the next set predicted by relaxation in the first rounds. Struck vertices are removed from `W` by zeroing their rows, so that the
+//! 2002), with the next set predicted by relaxation in the first rounds. Vertices held on the plane are removed from `W` by zeroing their rows, so that the
 //! pattern and its symbolic factor stay the same. Without rows `W` is an M-matrix and the sets are monotone.
 
 use crate::Error;
 use crate::pattern::Pattern;
 use crate::system::{Factor, System};
 
-/// A vertex lower than this is struck, m; it is then moved exactly onto the plane.
+/// A vertex lower than this is held on the plane, m: it is moved exactly onto the plane.
 const DEPTH: f64 = 1e-9;
 
 /// Sweeps of the relaxation that predicts the set.
@@ -25,8 +25,9 @@ const OVER: f64 = 1.7;
 pub(crate) struct PlaneContact {
     /// Heights of the unconstrained estimate above the plane; infinite without a plane.
     heights: Vec<f64>,
+    /// Whether each vertex is held on the plane.
     struck: Vec<bool>,
-    /// The struck vertices for which `free` was computed.
+    /// The held vertices for which `free` was computed.
     factored: Vec<bool>,
     free: Option<Factor>,
     pub factorisations: usize,
@@ -56,7 +57,7 @@ impl PlaneContact {
             .collect()
     }
 
-    /// Starting displacement of the prediction, as a block: struck vertices on the plane, the others raised as in the last projection, which is
+    /// Starting displacement of the prediction, as a block: held vertices on the plane, the others raised as in the last projection, which is
     /// usually close because the support of a table changes little from frame to frame.
     pub fn start(&self, risen: &[f64]) -> Vec<f64> {
         let size = self.struck.len();
@@ -134,7 +135,7 @@ impl PlaneContact {
         }
     }
 
-    /// Height changes with the struck vertices on the plane and no other forces.
+    /// Height changes with the held vertices on the plane and no other forces.
     pub fn lift(&self, values: &[f64], system: &mut System) -> Vec<f64> {
         let Some(free) = &self.free else {
             return vec![0.0; self.struck.len()];
@@ -152,8 +153,8 @@ impl PlaneContact {
     }
 
     /// Predicts the set by projected over-relaxation of the heights (Cryer 1971), from a displacement and the forces of the rows (blocks).
-    /// A sweep costs a fraction of a factorisation and takes interactions of neighbours into account, which [`Table::update`] ignores.
-    pub fn foretell(&mut self, values: &[f64], pattern: &Pattern, shift: &[f64], push: &[f64]) {
+    /// A sweep costs a fraction of a factorisation and takes interactions of neighbours into account, which [`Self::update`] ignores.
+    pub fn predict_set(&mut self, values: &[f64], pattern: &Pattern, shift: &[f64], push: &[f64]) {
         let size = self.struck.len();
         let (mut risen, pushed) = (shift[2 * size..].to_vec(), &push[2 * size..]);
         for _ in 0..SWEEPS {

@@ -78,6 +78,15 @@ pub enum Dialect {
     Simulator,
 }
 
+impl fmt::Display for Dialect {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Robot => "dVRK",
+            Self::Simulator => "simulator",
+        })
+    }
+}
+
 /// The point of the instrument whose pose an arm reports and follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum ControlPoint {
@@ -85,6 +94,15 @@ pub enum ControlPoint {
     Wrist,
     /// The tips of the closed jaws, as simulators do.
     Tip,
+}
+
+impl fmt::Display for ControlPoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Wrist => "wrist",
+            Self::Tip => "tips of the jaws",
+        })
+    }
 }
 
 /// An event.
@@ -114,4 +132,19 @@ pub enum EventKind {
     Stopped(super::Stop),
     /// Something could not be sent or read.
     Trouble(String),
+}
+
+impl fmt::Display for EventKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Error(text) => write!(f, "error: {text}"),
+            Self::Warning(text) => write!(f, "warning: {text}"),
+            Self::Info(text) => write!(f, "info: {text}"),
+            Self::Status(status) => write!(f, "now {status}"),
+            Self::Tool(name) if name.is_empty() => write!(f, "the instrument was removed"),
+            Self::Tool(name) => write!(f, "instrument {name}"),
+            Self::Stopped(stop) => write!(f, "stopped: {stop}"),
+            Self::Trouble(text) => write!(f, "trouble: {text}"),
+        }
+    }
 }

@@ -5,7 +5,6 @@
 //! summary = schema* · channel* · statistics · chunk index* · summary offset*
 //! ```
 //! The `mcap` crate compresses only with the C libraries of Zstandard and LZ4; this module does without them.
-//! Schemas and channels are in the chunk of their first message and again in the summary. All checksums are written.
 //! Schemas and channels stand in the chunk of their first message and once more in the summary. All checksums are written.
 
 use std::collections::BTreeMap;

@@ -1,4 +1,4 @@
-//! What keeps a surface from counting as closed, and the sentence that says so.
+//! Why a surface does not count as closed, and the message for it.
 
 /// What keeps a surface from counting as closed.
 #[derive(Debug, Clone, Copy, PartialEq)]

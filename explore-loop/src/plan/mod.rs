@@ -76,7 +76,7 @@ pub enum NoPlan {
         rejected: Vec<(u32, Reason)>,
     },
     /// The motion of every set was rejected.
-    #[error("all {} motions were rejected, the best one because {}", refused.len(), first_reason(refused))]
+    #[error("all {} motions were rejected, the best one: {}", refused.len(), first_reason(refused))]
     AllRefused {
         /// Each set with the reason, best first.
         refused: Vec<RefusedSet>,

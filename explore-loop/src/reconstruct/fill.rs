@@ -4,7 +4,7 @@
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
 //! outline    the surface turns under at height z; the hidden side is assumed to mirror the seen one there, and not to be blunter than a circle:
 //!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
-//! later      steep surface that comes into view has material behind it; where it is a wall, z is where the wall turns under, and
+//! later      steep surface that comes into view has material behind it; of a vertical wall, z is the height at which it turns under, and
 //!            sides that were not seen yet are assumed to be like most of the seen ones
 //! cell       fill = share of its volume that lies in columns
 //! feet       columns whose bottom is on the table, each carrying its own weight

@@ -15,7 +15,7 @@ pub enum ClosedSurfaceError {
         weights: usize,
     },
     /// A length among the options is not positive and finite.
-    #[error("the option {name} must be a positive number, not {value:.3}")]
+    #[error("{name} is {value}, but must be positive and finite")]
     BadOption {
         /// Its name.
         name: &'static str,

@@ -6,7 +6,7 @@
 //! s = Σ_i w_i ½(n + n_i)·(x − p_i) / Σ_i w_i,    w_i = weight · exp(−‖x − p_i‖²/2σ²) · max(0, n·n_i)²
 //! ```
 //! over samples that face the same way. The distance along `n` alone would put the vertex inside a convex surface, the distance to the planes of the
-//! samples as far outside; their mean has no second-order error, so round bodies neither shrink nor swell.
+//! samples would put it equally far outside; their mean has no second-order error, so round bodies neither shrink nor swell.
 
 use super::corners::Corners;
 use super::samples::Samples;

@@ -72,7 +72,7 @@ pub(super) fn state(arm: &Arm) -> Result<String, String> {
         ));
     }
     Ok(format!(
-        "{status}, {:?}, instrument {}",
+        "{status}, {}, instrument {}",
         arm.dialect(),
         arm.tool().unwrap_or("not reported")
     ))
@@ -110,7 +110,7 @@ pub(super) fn frames(arm: &mut Arm) -> Result<String, String> {
     }
     let found = arm.check().map_err(|error| error.to_string())?;
     Ok(format!(
-        "pose and joints agree to {:.1} mm, control point: {:?}",
+        "pose and joints agree to {:.1} mm, control point: {}",
         1e3 * found.distance,
         found.control_point
     ))

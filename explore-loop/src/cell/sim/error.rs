@@ -99,7 +99,7 @@ pub enum SimError {
         known: String,
     },
     /// An option is out of range.
-    #[error("option {option} is {value}, outside {range}")]
+    #[error("{option} is {value}, but must be {range}")]
     BadOption {
         /// Name of the option.
         option: &'static str,
