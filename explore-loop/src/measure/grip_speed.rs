@@ -1,10 +1,10 @@
 //! How fast the grips that held the object really moved, which may be slower than what was asked for.
 //!
 //! ```text
-//! v = ‖p(t) − p(t')‖ / (t − t')        p: a tip in the fixed frame, t' the frame before, its jaw holding in both
+//! v = ‖p(t) − p(t')‖ / (t − t')        p: a tip, t' the frame before, its jaw holding in both
 //! ```
 
-use crate::cell::Observation;
+use crate::cell::{ArmState, Observation};
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
@@ -18,8 +18,8 @@ use serde::{Deserialize, Serialize};
 /// let mut speed = GripSpeed::default();
 /// for (stamp, x, holding) in [(0.0, 0.0, false), (0.1, 0.05, true), (0.2, 0.06, true), (0.3, 0.2, false)] {
 ///     let tip = Isometry3::translation(x, 0.0, 0.5);
-///     let arm = ArmState { camera_from_tip: tip, jaw: 0.0, holding, moving: true };
-///     speed.add(&Observation { stamp, arms: vec![arm], ..Observation::default() });
+///     let arms = vec![ArmState { camera_from_tip: tip, jaw: 0.0, holding, moving: true }];
+///     speed.add(&Observation { stamp, arms, camera: None, points: vec![], colours: None, features: None });
 /// }
 /// // Only from 0.1 s to 0.2 s did the jaw hold at both ends.
 /// assert!((speed.fastest().unwrap_or(0.0) - 0.1).abs() < 1e-12);
@@ -34,9 +34,8 @@ pub struct GripSpeed {
 impl GripSpeed {
     /// Adds a frame. Frames must come in order of time; one that does not is only compared with the next.
     pub fn add(&mut self, observation: &Observation) {
-        let fixed_from_camera = observation.fixed_from_camera();
-        let tip = |arm: &crate::cell::ArmState| {
-            let at = fixed_from_camera * arm.camera_from_tip.translation.vector;
+        let tip = |arm: &ArmState| {
+            let at = arm.camera_from_tip.translation.vector;
             arm.holding.then(|| Point3::from(at))
         };
         let held: Vec<Option<Point3<f64>>> = observation.arms.iter().map(tip).collect();
