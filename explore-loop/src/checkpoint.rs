@@ -70,6 +70,23 @@ pub enum CheckpointError {
 ///
 /// # Errors
 /// [`Error::Write`] with the file; [`Error::Resume`] when the content cannot be serialised.
+///
+/// ```
+/// use explore_loop::{Error, checkpoint};
+///
+/// let folder = tempfile::tempdir()?;
+/// let path = folder.path().join("checkpoint.bin");
+/// let content = (7_u32, vec![0.5, 0.25]);
+/// checkpoint::write(&path, &content)?;
+/// assert_eq!(checkpoint::read::<(u32, Vec<f64>)>(&path)?, content);
+///
+/// // One damaged bit is found.
+/// let mut bytes = std::fs::read(&path)?;
+/// bytes[24] ^= 1;
+/// std::fs::write(&path, bytes)?;
+/// assert!(matches!(checkpoint::read::<(u32, Vec<f64>)>(&path), Err(Error::Checkpoint { .. })));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn write(path: &Path, content: &impl Serialize) -> Result<(), Error> {
     let content = postcard::to_allocvec(content).map_err(|error| Error::Resume {
         reason: error.to_string(),

@@ -14,6 +14,24 @@ use crate::cell::Observation;
 use nalgebra::{Isometry3, Point3, UnitVector3};
 
 /// A depth image computed from a cloud: the nearest depth in each bin of rays.
+///
+/// ```
+/// use explore_loop::nalgebra::{Isometry3, Point3};
+/// use explore_loop::visibility::{DepthGrid, Sight};
+///
+/// // A wall of 10 cm, half a metre from the camera, with a point every 2 mm.
+/// let place = |k: i32| 0.002 * f64::from(k);
+/// let wall: Vec<Point3<f64>> = (-25..=25)
+///     .flat_map(|row| (-25..=25).map(move |column| Point3::new(place(column), place(row), 0.5)))
+///     .collect();
+/// let grid = DepthGrid::new(&wall, 0.005, &Isometry3::identity()).ok_or("no points")?;
+/// let sight = |x: f64, z: f64| grid.sight(&Point3::new(x, 0.001, z), 0.01, 0.01);
+/// assert!(matches!(sight(0.001, 0.502), Sight::Supported { behind } if (behind - 0.002).abs() < 1e-12));
+/// assert_eq!(sight(0.001, 0.53), Sight::Occluded);
+/// assert_eq!(sight(0.001, 0.47), Sight::Contradicted);
+/// assert_eq!(sight(0.2, 0.5), Sight::NoData);
+/// # Ok::<(), &str>(())
+/// ```
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct DepthGrid {
     camera_from_fixed: Isometry3<f64>,

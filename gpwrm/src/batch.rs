@@ -46,6 +46,21 @@ impl Field {
     ///
     /// # Complexity
     /// `O(n (log N + k))` for `n` points, `N` nodes and `k` nodes in reach, divided among the cores with the feature `rayon`.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Matrix3, Point3, Rotation3, Vector3}};
+    /// # let nodes: Vec<_> = (0..36).map(|k| Point3::new(f64::from(k % 6), f64::from(k / 6), 0.0) * 0.01).collect();
+    /// # let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), 2.5);
+    /// # let motion: Vec<_> = nodes.iter().map(|p| turn * p - p).collect();
+    /// // A sheet of nodes that turns.
+    /// let field = Field::new(&nodes, &motion, &FieldOptions::default())?;
+    /// let samples = field.evaluate_all(&[Point3::new(0.021, 0.033, 0.0), Point3::new(0.02, 0.03, 1.0)]);
+    /// assert!((samples[0].gradient - (turn.matrix() - Matrix3::identity())).amax() < 1e-6);
+    /// assert!(!samples[0].extrapolated);
+    /// // The second point is one metre above the sheet.
+    /// assert!(samples[1].extrapolated && (samples[1].extrapolation - 1.0).abs() < 1e-9);
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
     pub fn evaluate_all(&self, points: &[Point3<f64>]) -> Vec<Sample> {
         map_with_room(points.len(), |i, room| self.evaluate_with(&points[i], room))
     }
@@ -58,6 +73,19 @@ impl Field {
     }
 
     /// `p + u(p)` for every point.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Rotation3, Vector3}};
+    /// # let nodes: Vec<_> = (0..36).map(|k| Point3::new(f64::from(k % 6), f64::from(k / 6), 0.0) * 0.01).collect();
+    /// let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), 2.5);
+    /// let motion: Vec<_> = nodes.iter().map(|p| turn * p - p).collect();
+    /// let field = Field::new(&nodes, &motion, &FieldOptions::default())?;
+    /// let cloud = [Point3::new(0.021, 0.033, 0.0), Point3::new(0.012, 0.04, 0.01)];
+    /// for (moved, p) in field.warp(&cloud).iter().zip(&cloud) {
+    ///     assert!((moved - turn * p).norm() < 1e-12);
+    /// }
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
     pub fn warp(&self, points: &[Point3<f64>]) -> Vec<Point3<f64>> {
         map_with_room(points.len(), |i, room| {
             points[i] + self.displacement_with(&points[i], room)
@@ -71,6 +99,19 @@ impl Field {
     ///
     /// # Errors
     /// Slices of different lengths.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, UnitVector3, Vector3}};
+    /// # let nodes: Vec<_> = (0..64).map(|k| Point3::new(f64::from(k % 4), f64::from(k / 4 % 4), f64::from(k / 16))).collect();
+    /// // A block of nodes, stretched along x to twice its length.
+    /// let stretch: Vec<_> = nodes.iter().map(|p| Vector3::new(p.x, 0.0, 0.0)).collect();
+    /// let field = Field::new(&nodes, &stretch, &FieldOptions::default())?;
+    /// let normal = UnitVector3::new_normalize(Vector3::new(1.0, 1.0, 0.0));
+    /// let turned = field.warp_normals(&[Point3::new(1.5, 1.5, 1.5)], &[normal])?[0];
+    /// // It turns away from x, where a direction in the material would turn towards it.
+    /// assert!((turned.into_inner() - Vector3::new(1.0, 2.0, 0.0).normalize()).norm() < 0.02);
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
     pub fn warp_normals(
         &self,
         points: &[Point3<f64>],

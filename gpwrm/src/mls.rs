@@ -96,6 +96,18 @@ pub fn project(
 ///
 /// # Complexity
 /// `O(n (log n + k))` with `k` points in the radius.
+///
+/// ```
+/// use gpwrm::nalgebra::{Point3, Vector3};
+/// // The same patch seen twice, once 0.1 too high.
+/// let layers: Vec<_> = (0..200)
+///     .map(|k| Point3::new(f64::from(k % 10), f64::from(k / 10 % 10), if k < 100 { 0.0 } else { 0.1 }))
+///     .collect();
+/// let smoothed = gpwrm::mls::smooth(&layers, &vec![Vector3::z_axis(); 200], 3.0)?;
+/// // Both layers end on the sheet half-way between them.
+/// assert!(smoothed.points.iter().all(|p| (p.z - 0.05).abs() < 1e-6));
+/// # Ok::<(), gpwrm::Error>(())
+/// ```
 pub fn smooth(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -114,6 +126,25 @@ pub fn smooth(
 
 /// The growth of a sphere of radius `sphere_radius` when densely sampled and projected onto its smooth surface with support `radius`: the
 /// leading order, `917/261976 ρ⁴/r³`, in m. The derivation is at the head of this module.
+///
+/// ```
+/// use gpwrm::mls::{smooth, sphere_bias};
+/// # use gpwrm::nalgebra::{Point3, UnitVector3, Vector3};
+/// # let golden = std::f64::consts::PI * (3.0 - 5_f64.sqrt());
+/// # let normals: Vec<UnitVector3<f64>> = (0..2000).map(|k| {
+/// #     let (z, a) = (1.0 - (2.0 * f64::from(k) + 1.0) / 2000.0, golden * f64::from(k));
+/// #     let s = (1.0 - z * z).sqrt();
+/// #     UnitVector3::new_normalize(Vector3::new(s * a.cos(), s * a.sin(), z))
+/// # }).collect();
+/// # let points: Vec<Point3<f64>> = normals.iter().map(|n| Point3::from(n.into_inner() * 0.05)).collect();
+/// // `points`: 2,000, evenly on a sphere of 50 mm.
+/// let grown = smooth(&points, &normals, 0.012)?;
+/// let mean = grown.points.iter().map(|p| p.coords.norm() - 0.05).sum::<f64>() / 2000.0;
+/// let bias = sphere_bias(0.012, 0.05); // 0.6 µm
+/// assert!((bias - 0.58e-6).abs() < 0.01e-6);
+/// assert!((mean - bias).abs() < 0.3 * bias);
+/// # Ok::<(), gpwrm::Error>(())
+/// ```
 pub fn sphere_bias(radius: f64, sphere_radius: f64) -> f64 {
     917.0 / 261_976.0 * radius.powi(4) / sphere_radius.powi(3)
 }

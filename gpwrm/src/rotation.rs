@@ -15,6 +15,18 @@ use nalgebra::{Matrix3, Matrix4, Quaternion, Rotation3, SymmetricEigen, UnitQuat
 ///
 /// Where the maximum is not unique (rank one or zero) one of the maximisers is returned; a matrix with entries that are
 /// not finite gives the identity.
+///
+/// ```
+/// use gpwrm::nalgebra::{Matrix3, Rotation3, Vector3};
+/// use gpwrm::nearest_rotation;
+/// let turn = Rotation3::new(Vector3::new(0.3, -1.2, 2.0));
+/// let stretch = Matrix3::new(2.0, 0.3, 0.0, 0.3, 1.0, 0.1, 0.0, 0.1, 0.5);
+/// let found = nearest_rotation(&(turn.matrix() * stretch));
+/// assert!((found.matrix() - turn.matrix()).amax() < 1e-12);
+/// // Never a reflection, whatever the matrix.
+/// let mirror = Matrix3::from_diagonal(&Vector3::new(3.0, 2.0, -1.0));
+/// assert!((nearest_rotation(&mirror).matrix() - Matrix3::identity()).amax() < 1e-12);
+/// ```
 pub fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
     let largest = matrix.amax();
     if !largest.is_finite() || largest <= f64::MIN_POSITIVE {

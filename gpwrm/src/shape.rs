@@ -103,6 +103,20 @@ impl Field {
     ///
     /// # Complexity
     /// `O(k²)` with `k` nodes in reach.
+    ///
+    /// ```
+    /// use gpwrm::{Field, FieldOptions, nalgebra::{Point3, Vector3}};
+    /// # let nodes: Vec<_> = (0..36).map(|k| Point3::new(f64::from(k % 6), f64::from(k / 6), 0.0) * 0.01).collect();
+    /// # let options = FieldOptions::default();
+    /// let p = Point3::new(0.021, 0.033, 0.01); // off the sheet of nodes
+    /// let still = Field::new(&nodes, &vec![Vector3::zeros(); 36], &options)?;
+    /// // A small bend of the nodes: what it does at `p`, by the derivative and by a new field.
+    /// let bend: Vec<_> = nodes.iter().map(|x| Vector3::new(0.0, 0.0, 1e-7 * (100.0 * x.x).sin())).collect();
+    /// let predicted: Vector3<f64> = still.jacobian(&p).iter().map(|(j, block)| block * bend[*j]).sum();
+    /// let found = Field::new(&nodes, &bend, &options)?.displacement(&p);
+    /// assert!((found - predicted).norm() < 1e-3 * found.norm());
+    /// # Ok::<(), gpwrm::Error>(())
+    /// ```
     pub fn jacobian(&self, p: &Point3<f64>) -> Vec<(usize, Matrix3<f64>)> {
         let mut blocks = Vec::new();
         for (part, way) in self.ways(p) {

@@ -74,7 +74,7 @@ fn overturn(arguments: &Arguments) -> Result<ExitCode, Failure> {
     for (grip, path) in plan.grips.iter().zip(&plan.motion.arms) {
         writeln!(
             words,
-            "arm {} ({:?}) holds vertex {} until {:.1} s",
+            "arm {} ({}) holds vertex {} until {:.1} s",
             grip.arm, grip.role, grip.vertex, path.release
         )?;
         for k in path.keyframes.iter().step_by(6) {

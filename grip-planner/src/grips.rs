@@ -29,6 +29,15 @@ pub enum Role {
     Support,
 }
 
+impl std::fmt::Display for Role {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Lift => "lifting",
+            Self::Support => "supporting",
+        })
+    }
+}
+
 /// One arm at one vertex.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

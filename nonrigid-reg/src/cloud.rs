@@ -119,6 +119,18 @@ pub struct Downsampled {
 ///
 /// # Complexity
 /// `O(n log n)`.
+///
+/// ```
+/// use nonrigid_reg::nalgebra::{Point3, Vector3};
+/// use nonrigid_reg::voxel_downsample;
+/// // A grid with a spacing of 1, in cubes of side 2: four points in each.
+/// let grid: Vec<_> = (0..100).map(|k| Point3::new(f64::from(k % 10) + 0.4, f64::from(k / 10) + 0.4, 0.0)).collect();
+/// let kept = voxel_downsample(&grid, &vec![Vector3::z_axis(); 100], 2.0)?;
+/// assert_eq!(kept.points.len(), 25);
+/// // The first cube contains points 0, 1, 10 and 11; its centre is above (1, 1).
+/// assert_eq!((kept.indices[0], kept.points[0]), (11, grid[11]));
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
 pub fn voxel_downsample(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],
@@ -190,6 +202,17 @@ fn nearest_to_centre(points: &[Point3<f64>], cell: &[usize], key: [i64; 3], spac
 ///
 /// # Complexity
 /// `O(n log n + n k log k)`.
+///
+/// ```
+/// use nonrigid_reg::nalgebra::{Point3, Vector3};
+/// use nonrigid_reg::{Cloud, boundary_points};
+/// let grid: Vec<_> = (0..100).map(|k| Point3::new(f64::from(k % 10), f64::from(k / 10), 0.0)).collect();
+/// let up = vec![Vector3::z_axis(); 100];
+/// let ends = boundary_points(&Cloud { points: &grid, normals: &up }, 8, 120_f64.to_radians())?;
+/// assert!(ends[0] && ends[5] && !ends[55]); // a corner, a side, the middle
+/// assert_eq!(ends.iter().filter(|end| **end).count(), 36);
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
 pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>, Error> {
     cloud.check("cloud")?;
     check_range("k", k as f64, k >= 3, "at least 3")?;

@@ -54,6 +54,26 @@ pub fn register(
 /// functions and symbolic factor while the source stays the same.
 ///
 /// The four parts of the loop can be replaced one by one, see [`Correspondence`], [`Residual`], [`Rejection`] and [`Termination`].
+///
+/// ```
+/// use nonrigid_reg::nalgebra::{Point3, Vector3};
+/// use nonrigid_reg::{Cloud, Options, Registrar, estimate_normals};
+/// # let before: Vec<_> = (0..1600).map(|k| {
+/// #     let (x, y) = (f64::from(k % 40) * 0.0025, f64::from(k / 40) * 0.0025);
+/// #     Point3::new(x, y, 0.006 * (60.0 * x).sin() * (50.0 * y).cos())
+/// # }).collect();
+/// # let normals = estimate_normals(&before, 16, &Point3::new(0.05, 0.05, 0.5))?;
+/// // A wavy sheet, which the next frames show 1 and 2 mm higher.
+/// let source = Cloud { points: &before, normals: &normals };
+/// let mut registrar = Registrar::new(Options::default());
+/// for lift in [Vector3::new(0.0, 0.0, 0.001), Vector3::new(0.0, 0.0, 0.002)] {
+///     let after: Vec<Point3<f64>> = before.iter().map(|p| p + lift).collect();
+///     let target = Cloud { points: &after, normals: &normals };
+///     let found = registrar.register(&source, &target, &[], &[], None)?;
+///     assert!((found.displacements[820] - lift).norm() < 0.0005); // in the middle
+/// }
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
 pub struct Registrar<C = ClosestPoint, R = PointToPlane, J = AnnealedTukey, T = Settled> {
     options: Options,
     correspondence: C,
@@ -229,6 +249,23 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
     ///
     /// # Complexity
     /// Six solves of the normal equations.
+    ///
+    /// ```
+    /// use nonrigid_reg::nalgebra::{Point3, Vector3};
+    /// use nonrigid_reg::{Cloud, Landmark, Registrar, estimate_normals};
+    /// # let before: Vec<_> = (0..1600).map(|k| {
+    /// #     let (x, y) = (f64::from(k % 40) * 0.0025, f64::from(k / 40) * 0.0025);
+    /// #     Point3::new(x, y, 0.006 * (60.0 * x).sin() * (50.0 * y).cos())
+    /// # }).collect();
+    /// # let normals = estimate_normals(&before, 16, &Point3::new(0.05, 0.05, 0.5))?;
+    /// // The four corners of a sheet are lifted by 10 mm: so is all of it.
+    /// let lift = Vector3::new(0.0, 0.0, 0.01);
+    /// let grips = [0, 39, 1560, 1599].map(|k: usize| Landmark { source: before[k], target: before[k] + lift, sigma: 0.0 });
+    /// let sheet = Cloud { points: &before, normals: &normals };
+    /// let field = Registrar::default().landmark_field(&sheet, &grips)?;
+    /// assert!(field.displacements.iter().all(|u| (u - lift).norm() < 1e-4));
+    /// # Ok::<(), nonrigid_reg::Error>(())
+    /// ```
     pub fn landmark_field(
         &mut self,
         source: &Cloud,

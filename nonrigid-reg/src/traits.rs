@@ -84,6 +84,33 @@ pub trait Residual: Sync {
 }
 
 /// Weight of a pair.
+///
+/// ```
+/// use nonrigid_reg::nalgebra::Point3;
+/// use nonrigid_reg::{Cloud, Pair, Registrar, Rejection, estimate_normals};
+/// # let before: Vec<_> = (0..1600).map(|k| {
+/// #     let (x, y) = (f64::from(k % 40) * 0.0025, f64::from(k / 40) * 0.0025);
+/// #     Point3::new(x, y, 0.006 * (60.0 * x).sin() * (50.0 * y).cos())
+/// # }).collect();
+/// # let normals = estimate_normals(&before, 16, &Point3::new(0.05, 0.05, 0.5))?;
+/// /// Leaves out the source points that are marked, such as those on a tool.
+/// struct Masked(Vec<bool>);
+/// impl Rejection for Masked {
+///     fn reach(&self, _: usize) -> f64 {
+///         0.008
+///     }
+///     fn weight(&self, pair: &Pair, _: usize) -> f64 {
+///         if self.0[pair.probe.index] { 0.0 } else { 1.0 }
+///     }
+/// }
+/// let mask: Vec<bool> = (0..1600).map(|k| k % 40 < 4).collect();
+/// let sheet = Cloud { points: &before, normals: &normals };
+/// let mut registrar = Registrar::default().with_rejection(Masked(mask.clone()));
+/// let found = registrar.register(&sheet, &sheet, &[], &[], None)?;
+/// assert!(found.matches.iter().zip(&mask).all(|(hit, masked)| hit.is_none() || !masked));
+/// assert!(found.matches.iter().flatten().count() > 1000);
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
 pub trait Rejection: Sync {
     /// Distance (m) beyond which pairs have no weight in this iteration: the limit of the search.
     fn reach(&self, iteration: usize) -> f64;

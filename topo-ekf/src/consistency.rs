@@ -197,6 +197,22 @@ impl Filter {
     ///
     /// # Complexity
     /// One factorisation and one solve.
+    ///
+    /// ```
+    /// use topo_ekf::{Error, Filter, Frame, Motion, Observation, Options, Verdict, nalgebra::{Point3, Vector3}};
+    /// # let rest: Vec<_> = (0..10).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// # let edges: Vec<_> = (1..10).map(|k| [k - 1, k]).collect();
+    /// // A chain of ten vertices, 5 mm apart.
+    /// let mut filter = Filter::new(&rest, &edges, &Options::default().with_motion(Motion::Still))?;
+    /// assert!(filter.innovation_statistic()?.is_none());
+    /// // Six vertices are seen 50 mm away, ten times the initial standard deviation.
+    /// let jump = Vector3::new(0.0, 0.0, 0.05);
+    /// let seen = |k: u32| Observation { vertex: k, position: rest[k as usize] + jump, sigma: 5e-4 };
+    /// filter.step(&Frame::new(&(0..6).map(seen).collect::<Vec<_>>()))?;
+    /// let found = filter.innovation_statistic()?.ok_or(Error::NoVertices)?;
+    /// assert_eq!((found.degrees, found.verdict()), (18, Verdict::Overconfident));
+    /// # Ok::<(), Error>(())
+    /// ```
     pub fn innovation_statistic(&mut self) -> Result<Option<Consistency>, Error> {
         let Some(last) = &self.last else {
             return Ok(None);
@@ -223,6 +239,21 @@ impl Filter {
     ///
     /// # Errors
     /// Another number of true positions, or invalid ones.
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Options, nalgebra::{Point3, Vector3}};
+    /// # let rest: Vec<_> = (0..10).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// # let edges: Vec<_> = (1..10).map(|k| [k - 1, k]).collect();
+    /// // Ten vertices, of which nothing is known but their initial standard deviation.
+    /// let options = Options::default();
+    /// let filter = Filter::new(&rest, &edges, &options)?;
+    /// // All of them are off by that, along one of three axes.
+    /// let truth: Vec<_> = rest.iter().map(|p| p + Vector3::z() * options.initial_sigma).collect();
+    /// let found = filter.error_statistic(&truth)?;
+    /// assert_eq!(found.degrees, 30);
+    /// assert!((found.squared - 10.0).abs() < 0.05); // the anchor adds a little
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn error_statistic(&self, truth: &[Point3<f64>]) -> Result<Consistency, Error> {
         self.check_truth(truth)?;
         let values = self.values(&self.information, &self.weights());
@@ -244,6 +275,22 @@ impl Filter {
     ///
     /// # Errors
     /// Invalid observations; otherwise as [`Filter::marginal_sigmas`], whose cost it has.
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Frame, Motion, Observation, Options, nalgebra::{Point3, Vector3}};
+    /// # let rest: Vec<_> = (0..10).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// # let edges: Vec<_> = (1..10).map(|k| [k - 1, k]).collect();
+    /// // A chain of ten vertices, 5 mm apart.
+    /// let mut filter = Filter::new(&rest, &edges, &Options::default().with_motion(Motion::Still))?;
+    /// let seen = |k: u32| Observation { vertex: k, position: rest[k as usize], sigma: 5e-4 };
+    /// let mut observations: Vec<_> = (0..10).map(seen).collect();
+    /// observations[4].position += Vector3::new(0.0, 0.0, 0.02); // a wrong correspondence
+    /// filter.step(&Frame::new(&observations))?;
+    /// let residuals = filter.normalised_residuals(&observations)?;
+    /// assert!(residuals[4] > 3.0);
+    /// assert!((0..10).all(|k| k == 4 || residuals[k] < residuals[4]));
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn normalised_residuals(&self, observations: &[Observation]) -> Result<Vec<f64>, Error> {
         Frame::new(observations).check(self.live.len())?;
         let variances = self.variances()?;

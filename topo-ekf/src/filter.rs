@@ -170,6 +170,20 @@ impl Filter {
     ///
     /// # Errors
     /// Wrong length, or a stiffness outside `[0, 1e6]`. An edge of stiffness 0 has no effect on the shape.
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Frame, Motion, Observation, Options, nalgebra::{Point3, Vector3}};
+    /// let rest: Vec<_> = (0..3).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// let options = Options::default().with_motion(Motion::Still);
+    /// let mut filter = Filter::new(&rest, &[[0, 1], [1, 2]], &options)?;
+    /// // The second edge is cut; then the first vertex is seen 10 mm higher.
+    /// filter.set_stiffness(&[1.0, 0.0])?;
+    /// let seen = [Observation { vertex: 0, position: rest[0] + Vector3::z() * 0.01, sigma: 5e-4 }];
+    /// filter.step(&Frame::new(&seen))?;
+    /// assert!(filter.live()[1].z > 0.009);
+    /// assert!(filter.live()[2].z.abs() < 1e-9);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn set_stiffness(&mut self, stiffness: &[f64]) -> Result<(), Error> {
         let expected = self.graph.edges.len();
         if stiffness.len() != expected {

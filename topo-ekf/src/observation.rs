@@ -41,6 +41,22 @@ impl Plane {
 /// A linear inequality of the caller, `Σ_v a_v · x_v ≥ bound`, over a few vertices.
 ///
 /// Satisfied to 1e-6 times the largest `‖a_v‖`: with unit vectors, to a micrometre.
+///
+/// ```
+/// use topo_ekf::{Filter, Frame, Inequality, Observation, Options, Status, nalgebra::{Point3, Vector3}};
+/// # let rest: Vec<_> = (0..10).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+/// # let edges: Vec<_> = (1..10).map(|k| [k - 1, k]).collect();
+/// // A chain of ten vertices, 5 mm apart.
+/// let mut filter = Filter::new(&rest, &edges, &Options::default())?;
+/// let seen: Vec<_> = (0..6).map(|k: u32| Observation { vertex: k, position: rest[k as usize], sigma: 5e-4 }).collect();
+/// // The hidden end is at least 4 mm higher than the seen one: z₉ − z₀ ≥ 4 mm.
+/// let own = [Inequality { terms: vec![(9, Vector3::z()), (0, -Vector3::z())], bound: 4e-3 }];
+/// let report = filter.step(&Frame::new(&seen).with_inequalities(&own))?;
+/// assert_eq!(report.status, Status::Constrained);
+/// let higher = filter.live()[9].z - filter.live()[0].z;
+/// assert!(higher > 4e-3 - 1e-6 && higher < 4.1e-3);
+/// # Ok::<(), topo_ekf::Error>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Inequality {
@@ -85,6 +101,21 @@ impl<'a> Frame<'a> {
     }
 
     /// Adds the triangles of the surface.
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Frame, Observation, Options, nalgebra::{Point3, Vector3}};
+    /// // A small triangle 2 mm above a large one.
+    /// let rest = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [0.004, 0.004, 0.002], [0.008, 0.004, 0.002], [0.004, 0.008, 0.002]].map(Point3::from);
+    /// let edges = [[0, 1], [1, 2], [0, 2], [3, 4], [4, 5], [3, 5]];
+    /// let mut filter = Filter::new(&rest, &edges, &Options::default())?;
+    /// // It is measured 1 mm below the large one, through which it cannot have passed.
+    /// let fall = |k: usize| Vector3::new(0.0, 0.0, if k < 3 { 0.0 } else { -0.003 });
+    /// let seen: Vec<_> = (0..6).map(|k: usize| Observation { vertex: k as u32, position: rest[k] + fall(k), sigma: 5e-4 }).collect();
+    /// let report = filter.step(&Frame::new(&seen).with_triangles(&[[0, 1, 2], [3, 4, 5]]))?;
+    /// assert!(report.contact_depth[0] > 0.001 && report.contact_depth[1] <= 1e-6);
+    /// assert!(filter.live()[3].z > filter.live()[0].z);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     #[must_use]
     pub fn with_triangles(mut self, triangles: &'a [[u32; 3]]) -> Self {
         self.triangles = triangles;

@@ -22,6 +22,20 @@ impl Filter {
     ///
     /// # Complexity
     /// As [`Filter::new`].
+    ///
+    /// ```
+    /// use topo_ekf::{Filter, Frame, Observation, Options, nalgebra::Point3};
+    /// let rest: Vec<_> = (0..4).map(|k| Point3::new(0.005 * f64::from(k), 0.0, 0.0)).collect();
+    /// let mut filter = Filter::new(&rest[..3], &[[0, 1], [1, 2]], &Options::default())?;
+    /// let seen = |k: u32| Observation { vertex: k, position: rest[k as usize], sigma: 5e-4 };
+    /// filter.step(&Frame::new(&[seen(0), seen(1), seen(2)]))?;
+    /// let known = filter.information()[2];
+    /// // A fourth vertex is found at the end: the others keep what is known of them.
+    /// filter.set_graph(&rest, &rest, None, &[[0, 1], [1, 2], [2, 3]], &[Some(0), Some(1), Some(2), None])?;
+    /// assert_eq!(filter.information()[2], known);
+    /// assert!(filter.live().len() == 4 && filter.information()[3] < known);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn set_graph(
         &mut self,
         rest: &[Point3<f64>],

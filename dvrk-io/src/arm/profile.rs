@@ -47,6 +47,24 @@ impl ProfileLimits {
 }
 
 /// A motion along a line of a given length, from rest or from a speed, to rest.
+///
+/// ```
+/// use dvrk_io::arm::{Profile, ProfileLimits};
+///
+/// // 10 cm with at most 5 cm/s and 10 cm/s², in ticks of 10 ms.
+/// let limits = ProfileLimits { speed: 0.05, acceleration: 0.1, step: 0.01 };
+/// let mut motion = Profile::new(0.1, 0.01, limits)?;
+/// let (mut ticks, mut before) = (0, 0.0);
+/// while !motion.is_done() {
+///     motion.advance();
+///     assert!(motion.speed() <= 0.05 && (motion.speed() - before).abs() <= 0.1 * 0.01 + 1e-12);
+///     (ticks, before) = (ticks + 1, motion.speed());
+/// }
+/// assert_eq!(motion.travelled(), 0.1);
+/// // At full speed all the way it would be 200.
+/// assert!(ticks > 200);
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {
     length: f64,

@@ -169,6 +169,33 @@ impl Calibration {
     /// # Errors
     /// [`Error::NoMarker`] if the calibration is from touches; too few samples; an invalid pose; a limit
     /// that is not positive.
+    ///
+    /// ```
+    /// use dvrk_io::calibration::{Calibration, CheckOptions, FitOptions, Sighting, Verdict, fit_sightings};
+    /// # use dvrk_io::kinematics::RcmFromWrist;
+    /// # use dvrk_io::nalgebra::Isometry3;
+    /// use dvrk_io::nalgebra::Vector3;
+    ///
+    /// # let planted = Isometry3::new(Vector3::new(0.1, 0.0, 0.4), Vector3::new(0.5, 0.2, 1.0));
+    /// # let wrist_from_marker = Isometry3::new(Vector3::new(0.0, 0.01, 0.02), Vector3::new(0.1, 0.2, 0.3));
+    /// # let wave = |t: f64| Vector3::new(t.sin(), (2.0 * t).cos(), (3.0 * t).sin());
+    /// # let sighting = |t: f64| {
+    /// #     let wrist = Isometry3::new(wave(1.3 * t) * 0.05, wave(t) * 0.6);
+    /// #     let camera_from_marker = planted * wrist * wrist_from_marker;
+    /// #     Sighting { camera_from_marker, rcm_from_wrist: RcmFromWrist(wrist) }
+    /// # };
+    /// let mut sightings: Vec<Sighting> = (0..8).map(|i| sighting(f64::from(i))).collect();
+    /// let fit = fit_sightings(&sightings, &FitOptions::default())?;
+    /// let calibration = Calibration::new("PSM1", "camera", "PSM1_base", &fit)?;
+    /// // Later the camera has moved by 2 cm.
+    /// for sighting in &mut sightings {
+    ///     sighting.camera_from_marker.translation.vector.x += 0.02;
+    /// }
+    /// let check = calibration.check_sightings(&sightings, &CheckOptions::default())?;
+    /// assert_eq!((check.verdict, check.within), (Verdict::Broken, 0));
+    /// assert!((check.bias - Vector3::new(0.02, 0.0, 0.0)).norm() < 1e-9);
+    /// # Ok::<(), dvrk_io::Error>(())
+    /// ```
     pub fn check_sightings(
         &self,
         sightings: &[Sighting],

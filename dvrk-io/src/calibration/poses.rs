@@ -62,6 +62,27 @@ const STEPS: usize = 30;
 ///
 /// # Complexity
 /// O(n log n) for n samples, 300 times.
+///
+/// ```
+/// use dvrk_io::calibration::{FitOptions, Sighting, fit_sightings};
+/// use dvrk_io::kinematics::RcmFromWrist;
+/// use dvrk_io::nalgebra::{Isometry3, Vector3};
+///
+/// // Eight poses of the wrist, and the marker as a camera at a planted pose sees it.
+/// let planted = Isometry3::new(Vector3::new(0.1, 0.0, 0.4), Vector3::new(0.5, 0.2, 1.0));
+/// let wrist_from_marker = Isometry3::new(Vector3::new(0.0, 0.01, 0.02), Vector3::new(0.1, 0.2, 0.3));
+/// # let wave = |t: f64| Vector3::new(t.sin(), (2.0 * t).cos(), (3.0 * t).sin());
+/// let sighting = |t: f64| {
+///     let wrist = Isometry3::new(wave(1.3 * t) * 0.05, wave(t) * 0.6);
+///     let camera_from_marker = planted * wrist * wrist_from_marker;
+///     Sighting { camera_from_marker, rcm_from_wrist: RcmFromWrist(wrist) }
+/// };
+/// let sightings: Vec<Sighting> = (0..8).map(|i| sighting(f64::from(i))).collect();
+/// let fit = fit_sightings(&sightings, &FitOptions::default())?;
+/// assert!((fit.camera_from_rcm.translation.vector - planted.translation.vector).norm() < 1e-9);
+/// assert!(fit.camera_from_rcm.rotation.angle_to(&planted.rotation) < 1e-6);
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
 pub fn fit_sightings(sightings: &[Sighting], options: &FitOptions) -> Result<Fit, Error> {
     options.check(sightings.len())?;
     let samples = check_samples(sightings)?;

@@ -26,6 +26,16 @@ impl Time {
     ///
     /// # Errors
     /// Negative, not finite, or beyond the 31 bits of a ROS 2 stamp (the year 2038).
+    ///
+    /// ```
+    /// use dvrk_io::cdr::Time;
+    ///
+    /// assert_eq!(Time::from_seconds(1.5)?, Time { sec: 1, nanosec: 500_000_000 });
+    /// // A fraction that rounds up to a whole second is carried over.
+    /// assert_eq!(Time::from_seconds(1.999_999_999_9)?, Time { sec: 2, nanosec: 0 });
+    /// assert!(Time::from_seconds(-1.0).is_err());
+    /// # Ok::<(), dvrk_io::Error>(())
+    /// ```
     pub fn from_seconds(seconds: f64) -> Result<Self, Error> {
         let bad = Error::OutOfRange {
             what: "stamp",

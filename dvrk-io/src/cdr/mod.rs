@@ -77,6 +77,21 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, Error> {
 ///
 /// # Errors
 /// See [`Message::write`].
+///
+/// ```
+/// use dvrk_io::cdr::{Endian, Text, decode, encode};
+///
+/// let text = Text { data: "hi".into() };
+/// let little = encode(&text, Endian::Little)?;
+/// // Header, length with the NUL, bytes, NUL.
+/// assert_eq!(little, [0, 1, 0, 0, 3, 0, 0, 0, b'h', b'i', 0]);
+/// let big = encode(&text, Endian::Big)?;
+/// assert_eq!(big[..8], [0, 0, 0, 0, 0, 0, 0, 3]);
+/// assert_eq!((decode::<Text>(&little)?, decode::<Text>(&big)?), (text.clone(), text));
+/// // A message that ends early is an error.
+/// assert!(decode::<Text>(&little[..9]).is_err());
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
 pub fn encode<M: Message>(message: &M, endian: Endian) -> Result<Vec<u8>, Error> {
     let mut encoder = Encoder::new(endian);
     message.write(&mut encoder)?;

@@ -36,6 +36,21 @@ pub struct PointField {
 }
 
 /// A `sensor_msgs/PointCloud2`.
+///
+/// ```
+/// use dvrk_io::cdr::{Endian, Header, PointCloud2, decode, encode};
+/// use dvrk_io::nalgebra::Point3;
+///
+/// // Multiples of 1/4 are exact in 32 bits.
+/// let points = [Point3::new(0.25, -0.5, 0.75), Point3::new(0.0, 0.25, 1.0)];
+/// let colours = [[255, 0, 10], [1, 2, 3]];
+/// let cloud = PointCloud2::from_coloured_points(Header::default(), &points, &colours)?;
+/// assert_eq!((cloud.width, cloud.height, cloud.point_step), (2, 1, 16));
+/// let received: PointCloud2 = decode(&encode(&cloud, Endian::Big)?)?;
+/// assert_eq!(received.points()?, points);
+/// assert_eq!(received.colours()?, Some(colours.to_vec()));
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct PointCloud2 {
     /// When, and in which frame.

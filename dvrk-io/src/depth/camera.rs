@@ -10,6 +10,20 @@ use nalgebra::Point3;
 use crate::Error;
 
 /// Size and focal parameters of a rectified camera, in pixels.
+///
+/// ```
+/// use dvrk_io::depth::Intrinsics;
+/// use dvrk_io::nalgebra::Point3;
+///
+/// let camera = Intrinsics::new(640, 480, [500.0, 500.0], [319.5, 239.5])?;
+/// // 100 pixels right of the principal point, at 0.5 m: 100/500 · 0.5 m.
+/// let point = camera.back_project(419.5, 239.5, 0.5);
+/// assert!((point - Point3::new(0.1, 0.0, 0.5)).norm() < 1e-12);
+/// let pixel = camera.project(&point).ok_or("behind the camera")?;
+/// assert!((pixel[0] - 419.5).abs() < 1e-9 && (pixel[1] - 239.5).abs() < 1e-9);
+/// assert_eq!(camera.project(&Point3::new(0.1, 0.0, -0.5)), None);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Intrinsics {
     width: usize,

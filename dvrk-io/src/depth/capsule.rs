@@ -58,6 +58,19 @@ impl Capsule {
 
 /// The capsules along a kinematic chain: link i reaches from `joints[i]` to `joints[i + 1]` and has radius
 /// `radii[i]`. Links beyond the shorter of the two slices are left out.
+///
+/// ```
+/// use dvrk_io::depth::chain;
+/// use dvrk_io::nalgebra::Point3;
+///
+/// let joints = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 1.0]].map(Point3::from);
+/// let links = chain(&joints, &[0.125, 0.25]);
+/// assert_eq!(links.len(), 2);
+/// // Beside the first link, beyond its end, and within the second one.
+/// assert_eq!(links[0].distance(&Point3::new(0.5, 0.0, 0.5)), 0.5 - 0.125);
+/// assert_eq!(links[0].distance(&Point3::new(0.0, 0.0, -1.0)), 1.0 - 0.125);
+/// assert_eq!(links[1].distance(&Point3::new(0.5, 0.0, 1.0)), -0.25);
+/// ```
 pub fn chain(joints: &[Point3<f64>], radii: &[f64]) -> Vec<Capsule> {
     let capsule = |(ends, &radius): (&[Point3<f64>], &f64)| Capsule {
         start: ends[0],

@@ -39,6 +39,24 @@ pub struct Surface<'a> {
 /// # Errors
 /// A scan without rows; an image whose size is not an integer multiple of that of the scan, the same along rows and columns; `object` with another
 /// length than the scan; a capsule that is not finite.
+///
+/// ```
+/// use dvrk_io::depth::{Capsule, DepthImage, Intrinsics, Scan};
+/// use dvrk_io::features::{Descriptor, FeatureOptions, GreyImage, Keypoint, Surface, lift};
+///
+/// // A wall half a metre away, and an arm in front of one of two corners.
+/// let camera = Intrinsics::new(64, 48, [80.0, 80.0], [31.5, 23.5])?;
+/// let scan = Scan::from_image(&DepthImage::from_metres(64, 48, &[0.5; 64 * 48])?, &camera)?;
+/// let at = |column, row| Keypoint { column, row, score: 1, descriptor: Descriptor::default() };
+/// let tip = camera.back_project(50.0, 30.0, 0.49);
+/// let arms = [Capsule { start: tip, end: tip, radius: 0.005 }];
+/// let surface = Surface { scan: &scan, object: None, arms: &arms };
+/// let image = GreyImage::new(64, 48, vec![0; 64 * 48])?;
+/// let features = lift(&[at(20, 30), at(50, 30)], &image, &surface, &FeatureOptions::default())?;
+/// assert_eq!(features.len(), 1);
+/// assert!((features[0].point - camera.back_project(20.0, 30.0, 0.5)).norm() < 1e-9);
+/// # Ok::<(), dvrk_io::Error>(())
+/// ```
 pub fn lift(
     keypoints: &[Keypoint],
     image: &GreyImage,

@@ -53,6 +53,24 @@ pub fn match_features(a: &[Feature], b: &[Feature], options: &FeatureOptions) ->
 }
 
 /// The landmarks that two frames share.
+///
+/// ```
+/// use dvrk_io::features::{Descriptor, Feature, FeatureOptions, landmark_pairs, match_features};
+/// use dvrk_io::nalgebra::Point3;
+///
+/// let feature = |x: f64, bits: u32| {
+///     Feature { point: Point3::new(x, 0.0, 0.5), descriptor: Descriptor([bits; 8]) }
+/// };
+/// // Two features move by 5 mm and come in another order; a third appears too far away to be one of them.
+/// let a = [feature(0.0, 0), feature(0.02, u32::MAX)];
+/// let b = [feature(0.025, u32::MAX), feature(0.005, 0), feature(0.2, 0)];
+/// let options = FeatureOptions::default();
+/// let found = match_features(&a, &b, &options);
+/// assert_eq!(found.iter().map(|m| (m.a, m.b)).collect::<Vec<_>>(), [(0, 1), (1, 0)]);
+/// let pairs = landmark_pairs(&a, &b, &options);
+/// assert!(pairs.a.iter().zip(&pairs.b).all(|(a, b)| (b.x - a.x - 0.005).abs() < 1e-12));
+/// assert_eq!(pairs.confidence, [1.0, 1.0]);
+/// ```
 pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) -> LandmarkPairs {
     let matches = match_features(a, b, options);
     LandmarkPairs {

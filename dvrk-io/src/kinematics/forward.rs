@@ -64,6 +64,25 @@ impl Kinematics {
     ///
     /// # Errors
     /// A joint value that is not finite.
+    ///
+    /// ```
+    /// use dvrk_io::Psm;
+    /// use dvrk_io::kinematics::Kinematics;
+    ///
+    /// // The same as the difference quotient of the positions.
+    /// let arm = Kinematics::new(Psm::Classic);
+    /// let joints = [0.2, -0.3, 0.15, 0.4, -0.5, 0.6];
+    /// let jacobian = arm.wrist_jacobian(&joints)?;
+    /// for joint in 0..6 {
+    ///     let (mut more, mut less) = (joints, joints);
+    ///     more[joint] += 1e-5;
+    ///     less[joint] -= 1e-5;
+    ///     let (more, less) = (arm.rcm_from_wrist(&more)?.0, arm.rcm_from_wrist(&less)?.0);
+    ///     let velocity = (more.translation.vector - less.translation.vector) / 2e-5;
+    ///     assert!((velocity - jacobian.fixed_view::<3, 1>(0, joint)).norm() < 1e-8);
+    /// }
+    /// # Ok::<(), dvrk_io::Error>(())
+    /// ```
     pub fn wrist_jacobian(&self, joints: &[f64; 6]) -> Result<Matrix6<f64>, Error> {
         self.jacobian_at(joints, 0.0)
     }

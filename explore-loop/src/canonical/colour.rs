@@ -25,6 +25,22 @@ const CELL: f64 = 0.5;
 type Key = ([i32; 3], u8);
 
 /// Mean colours over the surface at rest.
+///
+/// ```
+/// use explore_loop::canonical::colour::ColourMap;
+/// use explore_loop::nalgebra::{Point3, Vector3};
+///
+/// // The two sides of a thin wall keep their colours.
+/// let (mut map, spacing) = (ColourMap::default(), 0.005);
+/// let place = Point3::new(0.01, 0.02, 0.5);
+/// map.add(&place, &Vector3::z(), [200, 10, 10], spacing);
+/// map.add(&place, &-Vector3::z(), [10, 10, 200], spacing);
+/// assert_eq!(map.at(&place, &Vector3::z_axis(), spacing), Some([200, 10, 10]));
+/// assert_eq!(map.at(&place, &-Vector3::z_axis(), spacing), Some([10, 10, 200]));
+/// // 2 cm away nothing is known.
+/// let far = place + Vector3::new(0.02, 0.0, 0.0);
+/// assert_eq!(map.at(&far, &Vector3::z_axis(), spacing), None);
+/// ```
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColourMap {
     cells: BTreeMap<Key, ([f32; 3], f32)>,

@@ -20,6 +20,27 @@ use super::CanonicalModel;
 const APART: f64 = 3.0;
 
 /// Edges of the surface graph that have opened; `measured[i]` marks vertices whose live position was observed in this frame.
+///
+/// ```
+/// use explore_loop::canonical::cut::distorted;
+/// use explore_loop::canonical::{CanonicalModel, NewVertex};
+/// use explore_loop::nalgebra::{Point3, Vector3};
+///
+/// let spacing = 0.005;
+/// let mut model = CanonicalModel::default();
+/// for x in [0.0, 0.006] {
+///     model.push(NewVertex::new(Point3::new(x, 0.0, 0.5), -Vector3::z_axis()), 0);
+/// }
+/// model.join(spacing);
+/// assert!(distorted(&model, &[true, true], spacing).is_empty());
+/// // The two parts open by 20 mm: the edge between them is cut, and stays so.
+/// model.live_mut()[1].x += 0.02;
+/// let opened = distorted(&model, &[true, true], spacing);
+/// assert_eq!(opened, [[0, 1]]);
+/// assert_eq!(model.cut(&opened), 1);
+/// model.join(spacing);
+/// assert!(model.edges().is_empty());
+/// ```
 pub fn distorted(model: &CanonicalModel, measured: &[bool], spacing: f64) -> Vec<[u32; 2]> {
     let opened = |i: usize, j: usize| {
         let turned = model.rotations[i] * (model.rest[j] - model.rest[i]);

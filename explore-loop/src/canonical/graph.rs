@@ -49,6 +49,19 @@ pub fn near(tree: &Tree, query: &Point3<f64>, radius: f64, most: usize) -> Vec<(
 }
 
 /// Index and distance of the point nearest to `query`.
+///
+/// ```
+/// use explore_loop::canonical::graph::{near, nearest, tree};
+/// use explore_loop::nalgebra::Point3;
+///
+/// let points = [0.0, 1.0, 3.0].map(|x| Point3::new(x, 0.0, 0.0));
+/// let tree = tree(&points).ok_or("no points")?;
+/// let query = Point3::new(1.25, 0.0, 0.0);
+/// assert_eq!(nearest(&tree, &query), (1, 0.25));
+/// // Nearest first; the third point is farther than the radius.
+/// assert_eq!(near(&tree, &query, 1.5, 10), [(1, 0.25), (0, 1.25)]);
+/// # Ok::<(), &str>(())
+/// ```
 pub fn nearest(tree: &Tree, query: &Point3<f64>) -> (usize, f64) {
     let hit = tree
         .0

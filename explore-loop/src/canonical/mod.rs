@@ -29,6 +29,24 @@ pub mod tangent;
 pub mod topology;
 
 /// The canonical model of the object: parallel arrays with one entry for each vertex.
+///
+/// ```
+/// use explore_loop::canonical::{CanonicalModel, NewVertex};
+/// use explore_loop::nalgebra::{Point3, Vector3};
+///
+/// // Three vertices in a row, 6 mm apart, and one beneath them that faces the other way.
+/// let mut model = CanonicalModel::default();
+/// for x in [0.0, 0.006, 0.012] {
+///     model.push(NewVertex::new(Point3::new(x, 0.0, 0.5), -Vector3::z_axis()), 0);
+/// }
+/// model.push(NewVertex::new(Point3::new(0.006, 0.0, 0.501), Vector3::z_axis()), 1);
+/// model.join(0.005);
+/// assert_eq!(model.edges(), &[[0, 1], [1, 2]]);
+/// // Identities survive the removal of others; indices do not.
+/// assert_eq!(model.retain(&[false, true, true, true]), [1, 2, 3]);
+/// assert_eq!(model.ids(), &[1, 2, 3]);
+/// assert_eq!(model.edges(), &[[0, 1]]);
+/// ```
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
 // The derived functions are the inherent ones that the traits below call.
 #[serde(remote = "Self")]

@@ -33,6 +33,22 @@ impl HasPosition for Projected {
 ///
 /// # Complexity
 /// `O(n log n)`; about 20 µs for each vertex.
+///
+/// ```
+/// use explore_loop::canonical::surface::{triangulate, vertex_areas};
+/// use explore_loop::nalgebra::{Point3, Vector3};
+///
+/// // A regular hexagon with sides of 1 and its centre: six triangles, all around the centre.
+/// let angle = |k: i32| f64::from(k) * std::f64::consts::FRAC_PI_3;
+/// let mut points = vec![Point3::origin()];
+/// points.extend((0..6).map(|k| Point3::new(angle(k).cos(), angle(k).sin(), 0.0)));
+/// let triangles = triangulate(&points, &[Vector3::z_axis(); 7], 1.0);
+/// assert_eq!(triangles.len(), 6);
+/// assert!(triangles.iter().all(|triangle| triangle.contains(&0)));
+/// // A third of the area of each belongs to the centre.
+/// let areas = vertex_areas(&points, &triangles);
+/// assert!((areas[0] - 3_f64.sqrt() / 2.0).abs() < 1e-12);
+/// ```
 pub fn triangulate(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],

@@ -18,6 +18,28 @@ const FAR_BELOW: f64 = 1e3;
 const DISTANCES: std::ops::RangeInclusive<f64> = 0.01..=20.0;
 
 /// Plays a session that `dvrk-io` has read, or reads while it is played.
+///
+/// ```
+/// use dvrk_io::session::{SessionReader, SessionWriter};
+/// use explore_loop::cell::replay::ReplayCell;
+/// use explore_loop::cell::{Cell, CellError};
+/// use explore_loop::nalgebra::Point3;
+///
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("session.mcap");
+/// let mut writer = SessionWriter::create(&path)?;
+/// writer.points(1.0, &[Point3::new(0.0, 0.0, 0.5)])?;
+/// writer.points(1.1, &[Point3::new(0.0, 0.0, 0.5), Point3::new(0.01, 0.0, 0.5)])?;
+/// writer.finish()?;
+///
+/// let mut cell = ReplayCell::new(SessionReader::open(&path)?)?;
+/// assert_eq!((cell.remaining(), cell.has_table()), (2, false));
+/// assert_eq!(cell.observe()?.points.len(), 1);
+/// assert_eq!(cell.observe()?.points.len(), 2);
+/// assert!(matches!(cell.observe(), Err(CellError::Ended)));
+/// assert!(matches!(cell.home(), Err(CellError::ReadOnly)));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct ReplayCell {
     info: CellInfo,
     frames: Source,

@@ -56,6 +56,21 @@ impl Default for DoubledOptions {
 ///
 /// # Complexity
 /// `O(s (log n + c))` for `s` samples, `n` triangles and `c` triangles near a line.
+///
+/// ```
+/// use explore_loop::measure::{DoubledOptions, Sampling, Surface, doubled};
+/// use explore_loop::nalgebra::Point3;
+///
+/// // A square, and a mesh of it with a second layer 1 cm above the first.
+/// let layer = |z: f64| [[0.0, 0.0, z], [0.1, 0.0, z], [0.1, 0.1, z], [0.0, 0.1, z]].map(Point3::from);
+/// let truth = Surface::new(&layer(0.0), &[[0, 1, 2], [0, 2, 3]])?;
+/// let both = [layer(0.0), layer(0.01)].concat();
+/// let mesh = Surface::new(&both, &[[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])?;
+/// let (options, sampling) = (DoubledOptions::default(), Sampling::default());
+/// assert!(doubled(&mesh, &truth, &options, sampling) > 0.999);
+/// assert_eq!(doubled(&truth, &truth, &options, sampling), 0.0);
+/// # Ok::<(), explore_loop::measure::MeasureError>(())
+/// ```
 pub fn doubled(
     mesh: &Surface,
     truth: &Surface,

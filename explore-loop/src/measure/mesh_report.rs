@@ -16,6 +16,19 @@ use std::collections::BTreeMap;
 const SAME: f64 = 1e-7;
 
 /// Counts that tell whether a mesh is closed, manifold and in one piece.
+///
+/// ```
+/// use explore_loop::measure::MeshReport;
+/// use explore_loop::nalgebra::Point3;
+///
+/// let corners = [[0.0; 3], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]].map(Point3::from);
+/// let triangles = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]];
+/// let closed = MeshReport::of(&corners, &triangles);
+/// assert!(closed.watertight && closed.euler == 2 && closed.components == 1);
+/// // Without one of its four triangles it has a hole with three edges.
+/// let open = MeshReport::of(&corners, &triangles[..3]);
+/// assert!(!open.watertight && open.open_edges == 3 && open.euler == 1);
+/// ```
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MeshReport {
     /// Whether every edge has exactly two triangles; an empty mesh is not watertight.

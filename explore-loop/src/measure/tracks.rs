@@ -22,6 +22,15 @@ use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Pixels of many points in many frames.
+///
+/// ```
+/// use explore_loop::measure::PixelTracks;
+///
+/// let table = b"frame,track,column,row\n0,0,310.5,240.0\n0,1,320.0,250.0\n1,0,311.0,240.5\n";
+/// assert_eq!(PixelTracks::parse(table)?.count(), 2);
+/// assert!(PixelTracks::parse(b"frame,track,column,row\n0,0.5,310.5,240.0\n").is_err());
+/// # Ok::<(), explore_loop::measure::MeasureError>(())
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PixelTracks {
     /// By frame number: the tracks visible in it, with column and row.

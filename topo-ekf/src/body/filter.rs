@@ -175,6 +175,27 @@ impl BodyFilter {
     }
 
     /// Moves the deformed body by a rigid motion, at rest afterwards: it was lost and has been found elsewhere.
+    ///
+    /// ```
+    /// # use topo_ekf::Plane;
+    /// # use topo_ekf::body::{BodyFilter, BodyOptions, Embedding, Lattice};
+    /// use topo_ekf::nalgebra::{Isometry3, Point3, Rotation3, Vector3};
+    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// # for x in 0..4 {
+    /// #     lattice.ensure([x, 0, 0]);
+    /// # }
+    /// # let table = Plane { normal: Vector3::z_axis(), offset: 0.0 };
+    /// // A row of four cells.
+    /// let mut body = BodyFilter::new(lattice, table, &BodyOptions::default())?;
+    /// let at = Embedding::new(3, [0.5, 0.2, 1.0]);
+    /// let lost = body.pose().position(body.lattice(), &at);
+    /// let motion = Isometry3::new(Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.5, 1.0));
+    /// body.relocate(&motion);
+    /// let found = body.pose().position(body.lattice(), &at);
+    /// assert!((found - motion * lost).norm() < 1e-12);
+    /// assert!(body.energy() < 1e-9); // it was moved, not deformed
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn relocate(&mut self, found_from_lost: &nalgebra::Isometry3<f64>) {
         let turn = found_from_lost.rotation.to_rotation_matrix();
         for place in &mut self.state.pose.live {

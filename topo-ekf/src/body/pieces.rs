@@ -38,6 +38,22 @@ impl Lattice {
     ///
     /// # Complexity
     /// Cells times logarithm of cells.
+    ///
+    /// ```
+    /// use topo_ekf::body::{Lattice, PARTS, Piece};
+    /// use topo_ekf::nalgebra::{Point3, Rotation3};
+    /// // Two fingers in one cell: each is joined to the palm in the cell before, but not to the other.
+    /// let finger = |row: usize| std::array::from_fn::<f64, PARTS, _>(|k| if k / 4 % 4 == row { 1.0 } else { 0.0 });
+    /// let palm = Piece { place: [0, 0, 0], occupancy: [1.0; PARTS] };
+    /// let fingers = [0, 3].map(|row| Piece { place: [1, 0, 0], occupancy: finger(row) });
+    /// let [first, second] = fingers;
+    /// let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// let cells = lattice.set_pieces(&[palm, first, second], &[[0, 1], [0, 2]])?;
+    /// assert_eq!((cells.len(), lattice.copies([1, 0, 0]).len()), (3, 2));
+    /// // Eight nodes of the palm, four of which both fingers share, and four at each tip.
+    /// assert_eq!(lattice.rest().len(), 16);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn set_pieces(
         &mut self,
         pieces: &[Piece],

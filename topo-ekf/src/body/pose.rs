@@ -64,6 +64,19 @@ impl Pose {
     ///
     /// # Complexity
     /// Linear in the number of cells.
+    ///
+    /// ```
+    /// use topo_ekf::body::{Lattice, Pose};
+    /// use topo_ekf::nalgebra::{Point3, Rotation3, Vector3};
+    /// let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// lattice.ensure([0, 0, 0]);
+    /// lattice.ensure([1, 0, 0]);
+    /// let mut pose = Pose::at_rest(&lattice);
+    /// let turn = Rotation3::new(Vector3::new(0.0, 0.5, 1.0));
+    /// pose.live = lattice.rest().iter().map(|p| turn * p).collect();
+    /// pose.fit_turns(&lattice);
+    /// assert!(pose.turns.iter().all(|found| (found.matrix() - turn.matrix()).norm() < 1e-9));
+    /// ```
     pub fn fit_turns(&mut self, lattice: &Lattice) {
         self.turns
             .resize(lattice.cells().len(), Rotation3::identity());
@@ -149,6 +162,23 @@ impl Pose {
 
     /// Maps a live point to rest through the best of the candidate cells; `None` if it is more than 0.8 cells outside of all of
     /// them. Where material is divided (`Lattice::set_pieces`), a point must also be within 0.15 cells of the cell's own material.
+    ///
+    /// ```
+    /// use topo_ekf::body::{Lattice, Pose};
+    /// use topo_ekf::nalgebra::{Isometry3, Point3, Rotation3, Vector3};
+    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// # lattice.ensure([0, 0, 0]);
+    /// # lattice.ensure([1, 0, 0]);
+    /// let motion = Isometry3::new(Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.5, 1.0));
+    /// let mut pose = Pose::at_rest(&lattice);
+    /// pose.live = lattice.rest().iter().map(|p| motion * p).collect();
+    /// pose.fit_turns(&lattice);
+    /// let rest = Point3::new(0.020, 0.004, 0.008); // in the second cell
+    /// let found = pose.inverse(&lattice, &(motion * rest), 0..2).ok_or("outside of the body")?;
+    /// assert_eq!(found.cell, 1);
+    /// assert!((found.position - rest).norm() < 1e-9);
+    /// # Ok::<(), &str>(())
+    /// ```
     pub fn inverse(
         &self,
         lattice: &Lattice,

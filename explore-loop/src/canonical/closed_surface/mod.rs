@@ -194,6 +194,32 @@ pub struct ClosedSurface {
 /// # Errors
 /// Arrays of unequal length, invalid options or points, too few points, points that enclose no volume, or an object too large for
 /// the grid.
+///
+/// ```
+/// use explore_loop::canonical::closed_surface::{ClosedSurfaceOptions, closed_surface};
+/// use explore_loop::measure::MeshReport;
+/// use explore_loop::nalgebra::{Point3, UnitVector3, Vector3};
+///
+/// // A ball with a radius of 20 mm and a point about every 5 mm.
+/// # let golden = std::f64::consts::PI * (3.0 - 5_f64.sqrt());
+/// # let spiral = |k: i32| {
+/// #     let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 240.0;
+/// #     let (sin, cos) = (golden * f64::from(k)).sin_cos();
+/// #     let across = (1.0 - z * z).sqrt();
+/// #     UnitVector3::new_normalize(Vector3::new(across * cos, across * sin, z))
+/// # };
+/// let normals: Vec<UnitVector3<f64>> = (0..240).map(spiral).collect();
+/// let points: Vec<Point3<f64>> = normals.iter().map(|n| Point3::from(n.scale(0.02))).collect();
+/// let options = ClosedSurfaceOptions::new(0.005);
+/// let ball = closed_surface(&points, &normals, &[1.0; 240], &options)?;
+/// let report = MeshReport::of(&ball.vertices, &ball.triangles);
+/// assert!(report.watertight && report.euler == 2 && ball.is_wholly_seen());
+/// assert!(ball.vertices.iter().all(|v| (v.coords.norm() - 0.02).abs() < 0.001));
+/// // Through the upper half alone the surface is closed too, but its lower part has no support.
+/// let half = closed_surface(&points[..120], &normals[..120], &[1.0; 120], &options)?;
+/// assert!(half.bare > 0.1 && !half.is_wholly_seen());
+/// # Ok::<(), explore_loop::canonical::closed_surface::ClosedSurfaceError>(())
+/// ```
 pub fn closed_surface(
     points: &[Point3<f64>],
     normals: &[UnitVector3<f64>],

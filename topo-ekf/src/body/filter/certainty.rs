@@ -17,6 +17,28 @@ impl BodyFilter {
     ///
     /// # Complexity
     /// Half a solve for each coordinate of the nodes around the points, a few cells at a time.
+    ///
+    /// ```
+    /// use topo_ekf::body::{BodyFrame, Row};
+    /// # use topo_ekf::Plane;
+    /// # use topo_ekf::body::{BodyFilter, BodyOptions, Embedding, Lattice, Table};
+    /// # use topo_ekf::nalgebra::{Point3, Rotation3, Vector3};
+    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// # for x in 0..4 {
+    /// #     lattice.ensure([x, 0, 0]);
+    /// # }
+    /// # let table = Plane { normal: Vector3::z_axis(), offset: 0.0 };
+    /// # let mut body = BodyFilter::new(lattice, table, &BodyOptions::default().with_table(Table::Absent))?;
+    /// // The height of one point is measured to 0.1 mm, and nothing else.
+    /// let at = Embedding::new(0, [0.5, 0.5, 1.0]);
+    /// let target = body.pose().position(body.lattice(), &at);
+    /// let row = Row::along(at, target, Vector3::z_axis(), 1e8);
+    /// body.step(&BodyFrame::new(&[], &[at]), &mut |_, _, _| vec![row], &mut |_, _| {})?;
+    /// let covariance = body.covariances(&[at])?[0];
+    /// assert!(covariance[(2, 2)] < 1.001e-8);
+    /// assert!(covariance[(0, 0)] > 1e-6 && covariance[(1, 1)] > 1e-6); // more than a millimetre
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn covariances(&self, points: &[Embedding]) -> Result<Vec<Matrix3<f64>>, Error> {
         let fresh;
         let (elastic, solved) = if let Some((elastic, solved)) = &self.last {
@@ -56,6 +78,26 @@ impl BodyFilter {
     ///
     /// # Errors
     /// As [`Self::covariances`]; a threshold that is not positive.
+    ///
+    /// ```
+    /// use topo_ekf::body::{BodyFrame, Row};
+    /// # use topo_ekf::Plane;
+    /// # use topo_ekf::body::{BodyFilter, BodyOptions, Embedding, Lattice, Table};
+    /// # use topo_ekf::nalgebra::{Point3, Rotation3, Vector3};
+    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// # for x in 0..4 {
+    /// #     lattice.ensure([x, 0, 0]);
+    /// # }
+    /// # let table = Plane { normal: Vector3::z_axis(), offset: 0.0 };
+    /// # let mut body = BodyFilter::new(lattice, table, &BodyOptions::default().with_table(Table::Absent))?;
+    /// // One end of a bar is measured to 0.1 mm; the other end may turn about it.
+    /// let (end, other) = (Embedding::new(0, [0.0, 0.5, 0.5]), Embedding::new(3, [1.0, 0.5, 0.5]));
+    /// let row = Row::point(end, body.pose().position(body.lattice(), &end), 1e8);
+    /// body.step(&BodyFrame::new(&[], &[end, other]), &mut |_, _, _| vec![row], &mut |_, _| {})?;
+    /// let found = body.observability(&[end, other], 1e-3)?;
+    /// assert_eq!(found.determined, [true, false]);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn observability(
         &self,
         points: &[Embedding],

@@ -22,6 +22,28 @@ impl BodyFilter {
     ///
     /// # Complexity
     /// One step and one projection.
+    ///
+    /// ```
+    /// use topo_ekf::Status;
+    /// use topo_ekf::body::{BodyFrame, BodyInequality};
+    /// # use topo_ekf::Plane;
+    /// # use topo_ekf::body::{BodyFilter, BodyOptions, Embedding, Lattice};
+    /// # use topo_ekf::nalgebra::{Point3, Rotation3, Vector3};
+    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
+    /// # for x in 0..4 {
+    /// #     lattice.ensure([x, 0, 0]);
+    /// # }
+    /// # let table = Plane { normal: Vector3::z_axis(), offset: 0.0 };
+    /// # let mut body = BodyFilter::new(lattice, table, &BodyOptions::default())?;
+    /// // A point on the upper face of a body at rest has to be 2 mm higher.
+    /// let at = Embedding::new(3, [0.5, 0.5, 1.0]);
+    /// let higher = body.pose().position(body.lattice(), &at).z + 0.002;
+    /// let own = [BodyInequality { terms: vec![(at, Vector3::z())], bound: higher }];
+    /// let report = body.project(&BodyFrame::new(&[], &[]).with_inequalities(&own))?;
+    /// assert_eq!(report.status, Status::Constrained);
+    /// assert!((body.pose().position(body.lattice(), &at).z - higher).abs() < 2e-6);
+    /// # Ok::<(), topo_ekf::Error>(())
+    /// ```
     pub fn project(&mut self, frame: &BodyFrame<'_>) -> Result<BodyReport, Error> {
         self.check(frame)?;
         let before = self.state.clone();
