@@ -24,6 +24,7 @@
 //! nothing is reported; completeness reports the missing sheet. A layer within 1 mm of another is not detected.
 
 use super::{Crossing, Sample, Sampling, Surface};
+use crate::setters::setters;
 
 /// Options for counting sheets.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,6 +40,15 @@ pub struct DoubledOptions {
     pub apart: f64,
     /// Least cosine between the normals for a sheet of the mesh to face the same way. Default 0.5.
     pub facing: f64,
+}
+
+setters! {
+    DoubledOptions {
+        with_reach reach: f64,
+        with_margin margin: f64,
+        with_apart apart: f64,
+        with_facing facing: f64,
+    }
 }
 
 impl Default for DoubledOptions {

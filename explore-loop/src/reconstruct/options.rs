@@ -1,5 +1,6 @@
 //! Options of the reconstruction.
 
+use crate::setters::setters;
 use topo_ekf::body::{BodyOptions, Limits};
 
 /// Options of the reconstruction; the defaults follow from the spacing.
@@ -38,6 +39,24 @@ pub struct ReconstructOptions {
     pub features: ColourFeatures,
 }
 
+setters! {
+    ReconstructOptions {
+        with_spacing spacing: f64,
+        with_cell cell: f64,
+        with_grip_radius grip_radius: f64,
+        with_min_facing min_facing: f64,
+        with_rest_motion rest_motion: f64,
+        with_keyframe_motion keyframe_motion: f64,
+        with_limits limits: Limits,
+        with_body body: BodyOptions,
+        with_separation separation: Option<f64>,
+        with_material material: Material,
+        with_hollow hollow: Option<f64>,
+        with_fusion_rounds fusion_rounds: usize,
+        with_features features: ColourFeatures,
+    }
+}
+
 /// Use of the colour features of an observation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum ColourFeatures {
@@ -59,12 +78,6 @@ pub enum Material {
 }
 
 impl ReconstructOptions {
-    /// The same options with this use of colour features.
-    #[must_use]
-    pub fn with_features(self, features: ColourFeatures) -> Self {
-        Self { features, ..self }
-    }
-
     /// Defaults at a spacing.
     pub fn new(spacing: f64) -> Self {
         Self {

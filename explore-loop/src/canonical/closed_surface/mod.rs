@@ -30,6 +30,7 @@
 //! [`ClosedSurface::bare`] does not show the gap. A second sheet less than half a spacing away cannot be told from noise.
 
 use super::genus::{CONTACT, Genus, Handles};
+use crate::setters::setters;
 use corners::Corners;
 use nalgebra::{Point3, UnitVector3};
 use samples::Samples;
@@ -78,6 +79,18 @@ pub struct ClosedSurfaceOptions {
     pub genus: Genus,
 }
 
+setters! {
+    ClosedSurfaceOptions {
+        with_spacing spacing: f64,
+        with_grid grid: f64,
+        with_reach reach: f64,
+        with_edge edge: f64,
+        with_handle handle: f64,
+        with_contact contact: f64,
+        with_genus genus: Genus,
+    }
+}
+
 impl ClosedSurfaceOptions {
     /// Defaults for points at this spacing, m.
     pub fn new(spacing: f64) -> Self {
@@ -90,48 +103,6 @@ impl ClosedSurfaceOptions {
             contact: CONTACT,
             genus: Genus::Any,
         }
-    }
-
-    /// Sets the crease from which on a handle is a contact, rad.
-    #[must_use]
-    pub fn with_contact(mut self, contact: f64) -> Self {
-        self.contact = contact;
-        self
-    }
-
-    /// Sets how many handles the object has.
-    #[must_use]
-    pub fn with_genus(mut self, genus: Genus) -> Self {
-        self.genus = genus;
-        self
-    }
-
-    /// Sets the step of the grid, m.
-    #[must_use]
-    pub fn with_grid(mut self, grid: f64) -> Self {
-        self.grid = grid;
-        self
-    }
-
-    /// Sets the distance from a point within which the surface counts as seen, m.
-    #[must_use]
-    pub fn with_reach(mut self, reach: f64) -> Self {
-        self.reach = reach;
-        self
-    }
-
-    /// Sets the edge length, m.
-    #[must_use]
-    pub fn with_edge(mut self, edge: f64) -> Self {
-        self.edge = edge;
-        self
-    }
-
-    /// Sets the length of loops below which a handle counts as noise, m.
-    #[must_use]
-    pub fn with_handle(mut self, handle: f64) -> Self {
-        self.handle = handle;
-        self
     }
 
     fn check(&self) -> Result<(), ClosedSurfaceError> {
