@@ -76,7 +76,7 @@ pub enum NoPlan {
         rejected: Vec<(u32, Reason)>,
     },
     /// The motion of every set was rejected.
-    #[error("all {} motions were rejected, the best one: {}", refused.len(), first_reason(refused))]
+    #[error("{}", all_refused(refused))]
     AllRefused {
         /// Each set with the reason, best first.
         refused: Vec<RefusedSet>,
@@ -86,9 +86,15 @@ pub enum NoPlan {
     Other(String),
 }
 
-fn first_reason(refused: &[RefusedSet]) -> String {
-    let first = refused.first().map(|r| r.reason.to_string());
-    first.unwrap_or_else(|| "none was tried".into())
+fn all_refused(refused: &[RefusedSet]) -> String {
+    match refused.first() {
+        Some(best) => format!(
+            "all {} motions were rejected, the best one: {}",
+            refused.len(),
+            best.reason
+        ),
+        None => "no set of grips was found".into(),
+    }
 }
 
 /// Chooses grips and motions.
