@@ -422,6 +422,7 @@ fn the_metrics_have_their_keys() {
         "grips",
         "seed",
         "speed_m_s",
+        "fastest_grip_m_s",
         "spacing_m",
         "manipulations",
         "stop",

@@ -9,8 +9,8 @@
 //!
 //! A firm or hollow body stands on the table before the tips are down, and would be pressed flat, or dragged along if it cannot become wider: it would
 //! spring up when it is released. The tips therefore go no lower than where they push with more than [`PRESSED`], and stop altogether when they pull or
-//! push by [`RESISTED`] more than at the beginning. (The weight of a stiff body is uncertain, and then so is the force in weights; an error only makes
-//! the tips stop earlier or later.)
+//! push by [`RESISTED`] more than at the beginning. The weight of a stiff body may be estimated as too small; then the tips stop earlier than
+//! they must, which does no harm. So no least weight is assumed here, as it is where the pull of the grips is limited.
 
 use super::Manipulation;
 use crate::cell::{Observation, Plane};

@@ -11,7 +11,8 @@
 //! lost: sliding of the surface along itself must strain the body, which resists it.
 //!
 //! Contact with the table is in `touch`, constraints of the pose in `constrain`, weight and its estimate in `weigh`, uncertainties in
-//! `certainty`, changes of the material in `edit`, data kept from one step to the next in `equations`.
+//! `certainty`, the limits of a plausible frame in `plausible`, a body that was found elsewhere in `relocate`, changes of the material in `edit`, data
+//! kept from one step to the next in `equations`.
 //!
 //! The projection removes the depth to which points are pressed into the table, and with it the reaction of the table. The next frame therefore
 //! starts its steps (not its prior) at the estimate before the projection.
@@ -19,8 +20,8 @@
 use nalgebra::{Point3, Vector3};
 
 use super::elastic::{Acting, Elastic, Solved};
-use super::frame::{BodyFrame, BodyReport, Limits, Progress};
-use super::lattice::{Embedding, Lattice};
+use super::frame::{BodyFrame, BodyReport, Progress};
+use super::lattice::Lattice;
 use super::options::BodyOptions;
 use super::pose::Pose;
 use super::row::{Row, check_unit};
@@ -33,6 +34,8 @@ mod certainty;
 mod constrain;
 mod edit;
 mod equations;
+mod plausible;
+mod relocate;
 mod touch;
 mod weigh;
 
@@ -41,10 +44,9 @@ const IDLE: f64 = 3e-4;
 /// Depth to which points on the table at rest are assumed to be pressed into it, m: at exactly zero height rounding would decide whether they touch,
 /// and the first step would let them sink.
 const TOUCHING: f64 = 1e-9;
-/// Least weight in which the pull of the grips is judged, in weights assumed before anything was lifted.
-const LIGHTEST: f64 = 0.5;
 /// Factor on the standard deviation of the motion after a release.
 const RELEASED: f64 = 3.0;
+
 /// Tracks the volume of a soft body: an elastic lattice deformed from rest by observations, grips and contacts.
 ///
 /// See the [module](crate::body) for an example.
@@ -174,42 +176,6 @@ impl BodyFilter {
         &self.options
     }
 
-    /// Moves the deformed body by a rigid motion, at rest afterwards: it was lost and has been found elsewhere.
-    ///
-    /// ```
-    /// # use topo_ekf::Plane;
-    /// # use topo_ekf::body::{BodyFilter, BodyOptions, Embedding, Lattice};
-    /// use topo_ekf::nalgebra::{Isometry3, Point3, Rotation3, Vector3};
-    /// # let mut lattice = Lattice::new(0.016, Point3::origin(), Rotation3::identity());
-    /// # for x in 0..4 {
-    /// #     lattice.ensure([x, 0, 0]);
-    /// # }
-    /// # let table = Plane { normal: Vector3::z_axis(), offset: 0.0 };
-    /// // A row of four cells.
-    /// let mut body = BodyFilter::new(lattice, table, &BodyOptions::default())?;
-    /// let at = Embedding::new(3, [0.5, 0.2, 1.0]);
-    /// let lost = body.pose().position(body.lattice(), &at);
-    /// let motion = Isometry3::new(Vector3::new(0.1, 0.0, 0.2), Vector3::new(0.0, 0.5, 1.0));
-    /// body.relocate(&motion);
-    /// let found = body.pose().position(body.lattice(), &at);
-    /// assert!((found - motion * lost).norm() < 1e-12);
-    /// assert!(body.energy() < 1e-9); // it was moved, not deformed
-    /// # Ok::<(), topo_ekf::Error>(())
-    /// ```
-    pub fn relocate(&mut self, found_from_lost: &nalgebra::Isometry3<f64>) {
-        let turn = found_from_lost.rotation.to_rotation_matrix();
-        for place in &mut self.state.pose.live {
-            *place = found_from_lost * *place;
-        }
-        for own in &mut self.state.pose.turns {
-            *own = turn * *own;
-        }
-        self.state.displacement.fill(Vector3::zeros());
-        self.state.raised.fill(Vector3::zeros());
-        self.state.falling = 0;
-        self.last = None;
-    }
-
     /// Weight over stiffness `ρ g / E`, 1/m, estimated from the sag of the held body.
     pub fn weight_over_stiffness(&self) -> f64 {
         self.weight.value()
@@ -262,7 +228,7 @@ impl BodyFilter {
     ///
     /// # Errors
     /// Grips, points, rows, inequalities or feet in cells that do not exist, coordinates or weights that are not finite or negative,
-    /// rows so heavy that the matrix cannot be factorised; a frame beyond its [limits](Limits). The body is then unchanged.
+    /// rows so heavy that the matrix cannot be factorised; a frame beyond its [limits](super::Limits). The body is then unchanged.
     ///
     /// # Complexity
     /// Each step is one sparse factorisation with three unknowns for each node (see the README for times); the projection takes one more solve for every
@@ -359,7 +325,7 @@ impl BodyFilter {
         }
         let solved = self.update(elastic, &setting, observe, released, &mut report)?;
         self.constrain(elastic, &solved, frame, &mut report)?;
-        self.believe(&before, released, frame, &report)?;
+        self.check_plausible(&before, released, frame, &report)?;
         self.finish(&before, released, &mut report);
         Ok((report, solved))
     }
@@ -425,36 +391,6 @@ impl BodyFilter {
             }
             elastic.recycle(solved);
         }
-    }
-
-    /// Rejects a frame beyond its limits.
-    fn believe(
-        &self,
-        before: &[Point3<f64>],
-        released: bool,
-        frame: &BodyFrame<'_>,
-        report: &BodyReport,
-    ) -> Result<(), Error> {
-        let Limits { motion, fall, pull } = frame.limits;
-        let motion = if released { fall } else { motion };
-        let moved = |at: &Embedding| {
-            let (lattice, live) = (&self.lattice, &self.state.pose.live);
-            (lattice.warp(live, at) - lattice.warp(before, at)).norm()
-        };
-        let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
-        moves.sort_unstable_by(f64::total_cmp);
-        let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let (weight, least) = (self.weight.value(), LIGHTEST * self.options.initial_weight);
-        let share = weight / weight.max(least).max(f64::MIN_POSITIVE);
-        let pulled = self.grip_force_in_weights(report).norm() * share;
-        let told = [
-            ("motion of the surface, m", moved, motion),
-            ("pull of the grips in weights of the body", pulled, pull),
-        ];
-        let beyond = told.into_iter().find(|(_, value, limit)| value > limit);
-        beyond.map_or(Ok(()), |(what, value, limit)| {
-            Err(Error::Beyond { what, value, limit })
-        })
     }
 
     fn finish(&mut self, before: &[Point3<f64>], released: bool, report: &mut BodyReport) {
