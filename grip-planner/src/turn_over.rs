@@ -8,10 +8,10 @@
 //! retract, lower  θ = ¼ … ½ turn:    (s, h) = R(θ)(s₀, h₀ − t) − (t, 0)      about the next edge (−t, 0)
 //! ```
 //! like a block that tumbles over two of its edges. With [`Turn::tilt`] the body is tilted in between, while it hangs at a quarter
-//! turn: a grip at distance `x − x₀` along the axis from the centre `x₀` of the grips moves, with `φ = 0 … τ … −τ … 0`,
+//! turn about the centre `(x₀, h₀)` of the lifting grips: with `φ = 0 … τ … −τ … 0`, a grip at `(x, h)` moves to
 //!
 //! ```text
-//! tilt            (x − x₀, h) = (cos φ, sin φ)(x − x₀) + (0, ρ)
+//! tilt            (x₀, h₀ + ρ) + R(φ)(x − x₀, h − h₀)
 //! ```
 //!
 //! and rotates with the body; the rise `ρ`, up to `sin τ` times the farther end of the box, keeps the lower end off the table.
@@ -208,7 +208,9 @@ struct Arc<'a> {
     end: f64,
     /// Displacement of the arc toward the lifted side.
     shift: f64,
-    /// Centre of the lifting grips along the axis.
+    /// The lifting tips before the turn.
+    lifting: Vec<Vector3<f64>>,
+    /// Their centre along the axis.
     middle: f64,
     /// Least height of the tips.
     floor: f64,
@@ -218,19 +220,16 @@ impl<'a> Arc<'a> {
     fn new(scene: &'a Scene<'a>, set: &GripSet, options: &'a TurnOptions) -> Self {
         let turn = set.turn;
         let end = options.end(&turn);
-        let lifting: Vec<f64> = set
-            .grips
-            .iter()
-            .filter(|g| g.role == Role::Lift)
-            .map(|g| turn.local(&g.tip()).x)
-            .collect();
-        let middle = lifting.iter().sum::<f64>() / lifting.len() as f64;
+        let lifting = set.grips.iter().filter(|g| g.role == Role::Lift);
+        let lifting: Vec<_> = lifting.map(|g| turn.local(&g.tip())).collect();
+        let middle = lifting.iter().map(|tip| tip.x).sum::<f64>() / lifting.len() as f64;
         let mut arc = Self {
             scene,
             turn,
             options,
             end,
             shift: 0.0,
+            lifting,
             middle,
             floor: scene.clearance,
         };
@@ -303,10 +302,7 @@ impl<'a> Arc<'a> {
         s += self.shift * (1.0 - angle.min(FRAC_PI_2).cos());
         let mut x = local.x;
         if role == Role::Lift {
-            // Full slack when the body hangs; none when it is laid down.
-            let taken =
-                ramp(angle / FRAC_PI_2) * (1.0 - ramp((angle - FRAC_PI_2) / (0.8 * FRAC_PI_2)));
-            h += self.options.slack * local.y.hypot(local.z) * taken;
+            h = self.lifted(local, angle);
             let apart = (local.x - self.middle).signum();
             x += 0.5 * self.options.stretch * apart * ramp(angle / FRAC_PI_2);
             [x, h] = self.tilt([x, h], at);
@@ -321,15 +317,26 @@ impl<'a> Arc<'a> {
         Vector3::new(x, s, h.max(floor))
     }
 
+    /// Height of a lifting tip after `angle`, without a tilt.
+    fn lifted(&self, local: &Vector3<f64>, angle: f64) -> f64 {
+        let [_, h] = self.tumbled(local.y, local.z, angle, self.options.retract);
+        // Full slack when the body hangs; none when it is laid down.
+        let taken = ramp(angle / FRAC_PI_2) * (1.0 - ramp((angle - FRAC_PI_2) / (0.8 * FRAC_PI_2)));
+        h + self.options.slack * local.y.hypot(local.z) * taken
+    }
+
     /// `(x, h)` of a tip of the hanging body after the tilt.
     fn tilt(&self, [x, h]: [f64; 2], at: &Way) -> [f64; 2] {
         let (sin, cos) = at.tilt.sin_cos();
-        let from_middle = x - self.middle;
+        let heights = self.lifting.iter().map(|tip| self.lifted(tip, at.angle));
+        let height = heights.sum::<f64>() / self.lifting.len() as f64;
+        let (along, up) = (x - self.middle, h - height);
         let end = 0.5 * self.turn.length + self.middle.abs();
         let raised = at.raised * end * self.turn.tilt.sin();
         [
-            self.middle + cos * from_middle,
-            h + sin * from_middle + raised,
+            self.middle + cos * along - sin * up,
+            // Not `height + cos * up`: without a tilt it is exactly `h`.
+            h + sin * along - (1.0 - cos) * up + raised,
         ]
     }
 
