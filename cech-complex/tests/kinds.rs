@@ -195,7 +195,7 @@ proptest! {
 
 /// Taller cylinders thicken the sheets, and a vertex whose third sheet starts within that thickness may look like any other.
 #[test]
-fn junctions_under_tall_cylinders_are_mostly_found() {
+fn junctions_under_tall_cylinders_are_found() {
     for surface in [
         Manifold::CrossingSheets { radius: 1.0 },
         Manifold::TJunction { radius: 1.0 },
@@ -213,7 +213,7 @@ fn junctions_under_tall_cylinders_are_mostly_found() {
             found += usize::from(*kind == VertexKind::NonManifold);
         }
         assert!(
-            all > 40 && 10 * found >= 9 * all,
+            all > 40 && 200 * found >= 199 * all,
             "{surface:?}: {found} of {all}"
         );
     }
