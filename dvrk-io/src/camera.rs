@@ -28,6 +28,7 @@ const LOOK_AGAIN: Duration = Duration::from_millis(500);
 
 /// The topics of a camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum CameraTopics {
     /// A `sensor_msgs/PointCloud2`.
@@ -45,6 +46,7 @@ pub enum CameraTopics {
 
 /// Options for reading a camera.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct CameraOptions {
     /// The unit of its lengths; `None`: determined as by [`Scan`].

@@ -10,12 +10,12 @@ use crate::kinematics::Unreachable;
 #[non_exhaustive]
 pub enum Error {
     /// The file cannot be opened, read, written or synchronised.
-    #[error("{path}: {source}")]
+    #[error("{path}: {error}")]
     Io {
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
-        source: std::io::Error,
+        error: std::io::Error,
     },
     /// An earlier write failed, so that nothing more can be appended.
     #[error("{path}: nothing can be written after a write that failed")]
@@ -64,14 +64,14 @@ pub enum Error {
         expected: &'static str,
     },
     /// One message of a session cannot be read or written.
-    #[error("{topic}, message {index}: {source}")]
+    #[error("{topic}, message {index}: {error}")]
     InMessage {
         /// The topic.
         topic: String,
         /// Which message of that topic, from 0.
         index: usize,
         /// What is wrong with it.
-        source: Box<Error>,
+        error: Box<Error>,
     },
     /// CDR bytes end before a field does.
     #[error("CDR field `{field}` at byte {offset} needs {needed} bytes, {available} are left")]
@@ -158,14 +158,14 @@ pub enum Error {
     },
     /// The tip of an arm cannot reach this pose.
     #[error("unreachable: {0}")]
-    Unreachable(#[from] Unreachable),
+    Unreachable(Unreachable),
     /// A sample of a calibration is invalid.
-    #[error("sample {index}: {source}")]
+    #[error("sample {index}: {error}")]
     BadSample {
         /// Which sample, from 0.
         index: usize,
         /// What is wrong with it.
-        source: Box<Error>,
+        error: Box<Error>,
     },
     /// Too few samples for a calibration or its check.
     #[error("{given} samples, at least {needed} are needed")]
@@ -291,12 +291,12 @@ pub enum Error {
         reason: String,
     },
     /// A message of a topic cannot be sent or read.
-    #[error("{topic}: {source}")]
+    #[error("{topic}: {error}")]
     OnTopic {
         /// The topic.
         topic: String,
         /// What is wrong with it.
-        source: Box<Error>,
+        error: Box<Error>,
     },
     /// An arm cannot be driven, or a camera not read: streams or listeners are missing.
     #[error("{arm}: after {waited:.1} s still missing: {}", listed(streams))]
@@ -365,6 +365,13 @@ pub enum Error {
         /// Radians.
         angle: f64,
     },
+}
+
+// Not `#[from]`: the message contains the reason already, so that `source` must not return it again.
+impl From<Unreachable> for Error {
+    fn from(reason: Unreachable) -> Self {
+        Self::Unreachable(reason)
+    }
 }
 
 fn listed(streams: &[MissingStream]) -> String {

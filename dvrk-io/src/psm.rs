@@ -20,6 +20,7 @@ const FINGER_RADIUS: f64 = 0.0025;
 
 /// The generation of a da Vinci.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Psm {
     /// The first generation.

@@ -26,7 +26,7 @@ const BLOCK: usize = 65_536;
 #[non_exhaustive]
 pub enum CheckpointError {
     /// The file cannot be read.
-    #[error("{0}")]
+    #[error(transparent)]
     Unreadable(#[from] std::io::Error),
     /// It is another kind of file.
     #[error("byte {byte}: this is not a checkpoint")]
@@ -106,9 +106,9 @@ pub fn write(path: &Path, content: &impl Serialize) -> Result<(), Error> {
         file.sync_all()
     });
     let renamed = written.and_then(|()| std::fs::rename(aside, path));
-    renamed.map_err(|source| Error::Write {
+    renamed.map_err(|error| Error::Write {
         path: path.to_owned(),
-        source,
+        error,
     })
 }
 
@@ -120,9 +120,9 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T, Error> {
     std::fs::read(path)
         .map_err(CheckpointError::from)
         .and_then(|bytes| parse(&bytes))
-        .map_err(|source| Error::Checkpoint {
+        .map_err(|error| Error::Checkpoint {
             path: path.to_owned(),
-            source,
+            error,
         })
 }
 

@@ -42,19 +42,19 @@ pub enum Error {
     },
     /// Registration rejected its input.
     #[error("registration: {0}")]
-    Register(#[from] nonrigid_reg::Error),
+    Register(nonrigid_reg::Error),
     /// The filter rejected its input.
     #[error("filter: {0}")]
-    Filter(#[from] topo_ekf::Error),
+    Filter(topo_ekf::Error),
     /// The complex could not be built.
     #[error("topology: {0}")]
-    Complex(#[from] cech_complex::Error),
+    Complex(cech_complex::Error),
     /// The planner rejected its input.
     #[error("planning: {0}")]
-    Plan(#[from] grip_planner::Refusal),
+    Plan(grip_planner::Refusal),
     /// No closed surface could be computed.
     #[error("surface: {0}")]
-    Surface(#[from] ClosedSurfaceError),
+    Surface(ClosedSurfaceError),
     /// The cell failed.
     #[error(transparent)]
     Cell(#[from] CellError),
@@ -63,7 +63,7 @@ pub enum Error {
     Measure(#[from] MeasureError),
     /// A session could not be read or written.
     #[error("session: {0}")]
-    Session(#[from] dvrk_io::Error),
+    Session(dvrk_io::Error),
     /// The live view cannot be opened.
     #[cfg(feature = "rerun")]
     #[error("live view: {reason}")]
@@ -78,25 +78,46 @@ pub enum Error {
         reason: String,
     },
     /// A checkpoint cannot be used.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {error}", path.display())]
     Checkpoint {
         /// The file.
         path: PathBuf,
         /// The reason.
-        source: CheckpointError,
+        error: CheckpointError,
     },
     /// The program was asked to stop.
     #[error("interrupted")]
     Interrupted,
     /// A file could not be written.
-    #[error("cannot write {}: {source}", path.display())]
+    #[error("cannot write {}: {error}", path.display())]
     Write {
         /// The file.
         path: PathBuf,
         /// The error of the operating system.
-        source: std::io::Error,
+        error: std::io::Error,
     },
 }
+
+/// Not `#[from]`: the message contains the inner error already, so that `source` must not return it again.
+macro_rules! from {
+    ($($variant:ident($error:ty)),* $(,)?) => {$(
+        impl From<$error> for Error {
+            fn from(error: $error) -> Self {
+                Self::$variant(error)
+            }
+        }
+    )*};
+}
+
+from!(
+    Register(nonrigid_reg::Error),
+    Filter(topo_ekf::Error),
+    Complex(cech_complex::Error),
+    Plan(grip_planner::Refusal),
+    Surface(ClosedSurfaceError),
+    Session(dvrk_io::Error),
+);
+
 impl From<grip_planner::Error> for Error {
     fn from(error: grip_planner::Error) -> Self {
         Self::Plan(error.into())

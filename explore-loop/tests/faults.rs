@@ -632,7 +632,7 @@ fn an_error_of_a_stage_leaves_no_arm_holding() {
             if self.0.phases.last() == Some(&Phase::Manipulate) && self.0.world.now() > 8.0 {
                 return Err(Error::Write {
                     path: "session.mcap".into(),
-                    source: std::io::Error::other("no space left"),
+                    error: std::io::Error::other("no space left"),
                 });
             }
             Ok(())

@@ -17,6 +17,7 @@ use nalgebra::Isometry3;
 
 /// The frames of an arm, as determined by the check.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FrameCheck {
     /// The point that the arm reports and follows.
     pub control_point: ControlPoint,

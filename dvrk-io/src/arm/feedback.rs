@@ -14,6 +14,7 @@ use crate::transport::{Qos, Reader, Transport};
 
 /// A stream that is missing, and why.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct MissingStream {
     /// Its topic.
     pub topic: String,

@@ -8,6 +8,7 @@ use crate::{Error, Psm};
 
 /// Largest difference between two poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tolerance {
     /// Metres.
     pub length: f64,
@@ -36,6 +37,7 @@ impl Tolerance {
 
 /// The source of the pose in the frame of the remote centre.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum LocalPose {
     /// `local/measured_cp`, as published by a dVRK: base frames are determined and monitored.
     #[default]
@@ -46,6 +48,7 @@ pub enum LocalPose {
 
 /// What to do when another client can command the arm too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum OtherWriters {
     /// Do not move.
     #[default]
@@ -56,6 +59,7 @@ pub enum OtherWriters {
 
 /// Options of an arm; see [`Arm::connect`](super::Arm::connect).
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ArmOptions {
     /// Lengths and joint limits. Default: a Classic with a large needle driver.

@@ -16,6 +16,7 @@ use crate::Error;
 
 /// Speed, acceleration and step of a motion along a line: metres or radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ProfileLimits {
     /// Highest speed, units a second.
     pub speed: f64,

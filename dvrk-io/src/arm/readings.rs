@@ -15,6 +15,7 @@ use crate::kinematics::{RcmFromTip, RcmFromWrist};
 
 /// Feedback of the jaw.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct JawState {
     /// Angle between the fingers, radians; 0 is closed, negative squeezes.
     pub angle: f64,

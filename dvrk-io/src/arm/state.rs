@@ -7,6 +7,7 @@ use crate::cdr::OperatingState;
 
 /// The state of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Mode {
     /// Not powered.
@@ -35,6 +36,7 @@ impl fmt::Display for Mode {
 
 /// State, and whether the arm is homed and busy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ArmStatus {
     /// The state.
     pub mode: Mode,
@@ -70,6 +72,7 @@ impl fmt::Display for ArmStatus {
 
 /// The protocol variant of an arm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Dialect {
     /// A dVRK: `error`, `warning` and `status` are `std_msgs/String`; a fault is left with `enable`.
     Robot,
@@ -89,6 +92,7 @@ impl fmt::Display for Dialect {
 
 /// The point of the instrument whose pose an arm reports and follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum ControlPoint {
     /// A point on the wrist yaw axis, as a dVRK does.
     Wrist,
@@ -107,6 +111,7 @@ impl fmt::Display for ControlPoint {
 
 /// An event.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Event {
     /// When, since the epoch.
     pub time: Duration,
@@ -116,6 +121,7 @@ pub struct Event {
 
 /// The kinds of events.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub enum EventKind {
     /// The arm reports an error.

@@ -7,6 +7,7 @@ use crate::kinematics::Unreachable;
 
 /// Why a motion ended: at its goal, or why not.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub enum Stop {
     /// The set-point of the arm is at the goal.

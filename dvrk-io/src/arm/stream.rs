@@ -31,6 +31,7 @@ pub struct Sample<T> {
 
 /// Why a topic delivers nothing usable.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub enum Absence {
     /// There is no publisher.
@@ -169,6 +170,7 @@ impl Measurement for JointState {
 
 /// Velocity of the control point.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Velocity {
     /// m/s.
     pub linear: [f64; 3],

@@ -16,6 +16,7 @@ use crate::Error;
 
 /// Criteria for a calibration that holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct CheckOptions {
     /// Largest distance between expected and measured position, metres. Default 0.005: the best accuracy of a registration of a dVRK
@@ -85,6 +86,7 @@ impl CheckOptions {
 
 /// The result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Verdict {
     /// At least three quarters of the samples are within the limit.
     Holds,
@@ -96,6 +98,7 @@ pub enum Verdict {
 
 /// Differences of samples from what a calibration expects.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Check {
     /// Whether it holds.

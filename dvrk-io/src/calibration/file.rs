@@ -200,9 +200,9 @@ impl Calibration {
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
         let path = path.as_ref();
         let text = self.to_toml()?;
-        let io = |source| Error::Io {
+        let io = |error| Error::Io {
             path: path.to_owned(),
-            source,
+            error,
         };
         // Written to a temporary file first: after a crash there is the old file or the new one.
         let mut partial = path.as_os_str().to_owned();
@@ -219,9 +219,9 @@ impl Calibration {
     /// See [`Calibration::from_toml`]; [`Error::Io`].
     pub fn load(path: impl AsRef<Path>) -> Result<Self, Error> {
         let path = path.as_ref();
-        let bytes = fs::read(path).map_err(|source| Error::Io {
+        let bytes = fs::read(path).map_err(|error| Error::Io {
             path: path.to_owned(),
-            source,
+            error,
         })?;
         Self::from_toml(&bytes)
     }

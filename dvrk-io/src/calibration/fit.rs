@@ -7,6 +7,7 @@ use crate::Error;
 
 /// Requirements on the samples of a fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct FitOptions {
     /// Least number of inliers. Default 4; at least 3.
@@ -124,6 +125,7 @@ pub(super) const MINIMAL: usize = 3;
 
 /// A rigid transform fitted to samples.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Fit {
     /// Pose of the arm's remote centre in the camera frame.
@@ -146,6 +148,7 @@ impl Fit {
 
 /// Residuals of the samples.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Residuals {
     /// Distance between the measured and the expected position, for every sample in order, metres.

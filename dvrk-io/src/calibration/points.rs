@@ -16,6 +16,7 @@ use crate::kinematics::{RcmFromTip, check_pose};
 
 /// A point that the tip touched, as measured by the camera and by the arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Touch {
     /// In the camera frame, metres.
     pub camera: Point3<f64>,
@@ -119,10 +120,10 @@ pub fn fit_touches(touches: &[Touch], options: &FitOptions) -> Result<Fit, Error
 pub(super) fn check_samples(touches: &[Touch]) -> Result<(), Error> {
     for (index, touch) in touches.iter().enumerate() {
         for point in [touch.camera, touch.rcm] {
-            check_pose(&Translation3::from(point.coords).into()).map_err(|source| {
+            check_pose(&Translation3::from(point.coords).into()).map_err(|error| {
                 Error::BadSample {
                     index,
-                    source: Box::new(source),
+                    error: Box::new(error),
                 }
             })?;
         }

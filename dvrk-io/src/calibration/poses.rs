@@ -25,6 +25,7 @@ use crate::kinematics::{RcmFromWrist, check_pose};
 
 /// A sighting of the marker by the camera, with the pose of the arm at that moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sighting {
     /// Pose of the marker in the camera frame.
     pub camera_from_marker: Isometry3<f64>,
@@ -147,9 +148,9 @@ pub(super) fn check_samples(sightings: &[Sighting]) -> Result<Vec<Pair>, Error> 
     let check = |(index, sighting): (usize, &Sighting)| {
         let pair = check_pose(&sighting.camera_from_marker)
             .and_then(|seen| Ok((seen, check_pose(&sighting.rcm_from_wrist.0)?)));
-        pair.map_err(|source| Error::BadSample {
+        pair.map_err(|error| Error::BadSample {
             index,
-            source: Box::new(source),
+            error: Box::new(error),
         })
     };
     sightings.iter().enumerate().map(check).collect()

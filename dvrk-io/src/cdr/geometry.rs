@@ -9,6 +9,7 @@ const NANOSECONDS: f64 = 1e9;
 
 /// A `builtin_interfaces/Time`: seconds and nanoseconds since the epoch (or since a simulation started).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Time {
     /// Whole seconds.
     pub sec: i32,
@@ -69,6 +70,7 @@ impl Time {
 
 /// A `std_msgs/Header`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Header {
     /// When the data was taken.
     pub stamp: Time,
@@ -97,6 +99,7 @@ impl Header {
 
 /// A `geometry_msgs/Pose`, as sent: the quaternion need not have length 1.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pose {
     /// x, y, z in metres.
     pub position: [f64; 3],
@@ -149,6 +152,7 @@ impl From<&Isometry3<f64>> for Pose {
 
 /// A `geometry_msgs/PoseStamped`.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PoseStamped {
     /// When, and in which frame.
     pub header: Header,
@@ -181,6 +185,7 @@ impl Message for PoseStamped {
 
 /// A `shape_msgs/Plane`: a·x + b·y + c·z + d = 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Plane {
     /// a, b, c, d.
     pub coef: [f64; 4],

@@ -9,6 +9,7 @@ use crate::Error;
 
 /// A `sensor_msgs/Image`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Image {
     /// When, and in which frame.
     pub header: Header,
@@ -94,6 +95,7 @@ impl Message for Image {
 
 /// A `sensor_msgs/CameraInfo`.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CameraInfo {
     /// When, and in which frame.
     pub header: Header,

@@ -5,6 +5,7 @@ use crate::Error;
 
 /// A `sensor_msgs/JointState`. Sequences that are not measured stay empty.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct JointState {
     /// When, and in which frame.
     pub header: Header,

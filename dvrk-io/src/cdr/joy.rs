@@ -5,6 +5,7 @@ use crate::Error;
 
 /// A `sensor_msgs/Joy`. A button of a dVRK is `buttons[0]`: 0 released, 1 pressed, 2 pressed and released quickly.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Joy {
     /// When.
     pub header: Header,

@@ -24,6 +24,7 @@ const FLOAT64: u8 = 8;
 
 /// A `sensor_msgs/PointField`: one column.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointField {
     /// `x`, `y`, `z`, `rgb`, …
     pub name: String,
@@ -52,6 +53,7 @@ pub struct PointField {
 /// # Ok::<(), dvrk_io::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PointCloud2 {
     /// When, and in which frame.
     pub header: Header,

@@ -5,6 +5,7 @@ use crate::Error;
 
 /// A `std_msgs/String`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Text {
     /// The text.
     pub data: String,
@@ -26,6 +27,7 @@ impl Message for Text {
 
 /// A `std_msgs/Bool`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Bool {
     /// The value.
     pub data: bool,
@@ -48,6 +50,7 @@ impl Message for Bool {
 
 /// A `std_msgs/Float64`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Float64 {
     /// The value.
     pub data: f64,
@@ -70,6 +73,7 @@ impl Message for Float64 {
 
 /// A `std_msgs/Empty`. On the wire it is one byte without meaning, as IDL has no empty structures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Empty;
 
 impl Message for Empty {

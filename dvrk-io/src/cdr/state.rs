@@ -5,6 +5,7 @@ use crate::Error;
 
 /// A `crtk_msgs/OperatingState`.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct OperatingState {
     /// Time of the last change.
     pub header: Header,
@@ -39,6 +40,7 @@ impl Message for OperatingState {
 
 /// A `crtk_msgs/StringStamped`: a `state_command`, or a message of a simulator.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StringStamped {
     /// When.
     pub header: Header,

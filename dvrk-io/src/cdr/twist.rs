@@ -5,6 +5,7 @@ use crate::Error;
 
 /// A `geometry_msgs/TwistStamped`.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TwistStamped {
     /// When, and in which frame.
     pub header: Header,
@@ -35,6 +36,7 @@ impl Message for TwistStamped {
 
 /// A `geometry_msgs/WrenchStamped`.
 #[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct WrenchStamped {
     /// When, and in which frame.
     pub header: Header,

@@ -4,6 +4,7 @@ use std::fmt;
 
 /// What became of every point of the message. The tests run in this order, and the first that fails counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Account {
     /// Points, or pixels, of the message.
     pub total: usize,

@@ -25,6 +25,11 @@ use crate::Error;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "Unchecked")
+)]
 pub struct Intrinsics {
     width: usize,
     height: usize,
@@ -32,6 +37,28 @@ pub struct Intrinsics {
     fy: f64,
     cx: f64,
     cy: f64,
+}
+
+/// Intrinsics as read, before the checks.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct Unchecked {
+    width: usize,
+    height: usize,
+    fx: f64,
+    fy: f64,
+    cx: f64,
+    cy: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<Unchecked> for Intrinsics {
+    type Error = Error;
+
+    fn try_from(read: Unchecked) -> Result<Self, Error> {
+        let (focal, center) = ([read.fx, read.fy], [read.cx, read.cy]);
+        Self::new(read.width, read.height, focal, center)
+    }
 }
 
 impl Intrinsics {

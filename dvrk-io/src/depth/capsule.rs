@@ -10,6 +10,7 @@ use crate::Error;
 
 /// All points within `radius` of the segment from `start` to `end`.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Capsule {
     /// One end of the axis, camera frame.
     pub start: Point3<f64>,

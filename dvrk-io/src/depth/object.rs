@@ -20,6 +20,7 @@ use crate::Error;
 
 /// The object, and how it was found.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Object {
     /// Mean point of each voxel, metres, in the order of the message. If the mean lies in an arm, as may happen between points on two
     /// sides of it, the first point of the voxel is used.

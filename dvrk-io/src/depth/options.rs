@@ -7,6 +7,7 @@ use crate::Error;
 
 /// Options of [`find_object`](super::find_object). All lengths in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ObjectOptions {
     /// Points outside of it are removed. Default: no crop.

@@ -19,6 +19,7 @@ use crate::cdr::{CameraInfo, Image, PointCloud2};
 
 /// The unit of lengths in a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum LengthUnit {
     /// 1.
     Metres,
@@ -45,6 +46,7 @@ impl LengthUnit {
 
 /// How the unit of a scan was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum UnitSource {
     /// By the caller.
     Given,

@@ -27,6 +27,7 @@ const REFINEMENTS: usize = 5;
 
 /// The table under the object.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Table {
     /// Towards the camera.
     pub normal: UnitVector3<f64>,

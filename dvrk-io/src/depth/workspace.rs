@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 /// An oriented box; points outside of it are ignored.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Workspace {
     /// Pose of the centre of the box in the camera frame.
     pub camera_from_center: Isometry3<f64>,

@@ -15,9 +15,8 @@ pub(super) const BITS: u32 = 256;
 const TESTS: usize = BITS as usize;
 
 /// A descriptor of the neighbourhood of a corner.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Hash, Default, serde::Serialize, serde::Deserialize,
-)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Descriptor(pub [u32; 8]);
 
 impl Descriptor {

@@ -14,7 +14,8 @@ use crate::Error;
 use crate::depth::{Capsule, Scan};
 
 /// A corner with its 3-D position.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Feature {
     /// Its position, camera frame, metres.
     pub point: Point3<f64>,

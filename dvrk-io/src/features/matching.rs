@@ -14,6 +14,7 @@ use super::options::FeatureOptions;
 
 /// A match between a feature of frame A and one of frame B.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FeatureMatch {
     /// Index in frame A.
     pub a: usize,
@@ -25,6 +26,7 @@ pub struct FeatureMatch {
 
 /// Corresponding points of a surface in two frames.
 #[derive(Debug, Clone, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LandmarkPairs {
     /// Positions in frame A, camera frame, metres.
     pub a: Vec<Point3<f64>>,

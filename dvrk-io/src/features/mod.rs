@@ -32,6 +32,7 @@ pub use options::FeatureOptions;
 
 /// A corner of an image with its descriptor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Keypoint {
     /// Column of its pixel.
     pub column: usize,

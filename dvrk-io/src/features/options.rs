@@ -3,6 +3,7 @@
 /// Options for finding, lifting and matching features. The defaults are for colour images of about 640 × 480 pixels of an object half a metre
 /// away, that is about one pixel for each millimetre.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct FeatureOptions {
     /// How much brighter or darker the surroundings of a corner must be, grey levels. Default 8.

@@ -22,6 +22,7 @@ use crate::{Error, Psm};
 
 /// The joints of a PSM, in the order of its joint values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Joint {
     /// About the y axis of the remote centre.
     Yaw,
@@ -74,6 +75,7 @@ impl fmt::Display for Joint {
 
 /// Lengths of an instrument, metres. The default is the large needle driver of a Classic.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Instrument {
     /// Roll joint to wrist pitch axis, in the convention of the robot's tool files.
@@ -126,11 +128,48 @@ impl Instrument {
 
 /// The kinematics of one arm with one instrument: lengths, joint limits, checked once.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "Unchecked")
+)]
 pub struct Kinematics {
     pub(super) carriage: f64,
     pub(super) instrument: Instrument,
     pub(super) limits: [[f64; 2]; 6],
     pub(super) min_wrist_distance: f64,
+}
+
+/// Kinematics as read, before the checks.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct Unchecked {
+    carriage: f64,
+    instrument: Instrument,
+    limits: [[f64; 2]; 6],
+    min_wrist_distance: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<Unchecked> for Kinematics {
+    type Error = Error;
+
+    fn try_from(read: Unchecked) -> Result<Self, Error> {
+        if !(0.0..=1.0).contains(&read.carriage) {
+            return Err(Error::OutOfRange {
+                what: "carriage",
+                value: read.carriage,
+                expected: "must be 0 to 1 m",
+            });
+        }
+        let arm = Self {
+            carriage: read.carriage,
+            ..Self::new(Psm::Classic)
+        };
+        arm.with_instrument(read.instrument)?
+            .with_limits(read.limits)?
+            .with_min_wrist_distance(read.min_wrist_distance)
+    }
 }
 
 /// The robot silently pushes the end of the shaft out to this distance from the remote centre. Metres.

@@ -32,6 +32,7 @@ const SINGULAR: f64 = 1e-5;
 
 /// Why the control point cannot reach a pose.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 #[non_exhaustive]
 pub enum Unreachable {
     /// A joint would exceed its range; of several joints, the one that exceeds it by the largest share of its
@@ -82,6 +83,7 @@ pub enum Unreachable {
 
 /// Distances of a joint configuration from limits and singularities. Negative beyond a limit.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Margins {
     /// To the nearer limit of each of [`Joint::ALL`]: radians, metres for the insertion.
@@ -102,6 +104,7 @@ impl Margins {
 
 /// Joint values for a pose of the control point.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Reach {
     /// Joint values in the order of [`Joint::ALL`], within limits: radians, metres for the insertion.

@@ -10,12 +10,14 @@ use crate::Error;
 /// Origin on the wrist yaw axis, +z along the approach. The simulators of the dVRK's maintainers report the tip
 /// instead: with them, a `measured_cp` is a [`RcmFromTip`].
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RcmFromWrist(pub Isometry3<f64>);
 
 /// Pose of the tips of the closed jaws in the frame of the remote centre, for which grips are planned.
 ///
 /// Same axes as [`RcmFromWrist`], origin one jaw length further along +z.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct RcmFromTip(pub Isometry3<f64>);
 
 /// Larger than any robot: squares of larger coordinates are not computed. Metres.

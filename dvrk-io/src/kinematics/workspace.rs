@@ -12,6 +12,7 @@ use crate::Error;
 /// Distances that planned poses keep from limits and singularities. The robot silently clips joint values at their
 /// limits, so the defaults are larger than the error of a calibration.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct SafetyMargins {
     /// To the limits of the rotational joints, radians. Default 0.035 (2°): 7 mm at the far end of the arm, the

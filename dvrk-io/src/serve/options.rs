@@ -10,6 +10,7 @@ use crate::kinematics::Kinematics;
 
 /// Options of a served arm.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ServeOptions {
     /// Lengths and joint limits. Default: a Classic with a large needle driver.

@@ -20,6 +20,7 @@ pub(super) const LARGEST: u64 = 128 << 20;
 
 /// Compression of chunks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Compression {
     /// None.

@@ -8,6 +8,7 @@ use crate::features::Feature;
 
 /// One arm in one frame.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ArmSample {
     /// Name of the arm, the namespace of its topics: `PSM1`.
     pub name: String,
@@ -23,6 +24,7 @@ pub struct ArmSample {
 
 /// The data of camera and arms at one time.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Frame {
     /// Time of the cloud in seconds.
     pub stamp: f64,
@@ -53,6 +55,7 @@ pub struct RecordedScan {
 
 /// Number of messages of a topic.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TopicCount {
     /// The topic.
     pub topic: String,
@@ -64,6 +67,7 @@ pub struct TopicCount {
 
 /// A recorded session without its ground truth.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Session {
     /// The frames in the order of time.
     pub frames: Vec<Frame>,
@@ -83,6 +87,7 @@ pub struct Session {
 
 /// The ground truth of a recorded session.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Truth {
     /// In the order of time.
     pub frames: Vec<TruthFrame>,
@@ -92,6 +97,7 @@ pub struct Truth {
 
 /// The true positions of the material points at one time.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TruthFrame {
     /// Time in seconds.
     pub stamp: f64,

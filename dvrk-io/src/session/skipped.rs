@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 /// Something that was skipped.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Skip {
     /// The file; empty when the session was read from memory.
     pub file: PathBuf,
@@ -42,6 +43,7 @@ impl fmt::Display for Skip {
 
 /// Everything that was skipped.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Skipped {
     /// Number of messages that could not be read, including those in damaged chunks as far as they could be counted.
     pub messages: usize,

@@ -63,7 +63,7 @@ impl<'a> Source<'a> {
             Self::Bytes(bytes) => (Box::new(Cursor::new(*bytes)), bytes.len() as u64),
             Self::Files(_) => {
                 let opened = File::open(&path).and_then(|file| Ok((file.metadata()?, file)));
-                let (metadata, file) = opened.map_err(|source| io_error(&path, source))?;
+                let (metadata, file) = opened.map_err(|error| io_error(&path, error))?;
                 (Box::new(BufReader::new(file)), metadata.len())
             }
         };
@@ -97,7 +97,7 @@ impl Input<'_> {
         buffer.clear();
         self.seek(at)?;
         let read = (&mut self.stream).take(length).read_to_end(buffer);
-        self.position = at + read.map_err(|source| io_error(&self.path, source))? as u64;
+        self.position = at + read.map_err(|error| io_error(&self.path, error))? as u64;
         Ok(())
     }
 
@@ -106,16 +106,16 @@ impl Input<'_> {
             // The recorded offset is invalid after an error.
             self.position = u64::MAX;
             let sought = self.stream.seek(SeekFrom::Start(at));
-            self.position = sought.map_err(|source| io_error(&self.path, source))?;
+            self.position = sought.map_err(|error| io_error(&self.path, error))?;
         }
         Ok(())
     }
 }
 
-pub(super) fn io_error(path: &Path, source: std::io::Error) -> Error {
+pub(super) fn io_error(path: &Path, error: std::io::Error) -> Error {
     Error::Io {
         path: path.to_owned(),
-        source,
+        error,
     }
 }
 
@@ -167,7 +167,7 @@ fn inside(folder: &Path, name: &str) -> PathBuf {
 /// `…_10` sorts after `…_9`: shorter names first.
 fn unlisted_files(folder: &Path) -> Result<Vec<PathBuf>, Error> {
     let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
-    let entries = entries.map_err(|source| io_error(folder, source))?;
+    let entries = entries.map_err(|error| io_error(folder, error))?;
     let is_mcap = |path: &PathBuf| {
         path.extension()
             .is_some_and(|extension| extension == "mcap")

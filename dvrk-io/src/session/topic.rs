@@ -33,6 +33,7 @@ const COLOUR: &str = "/camera/camera/color/image_raw";
 /// # Ok::<(), dvrk_io::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Role {
     /// Cloud of the object; in a recording of [scans](super::SessionReader::scans), of everything in view.

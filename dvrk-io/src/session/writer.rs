@@ -32,6 +32,7 @@ const CHUNK_NANOSECONDS: u64 = 1_000_000_000;
 
 /// Options for writing a session.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct WriterOptions {
     /// Compression of chunks. Default: none. Each chunk contains one cloud, so at most one cloud is
@@ -89,7 +90,7 @@ impl SessionWriter {
         let library = concat!("dvrk-io-", env!("CARGO_PKG_VERSION"));
         let container = File::create(&path)
             .and_then(|file| Container::new(file, "ros2", library, options.compression))
-            .map_err(|source| io_error(&path, source))?;
+            .map_err(|error| io_error(&path, error))?;
         Ok(Self {
             container: Some(container),
             path,
@@ -304,10 +305,10 @@ impl SessionWriter {
             let path = self.path.clone();
             return Err(Error::Write { path });
         };
-        call(container).map_err(|source| {
+        call(container).map_err(|error| {
             self.container = None;
             // The error of the operating system, a full disk for example.
-            io_error(&self.path, source)
+            io_error(&self.path, error)
         })
     }
 }

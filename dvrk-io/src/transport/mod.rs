@@ -34,6 +34,7 @@ use crate::cdr::Message;
 
 /// The quality of service that a writer offers, or a reader requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Qos {
     /// Whether lost messages are sent again.
     pub reliable: bool,
@@ -77,6 +78,7 @@ impl Qos {
 
 /// Name, type and quality of service of a topic, for a reader or writer.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Topic {
     /// For example `/PSM1/measured_cp`.
     pub name: String,

@@ -15,6 +15,7 @@ const LAST_DOMAIN: u16 = 232;
 
 /// The network interfaces to use.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Interfaces {
     /// All.

@@ -24,10 +24,10 @@ impl<T: ?Sized> End<T> {
         Ok(Self { topic, inner })
     }
 
-    fn on_topic(&self, source: Error) -> Error {
+    fn on_topic(&self, error: Error) -> Error {
         Error::OnTopic {
             topic: self.topic.name.clone(),
-            source: Box::new(source),
+            error: Box::new(error),
         }
     }
 
@@ -80,7 +80,7 @@ impl<M: Message> Reader<M> {
             let message = bytes.map(|bytes| decode(&bytes));
             message.transpose()
         });
-        message.map_err(|source| self.end.on_topic(source))
+        message.map_err(|error| self.end.on_topic(error))
     }
 
     /// The newest message since the last call; earlier ones are skipped.
@@ -97,9 +97,7 @@ impl<M: Message> Reader<M> {
             }
         };
         let message = last.map(|bytes| decode(&bytes)).transpose();
-        taken
-            .and(message)
-            .map_err(|source| self.end.on_topic(source))
+        taken.and(message).map_err(|error| self.end.on_topic(error))
     }
 }
 
@@ -144,7 +142,7 @@ impl<M: Message> Writer<M> {
         let bytes = encode(message, Endian::Little);
         bytes
             .and_then(|bytes| self.end.inner.publish(bytes))
-            .map_err(|source| self.end.on_topic(source))
+            .map_err(|error| self.end.on_topic(error))
     }
 
     /// Whether every reliable reader has received everything that was sent; parts of large messages may still be resent.

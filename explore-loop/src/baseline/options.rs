@@ -3,7 +3,7 @@
 use crate::Error;
 
 /// How a point of the warped surface is matched to the observed surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum Association {
     /// With the point where its ray meets the observed surface, as in DynamicFusion.
@@ -14,7 +14,7 @@ pub enum Association {
 
 /// Settings of [`DynamicFusion`](super::DynamicFusion). The defaults performed best of those tried on recorded sessions; the README of the workspace
 /// lists the others.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct DynamicFusionOptions {
     /// Spacing of the vertices of the model, m; the same as in the reconstruction that it is compared with.

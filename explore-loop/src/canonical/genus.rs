@@ -49,7 +49,7 @@ impl std::fmt::Display for Genus {
 }
 
 /// The handles of the closed surface.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Handles {
     /// Their number.
     pub count: usize,

@@ -1,7 +1,7 @@
 //! Why a surface does not count as closed, and the message for it.
 
 /// What keeps a surface from counting as closed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Obstacle {
     /// Its persistent Betti numbers are not those of a closed surface, or not of the requested genus.
     Betti([usize; 3]),

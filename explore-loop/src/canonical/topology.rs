@@ -28,7 +28,7 @@ const PERSISTS: f64 = 1.25;
 const SHEET_COSINE: f64 = -0.3;
 
 /// The topology of the model, from its closed surface and its complex.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Topology {
     /// Betti numbers of the complex at scale 1.
     pub betti: [usize; 3],
@@ -76,7 +76,7 @@ pub struct Topology {
 }
 
 /// A triangle of the closed surface that no point supports.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Hidden {
     /// Nearest vertex of the model.
     pub vertex: u32,

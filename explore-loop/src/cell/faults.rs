@@ -11,7 +11,7 @@ use super::{ArmState, Cell, CellError, CellInfo, Observation};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 /// The kind of a fault.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum FaultKind {
     /// Frames without points.
@@ -78,7 +78,7 @@ pub enum FaultKind {
 }
 
 /// When a fault begins.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Begin {
     /// With this frame, counted from 0.
     Frame(usize),
@@ -89,7 +89,7 @@ pub enum Begin {
 }
 
 /// A fault.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Fault {
     /// What goes wrong.
     pub kind: FaultKind,

@@ -46,7 +46,7 @@ mod see;
 pub mod sim;
 
 /// The plane `normal · x + offset = 0`; `normal` points to the free side, where `normal · x + offset ≥ 0`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Plane {
     /// Unit normal, toward the free side.
     pub normal: UnitVector3<f64>,

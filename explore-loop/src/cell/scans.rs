@@ -14,7 +14,7 @@ use super::see::{Eye, links};
 use super::{CellError, Plane};
 
 /// An arm whose joint values were recorded.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct RecordedArm {
     /// Its name, such as `PSM1`.
     pub name: String,
@@ -27,7 +27,7 @@ pub struct RecordedArm {
 }
 
 /// Prior knowledge about a recording.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct ScanOptions {
     /// The arms in view. Default: none.

@@ -73,7 +73,7 @@ pub use trouble::{Stop, Trouble};
 pub use watch::{Event, Watcher};
 
 /// The phase of an exploration.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub enum Phase {
     /// The arms leave the camera's view.
     Home,

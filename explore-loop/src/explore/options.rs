@@ -5,7 +5,7 @@ use crate::canonical::genus::Genus;
 use crate::setters::setters;
 
 /// Options of an exploration.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct ExploreOptions {
     /// Spacing ε of the model, metres.
@@ -66,7 +66,7 @@ setters! {
 }
 
 /// Criterion for a closed surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub enum ClosedBy {
     /// All of [`Topology::is_closed`](crate::canonical::topology::Topology::is_closed): Betti numbers, handles, and a wholly seen surface.

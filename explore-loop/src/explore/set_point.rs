@@ -13,7 +13,7 @@ use grip_planner::Motion;
 use nalgebra::{Isometry3, Vector3};
 
 /// Limits of a tip.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Bounds {
     /// Largest speed, m/s.
     pub speed: f64,
@@ -24,7 +24,7 @@ pub struct Bounds {
 }
 
 /// Limits of the arms.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Limits {
     /// For an arm that holds the object.
     pub holding: Bounds,

@@ -27,7 +27,7 @@ use super::{Crossing, Sample, Sampling, Surface};
 use crate::setters::setters;
 
 /// Options for counting sheets.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct DoubledOptions {
     /// Distance along the normal, on either side, within which sheets of the mesh are counted, metres. Default 0.02: misplaced layers on an

@@ -8,7 +8,7 @@
 //! a mean falls nearly as 1/n instead of 1/√n. The seed sets `u₀` and `s`.
 
 /// The number of samples, and their seed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Sampling {
     /// Number of samples on each surface. Default 6,000, with an error of a few parts in ten thousand for a share of the area.

@@ -36,7 +36,7 @@ pub struct FScore {
 }
 
 /// Distances between two surfaces, in both directions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Comparison {
     /// Mesh to truth, ascending.
     to_truth: Vec<f64>,

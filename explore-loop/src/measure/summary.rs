@@ -7,7 +7,7 @@ use super::{
 use nalgebra::Point3;
 
 /// Measures of a mesh.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MeshMeasures {
     /// Counts of edges, components and so on.
     pub report: MeshReport,
@@ -18,7 +18,7 @@ pub struct MeshMeasures {
 }
 
 /// Comparison of a mesh with the truth.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TruthMeasures {
     /// Distance mesh to truth.
     pub accuracy: Spread,

@@ -43,7 +43,7 @@ impl std::fmt::Debug for Measurer {
 }
 
 /// Errors of tracking over a run, metres; `None` where there was nothing to measure.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrackingMeasures {
     /// Mean distance of unseen vertices to their material points.
     pub prediction_error: Option<f64>,

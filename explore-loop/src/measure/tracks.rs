@@ -31,7 +31,7 @@ use std::collections::{BTreeMap, BTreeSet};
 /// assert!(PixelTracks::parse(b"frame,track,column,row\n0,0.5,310.5,240.0\n").is_err());
 /// # Ok::<(), explore_loop::measure::MeasureError>(())
 /// ```
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct PixelTracks {
     /// By frame number: the tracks visible in it, with column and row.
     frames: BTreeMap<usize, Vec<(usize, [f64; 2])>>,

@@ -4,7 +4,7 @@ use super::{MeasureError, Surface};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// A true surface at one moment; vertices have the same order at every moment.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct TrueSurface {
     /// Vertices, camera frame, metres.
     pub vertices: Vec<Point3<f64>>,

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 /// The result of a frame.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct FrameReport {
     /// Number of the frame, from 0.
     pub frame: u32,
@@ -42,7 +42,7 @@ pub struct FrameReport {
 
 /// Times of the parts of a frame, ms; with two hypotheses, those of the one whose model is returned. The rest of the frame time is prediction,
 /// constraints, evaluation, landmarks, colours and keyframes.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct FrameParts {
     /// Preparing the cloud: filtering, thinning, normals, depth image and search tree.

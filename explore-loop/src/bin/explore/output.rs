@@ -20,9 +20,9 @@ pub struct OutputFolder {
 impl OutputFolder {
     /// Creates the folder and writes a test file to it, so that a run of minutes does not fail at its end.
     pub fn create(path: &Path) -> Result<Self, Error> {
-        let refused = |source| Error::Write {
+        let refused = |error| Error::Write {
             path: path.to_owned(),
-            source,
+            error,
         };
         std::fs::create_dir_all(path).map_err(refused)?;
         let probe = path.join(".probe");
@@ -113,7 +113,7 @@ impl OutputFolder {
             colours: &colours,
         };
         let path = self.file(name);
-        picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
+        picture::write_six_views(&path, &drawing).map_err(|error| Error::Write { path, error })
     }
 
     /// Writes the same picture in the live frame.
@@ -142,15 +142,15 @@ impl OutputFolder {
             colours: &colours,
         };
         let path = self.file(name);
-        picture::write_six_views(&path, &drawing).map_err(|source| Error::Write { path, source })
+        picture::write_six_views(&path, &drawing).map_err(|error| Error::Write { path, error })
     }
 }
 
 /// Writes a temporary file next to the target and renames it.
 pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), Error> {
-    let refused = |source| Error::Write {
+    let refused = |error| Error::Write {
         path: path.to_owned(),
-        source,
+        error,
     };
     // Several programs may share the folder.
     let aside = PathBuf::from(format!("{}.{}.part", path.display(), std::process::id()));

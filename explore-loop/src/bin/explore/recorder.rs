@@ -131,7 +131,7 @@ impl<'a> Recorder<'a> {
         if self.args.resume {
             let (from, to) = ("session.mcap.part", self.out.file("session.mcap"));
             std::fs::rename(self.out.file(from), &to)
-                .map_err(|source| Error::Write { path: to, source })?;
+                .map_err(|error| Error::Write { path: to, error })?;
         }
         self.save(saved.explorer.as_ref())?;
         Ok(saved.explorer)

@@ -56,7 +56,7 @@ pub(crate) use isosurface::extract_where;
 pub use unseen::Unseen;
 
 /// Settings of [`closed_surface`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct ClosedSurfaceOptions {
     /// Distance between neighbouring points, m.
@@ -132,7 +132,7 @@ impl Default for ClosedSurfaceOptions {
 }
 
 /// A surface, and which of its parts the points support.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct ClosedSurface {
     /// Vertices, m.

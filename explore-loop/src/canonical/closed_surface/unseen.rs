@@ -9,7 +9,7 @@ use super::support::Gap;
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// A connected patch of a closed surface that no point supports.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Unseen {
     /// Its centroid, in the frame of the points, m.

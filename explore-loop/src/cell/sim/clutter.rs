@@ -12,7 +12,7 @@ use super::scene::Placed;
 /// ```text
 /// held  ⇔  ‖(x, y) − middle‖ ≤ radius  and  height above the table ≤ 4 mm,    once the body is at rest
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Attachment {
     /// Centre of the patch in the scene's own frame, metres.
     pub middle: Point2<f64>,

@@ -17,7 +17,7 @@ use crate::mesh::Mesh;
 pub const MAX_TRIANGLES: usize = 200_000;
 
 /// Vertices and triangles of a surface.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct TriangleMesh {
     /// Positions, metres.
     pub vertices: Vec<Point3<f64>>,

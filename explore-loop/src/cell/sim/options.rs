@@ -8,7 +8,7 @@ use super::{Scene, SimError};
 use crate::setters::setters;
 
 /// The material of the object.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Material {
     /// Young's modulus, Pa. At 1000 kg/m³ and 0.2 m, 3 kPa is very soft and 30 kPa like a thick woollen cap.
@@ -57,7 +57,7 @@ impl Material {
 }
 
 /// A pinhole depth camera above the centre of the table: fixed and looking straight down, or swinging about it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct CameraOptions {
     /// Width of the image, pixels.
@@ -84,7 +84,7 @@ pub struct CameraOptions {
 }
 
 /// The error model of a camera.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub enum CameraModel {
     /// Independent Gaussian noise; frames come on request, and table, arms and other bodies are removed without errors.
     #[default]
@@ -172,7 +172,7 @@ impl CameraOptions {
 }
 
 /// The box between the jaws, in the tip frame: what lies in it when the jaw closes is held.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct JawOptions {
     /// Half the width of a finger, along x, metres.
@@ -215,7 +215,7 @@ impl JawOptions {
 }
 
 /// Resolution of the physics.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct Fidelity {
     /// Approximate number of tetrahedra.
@@ -258,7 +258,7 @@ impl Fidelity {
 }
 
 /// The kinematics of the arms.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
 pub enum ArmModel {
     /// Every pose within their reach is possible.
     #[default]

@@ -23,7 +23,7 @@ use super::options::within;
 use crate::setters::setters;
 
 /// Parameters of an active stereo camera.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[non_exhaustive]
 pub struct StereoOptions {
     /// Distance between the imagers, metres.

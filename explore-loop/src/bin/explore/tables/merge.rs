@@ -69,9 +69,9 @@ fn take(path: &Path, out: &Path, study: &Study) -> Result<(), Failure> {
             )
         }
         None => {
-            std::fs::create_dir_all(&folder).map_err(|source| Error::Write {
+            std::fs::create_dir_all(&folder).map_err(|error| Error::Write {
                 path: folder.clone(),
-                source,
+                error,
             })?;
             result.write(&place)
         }
