@@ -1,4 +1,4 @@
-//! The known part of a surface, as data for a [`Model`]: from a mesh, or from points and their graph.
+//! The known part of a surface, as data for a [`Model`]: from a mesh, a complex, or points and their graph.
 
 use std::collections::BTreeMap;
 
@@ -84,15 +84,15 @@ impl Surface {
         Self::of_part(&mesh, &seen, closed, whole_area)
     }
 
-    /// Points with outward unit `normals`, `edges` between neighbours and the `boundary` of the known part, as from a complex of the points. Each point has
-    /// the area `spacing²` (m²); those whose normals face the camera are visible.
+    /// The points of a complex of the given `spacing` (m), with its edges up to scale 1; the boundary is where [`classify`](cech_complex::Complex::classify)
+    /// finds it. Otherwise as [`Surface::from_graph`].
     ///
     /// # Errors
-    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, normals that are not unit vectors, edges to vertices that do not exist; a `spacing` that is not positive.
+    /// A `spacing` that is not positive, a camera that is not finite, or a complex with cut vertices: they have no place in a model.
     ///
     /// ```
     /// use cech_complex::manifolds::Manifold;
-    /// use cech_complex::{Complex, Cylinder, Options, VertexKind};
+    /// use cech_complex::{Complex, Cylinder, Options};
     /// use grip_planner::{Surface, missing_vector_area};
     /// use nalgebra::Point3;
     ///
@@ -100,14 +100,56 @@ impl Surface {
     /// let cap = Manifold::Cap { radius: 0.05, angle: 1.57 }.net(600, 1);
     /// let cylinder = Cylinder::from_spacing_and_reach(cap.spacing, 0.05)?;
     /// let complex = Complex::build(&cap.points, &cap.normals, cylinder, &Options::default())?;
-    /// let kinds = complex.classify(cap.spacing)?;
-    /// let boundary: Vec<bool> = kinds.iter().map(|kind| *kind == VertexKind::Boundary).collect();
     ///
-    /// let camera = Point3::new(0.0, 0.0, 0.5);
-    /// let surface = Surface::from_graph(&cap.points, &cap.normals, complex.edges(), &boundary, cap.spacing, &camera)?;
+    /// let surface = Surface::from_complex(&complex, cap.spacing, &Point3::new(0.0, 0.0, 0.5))?;
     /// let missing = missing_vector_area(&surface.model());
     /// assert!((missing.z / (-std::f64::consts::PI * 0.05 * 0.05) - 1.0).abs() < 0.03);
     /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[cfg(feature = "cech-complex")]
+    pub fn from_complex(
+        complex: &cech_complex::Complex,
+        spacing: f64,
+        camera: &Point3<f64>,
+    ) -> Result<Self, Error> {
+        let kinds = complex.classify(spacing).map_err(|_| Error::BadSetting {
+            name: "spacing",
+            value: spacing,
+            expected: "finite and above 0",
+        })?;
+        let points = complex.points();
+        if let Some(vertex) = (0..points.len() as u32).find(|&v| !complex.contains_vertex(v)) {
+            let points = points.len();
+            return Err(Error::NoSuchVertex { vertex, points });
+        }
+        let within = |(edge, value): (&[u32; 2], &f64)| (*value <= 1.0).then_some(*edge);
+        let edges = complex.edges().iter().zip(complex.edge_values());
+        let edges: Vec<[u32; 2]> = edges.filter_map(within).collect();
+        let boundary: Vec<bool> = kinds
+            .iter()
+            .map(|kind| *kind == cech_complex::VertexKind::Boundary)
+            .collect();
+        let normals = complex.normals();
+        Self::from_graph(points, normals, &edges, &boundary, spacing, camera)
+    }
+
+    /// Points with outward unit `normals`, `edges` between neighbours and the `boundary` of the known part. Each point has
+    /// the area `spacing²` (m²); those whose normals face the camera are visible.
+    ///
+    /// # Errors
+    /// As the check of a [`Model`]: slices of different lengths, values that are not finite, normals that are not unit vectors, edges to vertices that do not exist; a `spacing` that is not positive.
+    ///
+    /// ```
+    /// use grip_planner::{Surface, missing_vector_area};
+    /// use nalgebra::{Point3, Vector3};
+    ///
+    /// // Four points of a table top, 1 cm apart.
+    /// let points = [[0.0, 0.0], [0.01, 0.0], [0.01, 0.01], [0.0, 0.01]].map(|[x, y]| Point3::new(x, y, 0.0));
+    /// let edges = [[0, 1], [1, 2], [2, 3], [0, 3]];
+    /// let camera = Point3::new(0.0, 0.0, 0.5);
+    /// let surface = Surface::from_graph(&points, &[Vector3::z_axis(); 4], &edges, &[true; 4], 0.01, &camera)?;
+    /// assert!((missing_vector_area(&surface.model()).z + 4e-4).abs() < 1e-12);
+    /// # Ok::<(), grip_planner::Error>(())
     /// ```
     pub fn from_graph(
         points: &[Point3<f64>],
