@@ -178,6 +178,10 @@ fn parts_that_touch_are_separated_once_they_were_seen_apart() {
             topology.handles
         );
         assert_eq!(topology.contacts(), 0);
+        // It is known where they touch, and that nothing else is missing.
+        let parts = topology.touching().unwrap();
+        let middle = Point3::new(0.042, 0.0, 0.0);
+        assert!((parts.at - middle).norm() < 0.005, "{parts}");
 
         let walls = walls(overlap);
         let seen: Net = (
@@ -188,6 +192,7 @@ fn parts_that_touch_are_separated_once_they_were_seen_apart() {
         assert_eq!(topology.obstacle(), None, "overlap of {overlap} m");
         assert_eq!(topology.persistent, [1, 0, 1]);
         assert_eq!(topology.contacts(), 1);
+        assert_eq!(topology.touching(), None);
         let surface = topology.surface.unwrap();
         let edges: std::collections::BTreeSet<[u32; 2]> = surface
             .triangles

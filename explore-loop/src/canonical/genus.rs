@@ -9,6 +9,7 @@
 //! | pinholes, a second sheet | the complex and the mesh, which are computed in different ways, have different numbers of handles |
 //! | two parts that touch | the neck where they touch has a crease ([`Handles::crease`]), whereas a real handle is smooth: the mesh is separated there |
 
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 /// Least mean crease around a contact, rad: between the 10° of a ring and the 50° of round parts that touch.
@@ -56,4 +57,6 @@ pub struct Handles {
     /// The largest mean angle, rad, by which the surface is folded inward along a loop around one of them; 0 without handles. Two round parts that touch
     /// give about 50°; around a real handle the surface bends inward on one side and outward on the other.
     pub crease: f64,
+    /// The middle of that loop at rest, m; `None` without handles.
+    pub creased_at: Option<Point3<f64>>,
 }

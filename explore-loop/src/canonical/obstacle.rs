@@ -1,5 +1,7 @@
 //! Why a surface does not count as closed, and the message for it.
 
+use nalgebra::Point3;
+
 /// What keeps a surface from counting as closed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub enum Obstacle {
@@ -27,6 +29,29 @@ pub enum Obstacle {
     Boundary(f64),
     /// This share of vector area is missing.
     Missing(f64),
+}
+
+/// Two parts that touch and were never seen apart. The surface joins them: whether they are separate is not known.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[non_exhaustive]
+pub struct Touching {
+    /// The middle of the neck between them at rest, camera frame, metres.
+    pub at: Point3<f64>,
+    /// Mean angle by which the surface is creased around it, rad.
+    pub crease: f64,
+}
+
+impl std::fmt::Display for Touching {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "parts that touch around {:.3} {:.3} {:.3} m at rest were never seen apart: the surface joins them, with a crease of {:.0}°",
+            self.at.x,
+            self.at.y,
+            self.at.z,
+            self.crease.to_degrees()
+        )
+    }
 }
 
 impl std::fmt::Display for Obstacle {

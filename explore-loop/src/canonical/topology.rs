@@ -12,7 +12,7 @@
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{CONTACT, Genus, Handles};
-pub use super::obstacle::Obstacle;
+pub use super::obstacle::{Obstacle, Touching};
 use super::{CanonicalModel, graph};
 use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
 use nalgebra::{Point3, UnitVector3, Vector3};
@@ -113,7 +113,25 @@ impl Topology {
             })
         } else if self.handles.crease > CONTACT {
             Some(Obstacle::Contact(self.handles.crease))
-        } else if !self.wholly_seen {
+        } else {
+            self.gap()
+        }
+    }
+
+    /// The parts that touch and were not seen apart, if nothing else keeps the surface from counting as closed; whatever genus is requested.
+    pub fn touching(&self) -> Option<Touching> {
+        let agree = Genus::of_betti(self.persistent) == Some(self.handles.count);
+        let alone = agree && self.handles.crease > CONTACT && self.gap().is_none();
+        let at = self.handles.creased_at.filter(|_| alone)?;
+        Some(Touching {
+            at,
+            crease: self.handles.crease,
+        })
+    }
+
+    /// What keeps the surface from counting as closed beside its Betti numbers and handles.
+    fn gap(&self) -> Option<Obstacle> {
+        if !self.wholly_seen {
             Some(Obstacle::Bare {
                 share: self.bare,
                 farthest: self.farthest,

@@ -23,8 +23,8 @@ impl Explorer<'_> {
         };
         let stop = if closed {
             Stop::Closed
-        } else if let Some(held) = self.held(&topology).filter(|_| self.moves.in_vain()) {
-            Stop::ClosedButAttached(held)
+        } else if let Some(but) = self.closed_but(&topology).filter(|_| self.moves.in_vain()) {
+            but
         } else if self.manipulations >= self.options.max_manipulations {
             Stop::TooManyManipulations
         } else if self.misses >= self.options.max_misses {
@@ -114,11 +114,17 @@ impl Explorer<'_> {
         Ok(self.done_with(stop, topology))
     }
 
+    /// The place that no manipulation could show, if the surface is closed but for that.
+    fn closed_but(&self, topology: &Topology) -> Option<Stop> {
+        let held = self.held(topology).map(Stop::ClosedButAttached);
+        held.or_else(|| topology.touching().map(Stop::ClosedButTouching))
+    }
+
     fn done_with(&self, stop: Stop, topology: Topology) -> State {
         // If the surface is closed except for a part that cannot be shown, that is the reason to stop.
         let stop = match stop {
             Stop::TooManyManipulations | Stop::NothingToGrip(_) | Stop::GraspFailed => {
-                self.held(&topology).map_or(stop, Stop::ClosedButAttached)
+                self.closed_but(&topology).unwrap_or(stop)
             }
             stop => stop,
         };

@@ -7,6 +7,7 @@
 //! ```
 
 use super::{FrameFault, Held};
+use crate::canonical::topology::Touching;
 use crate::plan::NoPlan;
 use grip_planner::Refusal;
 
@@ -109,6 +110,8 @@ pub enum Stop {
     Closed,
     /// All was seen except a part that is attached to the table.
     ClosedButAttached(Held),
+    /// All was seen, but parts that touch could not be shown apart.
+    ClosedButTouching(Touching),
     /// The largest number of manipulations was reached.
     TooManyManipulations,
     /// No grip was possible.
@@ -125,6 +128,7 @@ impl Stop {
         match self {
             Self::Closed => "closed",
             Self::ClosedButAttached(_) => "closed_but_attached",
+            Self::ClosedButTouching(_) => "closed_but_touching",
             Self::TooManyManipulations => "too_many_manipulations",
             Self::NothingToGrip(_) => "nothing_to_grip",
             Self::GraspFailed => "grasp_failed",
@@ -137,6 +141,7 @@ impl Stop {
         match self {
             Self::Closed | Self::TooManyManipulations | Self::GraspFailed => None,
             Self::ClosedButAttached(held) => Some(held.to_string()),
+            Self::ClosedButTouching(parts) => Some(parts.to_string()),
             Self::NothingToGrip(none) => Some(none.to_string()),
             Self::Trouble(trouble) => Some(trouble.to_string()),
         }

@@ -51,7 +51,7 @@ impl RobotArgs {
     }
 }
 
-/// Runs the checks, then explores; the exit code is 0 when the surface closed, 3 when it closed except for a part held to the table, else 1.
+/// Runs the checks, then explores; the exit code is 0 when the surface closed, 3 when it closed except for a place that could not be shown, else 1.
 pub(crate) fn robot(args: &RobotArgs) -> Result<ExitCode, Failure> {
     let file = CellFile::load(&args.cell)?;
     let stop = interruption()?;

@@ -22,7 +22,7 @@ use std::process::ExitCode;
 /// Pixels of the colour image for each pixel of the depth image, in each direction.
 const COLOUR_PIXELS: usize = 2;
 
-/// Explores; the exit code is 0 when the surface closed, 3 when it closed except for a part held to the table, else 1.
+/// Explores; the exit code is 0 when the surface closed, 3 when it closed except for a place that could not be shown, else 1.
 pub fn run(args: &RunArgs) -> Result<ExitCode, Failure> {
     tell(args, &explore(args)?)
 }
@@ -36,7 +36,7 @@ pub fn tell(args: &RunArgs, metrics: &Metrics) -> Result<ExitCode, Failure> {
     unless_closed(output.object(metrics))?;
     Ok(match metrics.stop.as_str() {
         "closed" => ExitCode::SUCCESS,
-        "closed_but_attached" => ExitCode::from(3),
+        "closed_but_attached" | "closed_but_touching" => ExitCode::from(3),
         _ => ExitCode::from(1),
     })
 }

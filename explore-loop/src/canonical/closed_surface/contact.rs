@@ -114,7 +114,7 @@ impl Neck {
     }
 }
 
-fn middle(around: &[Point3<f64>]) -> Point3<f64> {
+pub(super) fn middle(around: &[Point3<f64>]) -> Point3<f64> {
     let sum: Vector3<f64> = around.iter().map(|p| p.coords).sum();
     Point3::from(sum / around.len().max(1) as f64)
 }

@@ -10,8 +10,10 @@
 //! Around a real handle of the object the folds of its inner and its outer side cancel: around the tube of a ring of radii `R` and `r` their mean
 //! is about `w r/(R² − r²)` for a width `w`, which is small.
 
+use super::contact::middle;
 use super::corners::Corners;
 use super::handles::{Paths, around_handles};
+use crate::canonical::genus::Handles;
 use nalgebra::{UnitVector3, Vector3};
 
 /// Range of distances to the side of a loop in which normals are averaged, in spacings.
@@ -28,10 +30,19 @@ pub(super) fn creased_loops(mesh: &Corners, spacing: f64) -> Vec<(f64, Vec<u32>)
     creased
 }
 
-/// The largest mean fold along a loop around a handle, rad; 0 without handles.
-pub(super) fn largest(mesh: &Corners, spacing: f64) -> f64 {
+/// The handles of a mesh, with the largest mean fold along a loop around one of them.
+pub(super) fn handles(mesh: &Corners, spacing: f64) -> Handles {
     let creased = creased_loops(mesh, spacing);
-    creased.first().map_or(0.0, |(angle, _)| angle.max(0.0))
+    let most = creased.first();
+    let places = |around: &Vec<u32>| -> Vec<_> {
+        let corners = around.iter();
+        corners.map(|&c| mesh.place(mesh.from(c))).collect()
+    };
+    Handles {
+        count: mesh.handles(),
+        crease: most.map_or(0.0, |(angle, _)| angle.max(0.0)),
+        creased_at: most.map(|(_, around)| middle(&places(around))),
+    }
 }
 
 /// Mean fold over a loop, rad.

@@ -249,10 +249,7 @@ impl ClosedSurface {
             bare: 0.0,
             farthest: 0.0,
             strays,
-            handles: Handles {
-                count: mesh.handles(),
-                crease: crease::largest(mesh, options.spacing),
-            },
+            handles: crease::handles(mesh, options.spacing),
             contacts: Vec::new(),
             spacing: options.spacing,
             reach: options.reach,

@@ -9,6 +9,7 @@ use super::result::Ran;
 pub(super) enum Ending {
     Closed,
     Attached,
+    Touching,
     Grips,
     Ours,
     Open,
@@ -16,9 +17,10 @@ pub(super) enum Ending {
 
 impl Ending {
     /// All endings, in the order of the tables.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::Closed,
         Self::Attached,
+        Self::Touching,
         Self::Grips,
         Self::Ours,
         Self::Open,
@@ -29,6 +31,7 @@ impl Ending {
         match ran.metrics.as_ref().map(|m| m.stop.as_str()) {
             Some("closed") => Self::Closed,
             Some("closed_but_attached") => Self::Attached,
+            Some("closed_but_touching") => Self::Touching,
             Some("nothing_to_grip" | "grasp_failed" | "slipped" | "too_many_manipulations") => {
                 Self::Grips
             }
@@ -43,6 +46,7 @@ impl Ending {
         match self {
             Self::Closed => "closed",
             Self::Attached => "attached",
+            Self::Touching => "touching",
             Self::Grips => "grips",
             Self::Ours => "ours",
             Self::Open => "open",
@@ -54,6 +58,7 @@ impl Ending {
         match self {
             Self::Closed => "the surface closed",
             Self::Attached => "the surface closed except for a part that is held to the table",
+            Self::Touching => "the surface closed, but parts of it that touch were not seen apart",
             Self::Grips => {
                 "the grips made no more progress: nothing to grip, jaws that missed or slipped, or the largest number of manipulations was reached"
             }
@@ -69,6 +74,7 @@ impl Ending {
         match self {
             Self::Closed => "closed",
             Self::Attached => "closed but attached",
+            Self::Touching => "closed but touching",
             Self::Grips => "ended by the grips",
             Self::Ours => "ended by a system fault",
             Self::Open => "not closed",

@@ -136,7 +136,9 @@ column!(
     2,
     |r| {
         match Ending::of(r) {
-            Ending::Closed | Ending::Attached => Some(metrics(r)?.manipulations.max(1) as f64),
+            Ending::Closed | Ending::Attached | Ending::Touching => {
+                Some(metrics(r)?.manipulations.max(1) as f64)
+            }
             Ending::Grips => Some(metrics(r)?.manipulations.max(MOST) as f64),
             Ending::Ours | Ending::Open => None,
         }
