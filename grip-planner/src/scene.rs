@@ -26,6 +26,21 @@ impl Plane {
         self.normal.dot(&point.coords) + self.offset
     }
 
+    /// `point`, or the nearest point of the plane if it lies under it.
+    pub fn above(&self, point: &Point3<f64>) -> Point3<f64> {
+        point - self.normal.as_ref() * self.height(point).min(0.0)
+    }
+
+    /// The plane moved by a rigid motion.
+    #[must_use]
+    pub fn carried(&self, motion: &Isometry3<f64>) -> Self {
+        let normal = motion.rotation * self.normal;
+        Self {
+            normal,
+            offset: self.offset - normal.dot(&motion.translation.vector),
+        }
+    }
+
     /// The point of the plane below `point`.
     pub fn foot(&self, point: &Point3<f64>) -> Point3<f64> {
         point - self.normal.as_ref() * self.height(point)

@@ -34,7 +34,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use dvrk_io::features::Feature;
-use nalgebra::{Isometry3, Point3, UnitVector3};
+pub use grip_planner::Plane;
+use nalgebra::{Isometry3, Point3};
 
 #[cfg(feature = "dvrk")]
 pub mod dvrk;
@@ -44,37 +45,6 @@ mod scans;
 mod see;
 #[cfg(feature = "sim")]
 pub mod sim;
-
-/// The plane `normal · x + offset = 0`; `normal` points to the free side, where `normal · x + offset ≥ 0`.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Plane {
-    /// Unit normal, toward the free side.
-    pub normal: UnitVector3<f64>,
-    /// Offset in metres.
-    pub offset: f64,
-}
-
-impl Plane {
-    /// Signed height of `point` above the plane, in metres.
-    pub fn height(&self, point: &Point3<f64>) -> f64 {
-        self.normal.dot(&point.coords) + self.offset
-    }
-
-    /// The plane moved by a rigid motion.
-    #[must_use]
-    pub fn carried(&self, motion: &Isometry3<f64>) -> Self {
-        let normal = motion.rotation * self.normal;
-        Self {
-            normal,
-            offset: self.offset - normal.dot(&motion.translation.vector),
-        }
-    }
-
-    /// `point`, or the nearest point of the plane if it lies under it.
-    pub fn above(&self, point: &Point3<f64>) -> Point3<f64> {
-        point - self.normal.into_inner() * self.height(point).min(0.0)
-    }
-}
 
 /// The set of poses a tip can reach (camera frame), by joint limits and the like, which a maximal distance cannot express. Equal only to its clones.
 #[derive(Clone)]

@@ -188,10 +188,6 @@ fn workspace(arm: &ArmInfo) -> Workspace {
 
 /// Table, arms and camera in the form that the planner uses.
 pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: &Isometry3<f64>) -> Scene<'a> {
-    let table = grip_planner::Plane {
-        normal: cell.table.normal,
-        offset: cell.table.offset,
-    };
     let jaw_radius = cell
         .arms
         .iter()
@@ -199,7 +195,7 @@ pub(crate) fn scene<'a>(cell: &CellInfo, arms: &'a [Arm], camera: &Isometry3<f64
         .fold(0.0, f64::max)
         .max(1e-3);
     Scene {
-        table,
+        table: cell.table,
         arms,
         camera: camera.translation.vector.into(),
         jaw_radius,
