@@ -71,6 +71,7 @@ impl Watcher for Printer {
             Event::Waiting(arm) => format!("  waiting for arm {arm}"),
             Event::Trouble(trouble) => format!("  {trouble}: stopped"),
             Event::Found => "  the body is found again".into(),
+            Event::Restored(..) => "  the model is spoiled, an earlier one is restored".into(),
             _ => return Ok(()),
         };
         let what = text.trim();

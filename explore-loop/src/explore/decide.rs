@@ -17,6 +17,7 @@ impl Explorer<'_> {
         let topology = self.analyse()?;
         self.tell(Event::Topology(&topology))?;
         self.moves.decide(&topology);
+        self.keep_best(&topology);
         let closed = match self.options.closed_by {
             ClosedBy::Surface => topology.is_closed(),
             ClosedBy::BettiNumbers => topology.has_betti_numbers_of_closed(),
@@ -46,10 +47,10 @@ impl Explorer<'_> {
                 Err(reason) => Stop::NothingToGrip(reason),
             }
         };
-        Ok(self.done_with(stop, topology))
+        Ok(self.done_with(stop, topology)?)
     }
 
-    fn analyse(&self) -> Result<Topology, Error> {
+    pub(super) fn analyse(&self) -> Result<Topology, Error> {
         let (spacing, genus) = (self.options.spacing, self.options.genus);
         Ok(topology::analyse_as(
             self.reconstructor.model(),
@@ -111,7 +112,7 @@ impl Explorer<'_> {
             });
         }
         let topology = self.analyse()?;
-        Ok(self.done_with(stop, topology))
+        self.done_with(stop, topology)
     }
 
     /// The place that no manipulation could show, if the surface is closed but for that.
@@ -120,7 +121,8 @@ impl Explorer<'_> {
         held.or_else(|| topology.touching().map(Stop::ClosedButTouching))
     }
 
-    fn done_with(&self, stop: Stop, topology: Topology) -> State {
+    fn done_with(&mut self, stop: Stop, topology: Topology) -> Result<State, Error> {
+        let (topology, model_of) = self.restore_best(topology)?;
         // If the surface is closed except for a part that cannot be shown, that is the reason to stop.
         let stop = match stop {
             Stop::TooManyManipulations | Stop::NothingToGrip(_) | Stop::GraspFailed => {
@@ -128,12 +130,13 @@ impl Explorer<'_> {
             }
             stop => stop,
         };
-        State::Done(Box::new(Outcome {
+        Ok(State::Done(Box::new(Outcome {
             stop,
             manipulations: self.manipulations,
             troubles: self.troubles.clone(),
             topology,
+            model_of,
             stiffness_over_weight: self.reconstructor.stiffness_over_weight(),
-        }))
+        })))
     }
 }

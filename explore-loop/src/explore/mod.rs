@@ -51,6 +51,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use watch::refused;
 
+mod best;
 mod decide;
 mod drive;
 mod guard;
@@ -118,8 +119,10 @@ pub struct Outcome {
     pub manipulations: usize,
     /// Manipulations that were given up, in order.
     pub troubles: Vec<Trouble>,
-    /// Topology at the end.
+    /// Topology of the model at the end.
     pub topology: Topology,
+    /// Number of manipulations after which the model was as it is returned: fewer than [`Self::manipulations`] if the later ones have spoiled it.
+    pub model_of: usize,
     /// Stiffness over weight `E / (ρ g)` of the object, m, estimated from its sag once something was lifted.
     pub stiffness_over_weight: Option<f64>,
 }
@@ -152,6 +155,8 @@ pub struct Explorer<'a> {
     moves: held::Moves,
     /// Where grips slipped.
     slips: slips::Slips,
+    /// The model when most of the surface was known.
+    best: Option<best::Best>,
     asked_to_stop: Option<Arc<AtomicBool>>,
     mode: Mode,
 }
@@ -274,6 +279,7 @@ impl<'a> Explorer<'a> {
             troubles: Vec::new(),
             moves: held::Moves::default(),
             slips: slips::Slips::default(),
+            best: None,
             asked_to_stop: None,
             mode: Mode::Exploring,
         }

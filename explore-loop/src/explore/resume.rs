@@ -23,6 +23,7 @@ pub struct SavedState {
     reconstruction: Vec<u8>,
     moves: super::held::Moves,
     slips: super::slips::Slips,
+    best: Option<super::best::Best>,
 }
 
 impl Explorer<'_> {
@@ -50,6 +51,7 @@ impl Explorer<'_> {
             reconstruction,
             moves: self.moves.clone(),
             slips: self.slips.clone(),
+            best: self.best.clone(),
         })
     }
 
@@ -87,6 +89,7 @@ impl Explorer<'_> {
         self.guard = saved.guard;
         self.moves = saved.moves;
         self.slips = saved.slips;
+        self.best = saved.best;
         Ok(())
     }
 

@@ -44,6 +44,8 @@ pub enum Event<'a> {
     Trouble(&'a Trouble),
     /// A lost body was found again.
     Found,
+    /// The model is spoiled: that after so many manipulations is returned, with this topology.
+    Restored(usize, &'a Topology),
     /// A manipulation is over; the number of manipulations so far.
     Manipulated(usize),
     /// The state of the loop between two manipulations, for [`Explorer::resume`]; only for a watcher that [wants](Watcher::wants_state) it.

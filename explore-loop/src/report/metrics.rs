@@ -185,6 +185,9 @@ pub struct Metrics {
     pub tracks: Option<TrackErrors>,
     /// Estimated stiffness over weight `E / (ρ g)` of the object, m; null if it was not estimated.
     pub stiffness_over_weight: Option<f64>,
+    /// Number of manipulations after which the model was as it is returned; null if it is always the last one.
+    #[serde(default)]
+    pub model_of: Option<usize>,
     /// Number of simplices cut as non-manifold.
     pub nm_cut: Cut,
     /// Non-manifold vertices left at the end.

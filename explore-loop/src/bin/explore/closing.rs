@@ -77,6 +77,12 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
     ];
+    if let Some(of) = metrics.model_of.filter(|of| *of < metrics.manipulations) {
+        rows.push((
+            "model",
+            format!("as after {of} manipulations: later ones have spoiled it"),
+        ));
+    }
     if metrics.contacts > 0 {
         rows.push(("contacts separated", metrics.contacts.to_string()));
     }

@@ -365,6 +365,7 @@ impl<'a> Recorder<'a> {
             fastest_grip_m_s: self.so_far.grip_speed.fastest(),
             spacing_m: spacing,
             manipulations: outcome.manipulations,
+            model_of: Some(outcome.model_of),
             stop: outcome.stop.word().into(),
             reason: outcome.stop.reason(),
             troubles: outcome.troubles.iter().map(ToString::to_string).collect(),
@@ -451,6 +452,12 @@ impl Watcher for Recorder<'_> {
             Event::Fault(fault) => self.fault(fault),
             Event::Trouble(trouble) => self.note(format!("arms stopped: {trouble}")),
             Event::Found => self.note("the body was found again".into()),
+            Event::Restored(manipulations, _) => {
+                self.so_far.model = model.clone();
+                self.note(format!(
+                    "the model is that after {manipulations} manipulations: later ones have spoiled it"
+                ));
+            }
             Event::Manipulated(count) => self.so_far.manipulations = count,
             Event::State(state) => self.save(Some(state))?,
             _ => {}

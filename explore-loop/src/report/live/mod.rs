@@ -284,6 +284,9 @@ impl Watcher for LiveView {
             Event::Trouble(trouble) => self.warn(&format!("arms stopped: {trouble}")),
             Event::Missed(arm) => self.warn(&format!("arm {arm} closed on nothing")),
             Event::Found => self.say("the body was found again"),
+            Event::Restored(manipulations, _) => self.warn(&format!(
+                "the model is that after {manipulations} manipulations: later ones have spoiled it"
+            )),
             _ => {}
         }
         Ok(())
