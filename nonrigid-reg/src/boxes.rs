@@ -21,7 +21,7 @@ const LARGEST: usize = 8;
 const WIDER: f64 = 1.6;
 /// Factor of the squared radius after a guess that held too few points, and number of such guesses before all points are taken.
 const WIDENED: f64 = 2.5;
-const GUESSES: usize = 4;
+const GUESSES: usize = 8;
 
 /// A bounding box: lower and upper corner.
 type Corners = [[f64; 3]; 2];
@@ -153,9 +153,15 @@ impl Boxes {
 
     /// The `count` nearest points, nearest first; `count` is at most the number of points.
     pub fn nearest_n(&self, p: &Point3<f64>, count: usize) -> Vec<Neighbour> {
+        let Some(first) = self.nearest(p) else {
+            return Vec::new();
+        };
+        let of = self.place(first.index).0;
+        let share = count as f64 / self.members(of).len() as f64;
+        let around = guess(&self.tree[of + self.len() - 1], share);
         let p = [p.x, p.y, p.z];
         let mut search = Search::new(self, [p; 2]);
-        search.nearest(&p, count, 0.0);
+        search.nearest(&p, count, WIDER * (first.squared + around));
         search.found(count).collect()
     }
 

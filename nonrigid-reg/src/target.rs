@@ -105,7 +105,7 @@ impl Target {
             .or_else(|| self.nearest(&probe.position))
     }
 
-    /// Indices and squared distances (m²) of the `count` nearest, nearest first. `O(log n + count²)`.
+    /// Indices and squared distances (m²) of the `count` nearest, nearest first. `O(log n + count log count)` on surfaces sampled evenly.
     pub fn nearest_n(&self, p: &Point3<f64>, count: usize) -> Vec<(usize, f64)> {
         if !is_sound(p) {
             return Vec::new();
