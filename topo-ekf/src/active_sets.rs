@@ -126,7 +126,6 @@ impl<'a> ActiveSets<'a> {
                 tolerance,
             };
             let found = self.push(&dual, &lift, system, influence)?;
-            self.respond(&lift, system);
             let push = self.stack.push(&self.forces, lift.len());
             let changed = self.table.update(values, system, &self.shift, &push);
             if changed && self.rounds < PREDICTED {
@@ -150,7 +149,7 @@ impl<'a> ActiveSets<'a> {
         Ok(())
     }
 
-    /// Forces of the rows for the present set of the plane; returns whether they are optimal.
+    /// Forces of the rows and the displacement for the present set of the plane; returns whether they are optimal.
     fn push(
         &mut self,
         dual: &Dual,
@@ -159,6 +158,8 @@ impl<'a> ActiveSets<'a> {
         influence: &mut Influence,
     ) -> Result<bool, Error> {
         if self.problem.rows.is_empty() {
+            self.shift = vec![0.0; 3 * lift.len()];
+            self.raise(lift);
             return Ok(true);
         }
         let mut lifted = vec![0.0; 3 * lift.len()];
@@ -178,21 +179,18 @@ impl<'a> ActiveSets<'a> {
         let start = std::mem::take(&mut self.forces);
         let Forces {
             values,
+            shift,
             settled,
             products,
         } = dual.solve(start, &mut self.model, influence, &mut compliance)?;
-        self.forces = values;
+        (self.forces, self.shift) = (values, shift);
+        self.raise(lift);
         self.solves += products;
         Ok(settled)
     }
 
-    /// Displacement under the forces, with the held vertices on the plane.
-    fn respond(&mut self, lift: &[f64], system: &mut System) {
-        self.shift = self.stack.push(&self.forces, lift.len());
-        if !self.problem.rows.is_empty() {
-            self.table
-                .respond(self.problem.factor, system, &mut self.shift);
-        }
+    /// Adds the displacement that puts the held vertices on the plane.
+    fn raise(&mut self, lift: &[f64]) {
         for (s, l) in self.shift[2 * lift.len()..].iter_mut().zip(lift) {
             *s += l;
         }

@@ -29,45 +29,48 @@ pub(crate) struct Compliance<'a> {
 }
 
 impl Compliance<'_> {
-    /// `G λ`.
-    pub fn times(&mut self, forces: &[f64]) -> Vec<f64> {
+    /// The displacement under forces of the rows, as a block, and `G λ`.
+    pub fn times(&mut self, forces: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let mut block = self.stack.push(forces, self.system.pattern.size());
         self.table.respond(self.factor, self.system, &mut block);
-        self.stack.reach(&block)
+        let reach = self.stack.reach(&block);
+        (block, reach)
     }
 
-    /// Entries of `G` in the rows `of` and the columns `new`; vertices that are new to `influence` are added to it.
+    /// Entries of `G` in the rows `of` and the columns of the last `new` of them, without those below the diagonal; vertices that are new to `influence` are
+    /// added to it.
     pub fn columns(
         &mut self,
         of: &[usize],
-        new: &[usize],
+        new: usize,
         influence: &mut Influence,
     ) -> Result<DMatrix<f64>, Error> {
-        influence.learn(self, new)?;
+        let old = of.len() - new;
+        influence.learn(self, &of[old..])?;
         let count = influence.vertices.len();
-        let mut entries = DMatrix::zeros(of.len(), new.len());
-        let mut along = vec![0.0; 3 * count];
-        for (l, &row) in new.iter().enumerate() {
-            along.fill(0.0);
-            for (v, a) in self.stack.row(row) {
-                let slot = influence.slots[*v as usize] as usize;
-                let (full, free) = (influence.full.column(slot), influence.free.column(slot));
-                for w in 0..count {
-                    along[w] += a.x * full[w];
-                    along[count + w] += a.y * full[w];
-                    along[2 * count + w] += a.z * free[w];
+        let terms = Terms::new(self.stack, of, influence);
+        let mut entries = DMatrix::zeros(of.len(), new);
+        let (mut normal, mut along) = (vec![0.0; count], vec![[0.0; 2]; count]);
+        for l in 0..new {
+            normal.fill(0.0);
+            for &(slot, a) in terms.normal(old + l) {
+                for (sum, s) in normal.iter_mut().zip(column_of(&influence.free, slot)) {
+                    *sum += a * s;
                 }
             }
-            for (k, &row) in of.iter().enumerate() {
-                entries[(k, l)] = self
-                    .stack
-                    .row(row)
-                    .iter()
-                    .map(|(v, a)| {
-                        let w = influence.slots[*v as usize] as usize;
-                        a.x * along[w] + a.y * along[count + w] + a.z * along[2 * count + w]
-                    })
-                    .sum();
+            along.fill([0.0; 2]);
+            for &(slot, [x, y]) in terms.along(old + l) {
+                for (sum, s) in along.iter_mut().zip(column_of(&influence.full, slot)) {
+                    sum[0] += x * s;
+                    sum[1] += y * s;
+                }
+            }
+            let column = &mut entries.as_mut_slice()[of.len() * l..];
+            for (k, entry) in column[..=old + l].iter_mut().enumerate() {
+                let tilted = terms.along(k).iter();
+                let level = tilted.map(|&(w, [x, y])| x * along[w][0] + y * along[w][1]);
+                let upright = terms.normal(k).iter().map(|&(w, a)| a * normal[w]);
+                *entry = level.sum::<f64>() + upright.sum::<f64>();
             }
         }
         Ok(entries)
@@ -105,11 +108,55 @@ impl Compliance<'_> {
     }
 }
 
+/// A column as a slice: iterators of matrices are several times slower.
+fn column_of(matrix: &DMatrix<f64>, column: usize) -> &[f64] {
+    let height = matrix.nrows();
+    &matrix.as_slice()[height * column..height * (column + 1)]
+}
+
+/// Rows by the index of their vertices in the model: components along the normal, and those along the plane that the model does not omit.
+struct Terms {
+    normal: Vec<(usize, f64)>,
+    along: Vec<(usize, [f64; 2])>,
+    /// The first of both for each row, and one past the last.
+    starts: Vec<[usize; 2]>,
+}
+
+impl Terms {
+    fn new(stack: &Stack, rows: &[usize], influence: &Influence) -> Self {
+        let mut terms = Self {
+            normal: vec![],
+            along: vec![],
+            starts: vec![[0; 2]],
+        };
+        for &row in rows {
+            for &(v, a) in stack.row(row) {
+                let slot = influence.slots[v as usize] as usize;
+                terms.normal.push((slot, a.z));
+                if influence.tilted[slot] {
+                    terms.along.push((slot, [a.x, a.y]));
+                }
+            }
+            terms.starts.push([terms.normal.len(), terms.along.len()]);
+        }
+        terms
+    }
+
+    fn normal(&self, row: usize) -> &[(usize, f64)] {
+        &self.normal[self.starts[row][0]..self.starts[row + 1][0]]
+    }
+
+    fn along(&self, row: usize) -> &[(usize, [f64; 2])] {
+        &self.along[self.starts[row][1]..self.starts[row + 1][1]]
+    }
+}
+
 /// Entries of `S⁻¹` and `S_free⁻¹` among the vertices of the included rows.
 pub(crate) struct Influence {
     vertices: Vec<u32>,
     /// Index of each vertex among them, `u32::MAX` for those in no row.
     slots: Vec<u32>,
+    /// Both with room for more vertices.
     full: DMatrix<f64>,
     free: DMatrix<f64>,
     /// Vertices on which a row has a component along the plane of more than [`TILT`]; for the others the model omits `full`.
@@ -187,11 +234,18 @@ impl Influence {
         } else {
             &mut self.full
         };
-        *known = std::mem::take(known).resize(count, count, 0.0);
+        if known.ncols() < count {
+            // A few vertices are added time and again: with room for them the model is copied once or twice.
+            let room = count + count / 8;
+            *known = std::mem::take(known).resize(room, room, 0.0);
+        }
+        let all_new = of.len() == new.len();
         for (column, &l) in columns.column_iter().zip(new) {
             for (value, &k) in column.iter().zip(of) {
                 known[(k, l)] = *value;
-                known[(l, k)] = *value;
+                if !all_new {
+                    known[(l, k)] = *value;
+                }
             }
         }
         Ok(())

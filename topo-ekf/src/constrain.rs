@@ -56,10 +56,12 @@ impl Filter {
             .into_iter()
             .chain(own.map(|(k, row)| Row::of(row, k)))
             .collect();
-        let mut surface =
-            self.surface
-                .clone()
-                .renewed(frame.triangles, &self.rest, self.options.separation);
+        // Lost after an error, it is only made again.
+        let mut surface = std::mem::take(&mut self.surface).renewed(
+            frame.triangles,
+            &self.rest,
+            self.options.separation,
+        );
         let before = lack(&self.watch(&mut surface, estimate), estimate);
         let metric = self.metric(update)?;
         let Settled {

@@ -13,7 +13,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Point3, Vector3};
-use parry3d_f64::bounding_volume::Aabb;
+use parry3d_f64::bounding_volume::{Aabb, BoundingVolume};
 use parry3d_f64::math::Vector as Corner;
 use parry3d_f64::partitioning::{Bvh, BvhBuildStrategy};
 
@@ -22,6 +22,10 @@ use crate::rows::{Key, Row};
 /// Tolerance in barycentric coordinates for a projection outside a triangle: neighbouring triangles then overlap, and
 /// a vertex above their common edge is not missed by both.
 const OVERLAP: f64 = 0.1;
+
+/// Share of the reach by which vertices and prisms may move before the candidates are searched again. The linearisations of one frame are usually nearer
+/// to each other than that.
+const MARGIN: f64 = 0.2;
 
 /// The required separation of a vertex and a triangle, by the side that the vertex is on (±1), m.
 pub(crate) type Asked<'a> = dyn Fn(u32, &[u32; 3], f64) -> Option<f64> + 'a;
@@ -33,8 +37,36 @@ pub(crate) struct Surface {
     corners: Vec<u32>,
     starts: Vec<usize>,
     near: Vec<u32>,
-    /// Search tree over the prisms of all triangles; built once and updated before every use.
+    /// Search tree over the prisms of all triangles; built once and updated before every search.
     tree: Bvh,
+    candidates: Candidates,
+}
+
+/// Pairs of a vertex and a triangle far along the surface that were near each other, with a margin; these are all, until something moves farther.
+#[derive(Clone, Debug, Default)]
+struct Candidates {
+    /// Prisms with the margin, by triangle.
+    prisms: Vec<Aabb>,
+    /// Positions of the vertices of triangles.
+    places: Vec<Point3<f64>>,
+    /// First triangle of each of these vertices, and one past the last.
+    starts: Vec<usize>,
+    triangles: Vec<u32>,
+}
+
+impl Candidates {
+    /// Whether all pairs that are near each other now are among these.
+    fn cover(&self, prisms: &[Aabb], places: &[Point3<f64>], margin: f64) -> bool {
+        let within = |(a, b): (&Point3<f64>, &Point3<f64>)| (a - b).amax() <= margin;
+        self.prisms.len() == prisms.len()
+            && self.places.len() == places.len()
+            && self.places.iter().zip(places).all(within)
+            && self.prisms.iter().zip(prisms).all(|(a, b)| a.contains(b))
+    }
+
+    fn of(&self, at: usize) -> &[u32] {
+        &self.triangles[self.starts[at]..self.starts[at + 1]]
+    }
 }
 
 impl Surface {
@@ -70,6 +102,7 @@ impl Surface {
             starts,
             near,
             tree: Bvh::new(),
+            candidates: Candidates::default(),
         }
     }
 
@@ -94,56 +127,74 @@ impl Surface {
     ) -> Vec<Row> {
         let reach = reach.max(2.0 * most);
         let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
-        self.refresh(&facets, now, reach);
-        self.corners
-            .iter()
-            .filter_map(|&v| {
-                let p = &now[v as usize];
-                let here = Corner::new(p.x, p.y, p.z);
-                self.tree
-                    .intersect_aabb(&Aabb::new(here, here))
-                    .filter_map(|t| {
-                        let facet = facets[t as usize].as_ref()?;
-                        let triangle = &self.triangles[t as usize];
-                        let foot = facet.over(p);
-                        self.pair(v, triangle, before, foot, asked, reach)
-                    })
-                    // Taking the first triangle would depend on the order of the tree: ties are broken by the row itself.
-                    .max_by(|(a, r), (b, s)| {
-                        a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0))
-                    })
-                    .map(|(_, row)| row)
+        self.search(&facets, now, reach);
+        let rows = self.corners.iter().enumerate().filter_map(|(at, &v)| {
+            let near = self.candidates.of(at).iter().filter_map(|&t| {
+                let foot = facets[t as usize].as_ref()?.over(&now[v as usize]);
+                let triangle = &self.triangles[t as usize];
+                Self::pair(v, triangle, before, foot, asked, reach)
+            });
+            // Ties are broken by the row itself.
+            near.max_by(|(a, r), (b, s)| {
+                a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0))
             })
-            .collect()
+            .map(|(_, row)| row)
+        });
+        rows.collect()
+    }
+
+    /// Searches the candidates again, unless the known ones still cover all.
+    fn search(&mut self, facets: &[Option<Facet>], now: &[Point3<f64>], reach: f64) {
+        let all = self.triangles.iter().zip(facets);
+        let prisms: Vec<Aabb> = all
+            .map(|(triangle, facet)| {
+                // Slivers get no contacts; any box will do.
+                let corner =
+                    |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
+                let flat = || Aabb::from_points(triangle.map(corner));
+                facet
+                    .as_ref()
+                    .map_or_else(flat, |f| f.prism(triangle, now, reach))
+            })
+            .collect();
+        let places: Vec<_> = self.corners.iter().map(|&v| now[v as usize]).collect();
+        let margin = MARGIN * reach;
+        if self.candidates.cover(&prisms, &places, margin) {
+            return;
+        }
+        let prisms: Vec<Aabb> = prisms.iter().map(|p| p.loosened(margin)).collect();
+        self.refresh(&prisms);
+        let (mut starts, mut triangles) = (vec![0], vec![]);
+        for (&v, p) in self.corners.iter().zip(&places) {
+            let here = Corner::new(p.x, p.y, p.z);
+            let around = Aabb::new(here, here).loosened(margin);
+            let (first, near) = (triangles.len(), self.tree.intersect_aabb(&around));
+            triangles.extend(near.filter(|&t| !self.adjoins(v, &self.triangles[t as usize])));
+            triangles[first..].sort_unstable();
+            starts.push(triangles.len());
+        }
+        self.candidates = Candidates {
+            prisms,
+            places,
+            starts,
+            triangles,
+        };
     }
 
     /// Updates the prisms in the tree.
-    fn refresh(&mut self, facets: &[Option<Facet>], now: &[Point3<f64>], reach: f64) {
-        let all = self.triangles.iter().zip(facets).enumerate();
-        let prisms = all.map(|(t, (triangle, facet))| {
-            // Slivers get no contacts; any box will do.
-            let corner =
-                |k: u32| Corner::new(now[k as usize].x, now[k as usize].y, now[k as usize].z);
-            let flat = || Aabb::from_points(triangle.map(corner));
-            (
-                t,
-                facet
-                    .as_ref()
-                    .map_or_else(flat, |f| f.prism(triangle, now, reach)),
-            )
-        });
+    fn refresh(&mut self, prisms: &[Aabb]) {
         if self.tree.is_empty() {
-            self.tree = Bvh::from_iter(BvhBuildStrategy::Binned, prisms);
+            let all = prisms.iter().copied().enumerate();
+            self.tree = Bvh::from_iter(BvhBuildStrategy::Binned, all);
         } else {
-            for (t, prism) in prisms {
-                self.tree.insert_or_update_partially(prism, t as u32, 0.0);
+            for (t, prism) in prisms.iter().enumerate() {
+                self.tree.insert_or_update_partially(*prism, t as u32, 0.0);
             }
             self.tree.refit_without_opt();
         }
     }
 
     fn pair(
-        &self,
         vertex: u32,
         triangle: &[u32; 3],
         before: &[Point3<f64>],
@@ -151,10 +202,7 @@ impl Surface {
         asked: &Asked<'_>,
         reach: f64,
     ) -> Option<(f64, Row)> {
-        if height.abs() > reach
-            || weights.iter().any(|b| *b < -OVERLAP)
-            || self.adjoins(vertex, triangle)
-        {
+        if height.abs() > reach || weights.iter().any(|b| *b < -OVERLAP) {
             return None;
         }
         let (was, _, _) = Facet::new(triangle, before)?.over(&before[vertex as usize]);

@@ -43,6 +43,8 @@ pub(crate) struct Model {
 /// Forces, and whether they are optimal within the tolerance.
 pub(crate) struct Forces {
     pub values: Vec<f64>,
+    /// Displacement under them, as a block.
+    pub shift: Vec<f64>,
     pub settled: bool,
     /// Products with `G`.
     pub products: usize,
@@ -58,7 +60,7 @@ impl Dual<'_> {
         compliance: &mut Compliance,
     ) -> Result<Forces, Error> {
         let mut forces = start;
-        let mut gradient = self.product(&forces, compliance);
+        let (mut shift, mut gradient) = self.product(&forces, compliance);
         for (q, g) in gradient.iter_mut().zip(self.gaps) {
             *q -= g;
         }
@@ -86,30 +88,36 @@ impl Dual<'_> {
                 target = self.target(&forces, &gradient, model);
             }
             let direction = target.ok_or(Error::Factorisation)?;
-            let product = self.product(&direction, compliance);
+            let (moved, product) = self.product(&direction, compliance);
             products += 1;
             let slope = dot(&gradient, &direction);
             if slope >= 0.0 {
                 break;
             }
-            advance(&mut forces, &mut gradient, &direction, &product, slope);
+            let length = advance(&mut forces, &mut gradient, &direction, &product, slope);
+            for (s, m) in shift.iter_mut().zip(&moved) {
+                *s += length * m;
+            }
         }
         Ok(Forces {
             values: forces,
+            shift,
             settled,
             products,
         })
     }
 
-    fn product(&self, v: &[f64], compliance: &mut Compliance) -> Vec<f64> {
+    /// The displacement under forces, and `G` times them.
+    fn product(&self, v: &[f64], compliance: &mut Compliance) -> (Vec<f64>, Vec<f64>) {
         if v.iter().all(|v| *v == 0.0) {
-            return vec![0.0; v.len()];
+            let size = compliance.system.pattern.size();
+            return (vec![0.0; 3 * size], vec![0.0; v.len()]);
         }
-        let mut product = compliance.times(v);
+        let (shift, mut product) = compliance.times(v);
         for (p, (v, soft)) in product.iter_mut().zip(v.iter().zip(self.soft)) {
             *p += soft * v;
         }
-        product
+        (shift, product)
     }
 
     /// Rows that are active or should be, and are not included.
@@ -161,14 +169,14 @@ impl Dual<'_> {
     }
 }
 
-/// Moves along the direction to the lowest objective with non-negative forces.
+/// Moves along the direction to the lowest objective with non-negative forces; returns the length of the step.
 fn advance(
     forces: &mut [f64],
     gradient: &mut [f64],
     direction: &[f64],
     product: &[f64],
     slope: f64,
-) {
+) -> f64 {
     let lowest = -slope / dot(direction, product);
     let room = forces
         .iter()
@@ -192,6 +200,7 @@ fn advance(
         *f = if next < 1e-14 * d.abs() { 0.0 } else { next };
         *q += length * p;
     }
+    length
 }
 
 impl Model {
@@ -214,7 +223,7 @@ impl Model {
         }
         let old = self.rows.len();
         self.rows.extend_from_slice(new);
-        let columns = compliance.columns(&self.rows, new, influence)?;
+        let columns = compliance.columns(&self.rows, new.len(), influence)?;
         let count = self.rows.len();
         self.gram = std::mem::take(&mut self.gram).resize(count, count, 0.0);
         for l in 0..new.len() {
