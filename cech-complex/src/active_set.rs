@@ -10,7 +10,7 @@
 //! fixed point unchanged.
 
 use crate::optimality::{MAX_ACTIVE, PROXIMAL, System};
-use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
+use crate::problem::{Bracket, Goal, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest number of outer steps: three to five suffice on surfaces; along the rim of nearly parallel, stacked cylinders it may take twenty.
@@ -100,8 +100,7 @@ pub(crate) fn refine<const N: usize>(
     problem: &Problem<N>,
     active: &mut ActiveSet,
     bracket: &mut Bracket,
-    tolerance: f64,
-    cutoff: f64,
+    goal: &Goal,
 ) {
     let mut y = bracket.y;
     let mut pieces = problem.pieces(&y);
@@ -122,10 +121,10 @@ pub(crate) fn refine<const N: usize>(
             there = next.max();
         }
         bracket.improve_upper(there, &next_y);
-        if there - level <= MODEL_TRUSTED * there || level > cutoff {
+        if there - level <= MODEL_TRUSTED * there || level > goal.cutoff {
             bracket.improve_lower(problem.lower_bound(next.forces(&active.multipliers)));
         }
-        if bracket.settled(tolerance, cutoff) {
+        if bracket.settled(goal) {
             return;
         }
         if there <= here || length < SHORT {
