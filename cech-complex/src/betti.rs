@@ -1,12 +1,8 @@
-//! Betti numbers at one scale, or between two, without the complex.
+//! Betti numbers at one scale without the complex.
 //!
-//! ```text
-//! β_k^{a,b} = rank( H_k(K_a) → H_k(K_b) ) = number of classes of dimension k born by a and alive after b
-//! ```
-//!
-//! All that counts is which simplices exist at the two scales (module `decision`), and most of them cancel in pairs before anything is
-//! reduced (module `sweep`). What is left is reduced in cohomology as in module `cohomology`, except that coboundaries are listed when they
-//! are needed, and a matched simplex needs no column in memory.
+//! All that counts is which simplices exist (module `decision`), and nearly all of them cancel in pairs before anything is reduced
+//! (module `sweep`). The rest is reduced in cohomology as in module `cohomology`, but cofaces are listed when they are needed, and a
+//! column whose first coface is free, or that is matched, is only named, not stored.
 
 use crate::cohomology::{drain, pop_pivot};
 use crate::cylinder::Cylinder;
@@ -21,16 +17,17 @@ use crate::valuation::Valuation;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, UnitVector3};
 use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashMap};
+use std::collections::{BinaryHeap, HashMap, HashSet};
 
-/// Betti numbers `β₀, β₁, β₂` at scale `options.max_scale`: what [`Complex::betti`](crate::Complex::betti) of a complex gives, without building it.
+/// Betti numbers `β₀, β₁, β₂` at scale `options.max_scale`: what [`Complex::betti`](crate::Complex::betti) gives there, without building the
+/// complex.
 ///
 /// # Errors
 /// Those of [`Complex::build`](crate::Complex::build). Only vertices, edges and triangles count towards `options.max_simplices`.
 ///
 /// # Complexity
-/// A tenth of the time of the complex and its barcode, and a third of the memory: no values, no tetrahedra, and a reduction of one
-/// simplex in forty.
+/// A quarter of the time of a complex and its barcode, and a tenth of the memory: no values, no tetrahedra, and a reduction of one simplex in
+/// forty.
 ///
 /// ```
 /// use cech_complex::manifolds::Manifold;
@@ -47,39 +44,8 @@ pub fn betti_numbers(
     cylinder: Cylinder,
     options: &Options,
 ) -> Result<[usize; 3], Error> {
-    persistent_betti_numbers(points, normals, cylinder, options, options.max_scale)
-}
-
-/// Persistent Betti numbers between scale `from` and `options.max_scale`: what
-/// [`Complex::persistent_betti`](crate::Complex::persistent_betti) of a complex gives, without building it.
-///
-/// # Errors
-/// Those of [`betti_numbers`].
-///
-/// ```
-/// use cech_complex::manifolds::Manifold;
-/// use cech_complex::{Cylinder, Options, persistent_betti_numbers};
-///
-/// let sphere = Manifold::Sphere { radius: 1.0 }.net(600, 1);
-/// let cylinder = Cylinder::new(1.25 * sphere.spacing, sphere.spacing)?;
-/// let options = Options::default().with_max_scale(1.3);
-/// assert_eq!(persistent_betti_numbers(&sphere.points, &sphere.normals, cylinder, &options, 1.0)?, [1, 0, 1]);
-/// # Ok::<(), cech_complex::Error>(())
-/// ```
-pub fn persistent_betti_numbers(
-    points: &[Point3<f64>],
-    normals: &[UnitVector3<f64>],
-    cylinder: Cylinder,
-    options: &Options,
-    from: f64,
-) -> Result<[usize; 3], Error> {
     Vertices::of_cloud(points, normals, options, |vertices| {
-        // Nothing is born before scale 0, nor by NaN.
-        if from >= 0.0 {
-            sweep(vertices, cylinder, options, from).map(|sweep| ranks(sweep, points.len()))
-        } else {
-            Ok([0; 3])
-        }
+        sweep(vertices, cylinder, options).map(|sweep| ranks(sweep, points.len()))
     })?
 }
 
@@ -88,7 +54,6 @@ fn sweep<'a>(
     vertices: &Vertices<'a>,
     cylinder: Cylinder,
     options: &'a Options,
-    from: f64,
 ) -> Result<Sweep<'a>, Error> {
     let extent = |axis: usize| {
         let along = || vertices.cloud.iter().map(|o| o.point[axis]);
@@ -104,28 +69,31 @@ fn sweep<'a>(
     let mut names: Vec<u32> = (0..vertices.cloud.len() as u32).collect();
     let place = |v: &u32| vertices.cloud[*v as usize].point[axis];
     names.sort_by(|a, b| place(a).total_cmp(&place(b)));
-    let cloud: Vec<_> = names.iter().map(|&v| vertices.cloud[v as usize]).collect();
-    let coordinates: Vec<[f64; 3]> = cloud.iter().map(|o| o.point.into()).collect();
-    let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates).ok();
+    let valuation = Valuation {
+        cloud: vertices.cloud,
+        cylinder,
+        options,
+    };
+    let decisions = Decisions::new(names, valuation);
+    let coordinates: Vec<[f64; 3]> = decisions.cloud().iter().map(|o| o.point.into()).collect();
+    // The tree fails only on input that was rejected before.
+    let tree = match &coordinates[..] {
+        [] => None,
+        some => Some(
+            ImmutableKdTree::<f64, 3>::new_from_slice(some)
+                .map_err(|_| vertices.too_many(some.len(), cylinder, options))?,
+        ),
+    };
     let reach = 2.0 * cylinder.circumradius() * options.max_scale;
     let squared = reach * reach * (1.0 + 1e-9);
-    let pairs = |c: u32, near: &mut Vec<u32>| {
+    let near = |c: u32, found: &mut Vec<u32>| {
         let Some(tree) = &tree else { return };
-        let found = tree
+        let hits = tree
             .query(&coordinates[c as usize])
             .within::<SquaredEuclidean<f64>>(squared)
             .unsorted()
             .execute();
-        near.extend(found.iter().map(|hit| hit.item as u32));
-    };
-    let decisions = Decisions {
-        cloud,
-        names,
-        valuation: Valuation {
-            cloud: vertices.cloud,
-            cylinder,
-            options,
-        },
+        found.extend(hits.iter().map(|hit| hit.item as u32));
     };
     let mut total = 0;
     let count = |more: usize| {
@@ -135,148 +103,130 @@ fn sweep<'a>(
         }
         Ok(())
     };
-    let scales = [from.min(options.max_scale), options.max_scale];
-    Sweep::new(decisions, scales, pairs, count)
+    Sweep::new(decisions, near, count)
 }
 
-/// Persistent Betti numbers from a sweep.
+/// Betti numbers from a sweep.
 fn ranks(mut sweep: Sweep, vertices: usize) -> [usize; 3] {
     let mut edges = std::mem::take(&mut sweep.critical_edges);
     let mut triangles = std::mem::take(&mut sweep.critical_triangles);
     edges.sort_unstable();
     let mut sets = UnionFind::new(vertices);
-    let mut components = vertices;
-    // A matched edge closes a triangle of earlier edges, so it joins nothing.
-    edges.retain(|&(_, [a, b, ..])| {
-        let joins = sets.union(a, b).is_some();
-        components -= usize::from(joins);
-        !joins
-    });
-    let later = sweep.later();
-    let mut cofaces = Cofaces {
+    // A matched edge closes a triangle whose other edges are earlier, so it joins nothing.
+    let before = edges.len();
+    edges.retain(|&[a, b, ..]| sets.union(a, b).is_none());
+    let components = vertices - (before - edges.len());
+    let cofaces = Cofaces {
+        later: sweep.later(),
         sweep,
-        later,
-        tetrahedra: HashMap::new(),
-        matches: HashMap::new(),
     };
-    let (loops, ends) = reduce(edges, &mut cofaces, Cofaces::of_edge, Cofaces::edge_matched);
-    triangles.retain(|triangle| !ends.contains_key(triangle));
+    let (loops, ends) = reduce(
+        edges,
+        |edge| cofaces.of_edge(edge),
+        |triangle| cofaces.matched_edge(triangle),
+    );
+    let ends: HashSet<Cell> = ends.into_iter().collect();
+    triangles.retain(|triangle| !ends.contains(triangle));
     triangles.sort_unstable();
     let (cavities, _) = reduce(
         triangles,
-        &mut cofaces,
-        Cofaces::of_triangle,
-        Cofaces::triangle_matched,
+        |triangle| cofaces.of_triangle(triangle),
+        |tetrahedron| cofaces.matched_triangle(tetrahedron),
     );
     [components, loops, cavities]
 }
 
-/// Reduces the coboundaries of critical simplices, given ascending. Returns how many of level 0 are never ended, and the rows that end the others.
-fn reduce<'a>(
+/// Reduces the coboundaries of the columns, given in ascending order. Returns how many become zero, and the pivots of the others.
+fn reduce<I: Iterator<Item = Cell>>(
     columns: Vec<Cell>,
-    cofaces: &mut Cofaces<'a>,
-    coboundary: impl Fn(&mut Cofaces<'a>, Cell, &mut Vec<Cell>),
-    matched: impl Fn(&mut Cofaces<'a>, Cell) -> Option<Cell>,
-) -> (usize, HashMap<Cell, Vec<Cell>>) {
-    let mut essential = 0;
+    cofaces: impl Fn(Cell) -> I,
+    matched: impl Fn(Cell) -> Option<Cell>,
+) -> (usize, Vec<Cell>) {
+    let mut zero = 0;
+    // By pivot: columns as they are, and the later rows of columns that were changed.
+    let mut holders: HashMap<Cell, Cell> = HashMap::new();
     let mut reduced: HashMap<Cell, Vec<Cell>> = HashMap::new();
-    let (mut heap, mut rows) = (BinaryHeap::new(), Vec::new());
+    let holder = |holders: &HashMap<Cell, Cell>, pivot| {
+        let known = holders.get(&pivot).copied();
+        known.or_else(|| matched(pivot))
+    };
+    let mut heap = BinaryHeap::new();
     for column in columns.into_iter().rev() {
+        let mut rows = cofaces(column);
+        let Some(first) = rows.next() else {
+            zero += 1;
+            continue;
+        };
+        if !reduced.contains_key(&first) && holder(&holders, first).is_none() {
+            holders.insert(first, column);
+            continue;
+        }
         heap.clear();
-        coboundary(cofaces, column, &mut rows);
-        heap.extend(rows.drain(..).map(Reverse));
+        heap.push(Reverse(first));
+        heap.extend(rows.map(Reverse));
         loop {
             let Some(pivot) = pop_pivot(&mut heap) else {
-                essential += usize::from(column.0 == 0);
+                zero += 1;
                 break;
             };
             // A column with this pivot: its first row has just left the heap; its others are added.
             if let Some(rows) = reduced.get(&pivot) {
                 heap.extend(rows[1..].iter().copied().map(Reverse));
-            } else if let Some(holder) = matched(cofaces, pivot) {
-                coboundary(cofaces, holder, &mut rows);
-                heap.extend(rows.drain(..).filter(|row| *row != pivot).map(Reverse));
+            } else if let Some(holder) = holder(&holders, pivot) {
+                heap.extend(cofaces(holder).skip(1).map(Reverse));
             } else {
                 reduced.insert(pivot, drain(pivot, &mut heap));
                 break;
             }
         }
     }
-    (essential, reduced)
+    let pivots = holders.into_keys().chain(reduced.into_keys());
+    (zero, pivots.collect())
 }
 
-/// Cofaces, listed when they are asked for. What was decided about a tetrahedron is kept.
+/// Cofaces and matches, found when they are asked for.
 struct Cofaces<'a> {
     sweep: Sweep<'a>,
     /// Later neighbours: offsets and list.
     later: (Vec<u32>, Vec<u32>),
-    tetrahedra: HashMap<[u32; 4], Option<u8>>,
-    matches: HashMap<[u32; 3], Option<u32>>,
 }
 
 impl Cofaces<'_> {
-    fn of_edge(&mut self, (_, [b, c, ..]): Cell, rows: &mut Vec<Cell>) {
-        let sweep = &self.sweep;
-        let between = sweep.earlier(c).iter().filter(|&&w| w > b);
-        let after = &self.later.1[run(&self.later.0, c)];
-        let triangles = (sweep.apexes([b, c]).iter().map(|&w| [w, b, c]))
-            .chain(between.map(|&w| [b, w, c]))
-            .chain(after.iter().map(|&w| [b, c, w]));
-        rows.extend(triangles.filter_map(|triangle| {
-            let level = sweep.level_of_triangle(triangle)?;
-            let [a, b, c] = triangle;
-            Some((level, [a, b, c, NONE]))
-        }));
+    /// Cofaces of an edge, in order.
+    fn of_edge(&self, [b, c, ..]: Cell) -> impl Iterator<Item = Cell> {
+        let between = self.after(self.sweep.earlier(c), b);
+        let later = &self.later.1[run(&self.later.0, c)];
+        (self.sweep.apexes([b, c]).iter().map(move |&w| [w, b, c]))
+            .chain(between.iter().map(move |&w| [b, w, c]))
+            .chain(later.iter().map(move |&w| [b, c, w]))
+            .filter(|&triangle| self.sweep.has_triangle(triangle))
+            .map(|[a, b, c]| [a, b, c, NONE])
     }
 
-    fn edge_matched(&mut self, (level, [a, b, c, _]): Cell) -> Option<Cell> {
-        let matched = self.sweep.match_of_edge([b, c]) == Some(a)
-            && self.sweep.level_of_edge([b, c]) == Some(level);
-        matched.then_some((level, [b, c, NONE, NONE]))
+    /// Cofaces of a triangle, in order.
+    fn of_triangle(&self, [a, b, c, _]: Cell) -> impl Iterator<Item = Cell> {
+        let between = self.after(self.sweep.earlier(c), b);
+        let later = &self.later.1[run(&self.later.0, c)];
+        let before = self.sweep.apexes([b, c]).iter().filter(move |&&w| w != a);
+        before
+            .map(move |&w| [w.min(a), w.max(a), b, c])
+            .chain(between.iter().map(move |&w| [a, b, w, c]))
+            .chain(later.iter().map(move |&w| [a, b, c, w]))
+            .filter(|&tetrahedron| self.sweep.has_tetrahedron(tetrahedron))
     }
 
-    fn of_triangle(&mut self, (_, [a, b, c, _]): Cell, rows: &mut Vec<Cell>) {
-        let before = self.sweep.apexes([b, c]).iter().filter(|&&w| w != a);
-        let between = self.sweep.earlier(c).iter().filter(|&&w| w > b);
-        let after = &self.later.1[run(&self.later.0, c)];
-        let others = before.chain(between).chain(after);
-        let tetrahedra: Vec<[u32; 4]> = others
-            .map(|&w| {
-                let mut tetrahedron = [a, b, c, w];
-                tetrahedron.sort_unstable();
-                tetrahedron
-            })
-            .collect();
-        for tetrahedron in tetrahedra {
-            if let Some(level) = self.level(tetrahedron) {
-                rows.push((level, tetrahedron));
-            }
-        }
+    /// Vertices of an ascending list after `b`.
+    fn after<'b>(&self, list: &'b [u32], b: u32) -> &'b [u32] {
+        &list[list.partition_point(|&w| w <= b)..]
     }
 
-    fn triangle_matched(&mut self, (level, [a, b, c, d]): Cell) -> Option<Cell> {
-        let triangle = [b, c, d];
-        if self.sweep.level_of_triangle(triangle) != Some(level) {
-            return None;
-        }
-        let first = if let Some(first) = self.matches.get(&triangle) {
-            *first
-        } else {
-            let before = self.sweep.apexes([c, d]).to_vec();
-            let mut before = before.into_iter().take_while(|&w| w < b);
-            let first = before.find(|&w| self.level([w, b, c, d]) == Some(level));
-            self.matches.insert(triangle, first);
-            first
-        };
-        (first == Some(a)).then_some((level, [b, c, d, NONE]))
+    /// The edge with which a triangle is matched.
+    fn matched_edge(&self, [a, b, c, _]: Cell) -> Option<Cell> {
+        (self.sweep.match_of_edge([b, c]) == Some(a)).then_some([b, c, NONE, NONE])
     }
 
-    fn level(&mut self, tetrahedron: [u32; 4]) -> Option<u8> {
-        if let Some(level) = self.tetrahedra.get(&tetrahedron) {
-            return *level;
-        }
-        let level = self.sweep.level_of_tetrahedron(tetrahedron);
-        self.tetrahedra.insert(tetrahedron, level);
-        level
+    /// The triangle with which a tetrahedron is matched.
+    fn matched_triangle(&self, [a, b, c, d]: Cell) -> Option<Cell> {
+        (self.sweep.match_of_triangle([b, c, d]) == Some(a)).then_some([b, c, d, NONE])
     }
 }

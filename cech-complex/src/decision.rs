@@ -10,49 +10,138 @@
 //! `ε` of the scale it is computed from the values of the faces, as for a [`Complex`](crate::Complex): so the decision is that of the
 //! complex, also in ties.
 
-use crate::filtration::{TOLERANCE, search};
-use crate::problem::{Goal, Oriented};
+use crate::filtration::{TOLERANCE, pair_lower_bound, search};
+use crate::problem::{Goal, Oriented, Problem};
 use crate::valuation::{Candidate, Valuation, Valued};
 use nalgebra::Vector3;
 
-/// `ε`: ten times the widest bracket of a value, which the complex takes for the truth.
-const CLEAR: f64 = 1e-8;
+/// `ε`: ten times the widest bracket of a value (nearly parallel stacked cylinders), whose upper end the complex takes for the value.
+const CLEAR: f64 = 1e-5;
 
 /// A cloud in an order of its own, and the complex about which to decide.
 pub(crate) struct Decisions<'a> {
-    /// Cylinders in the order of this cloud.
-    pub(crate) cloud: Vec<Oriented>,
+    cloud: Vec<Oriented>,
     /// Index of each in the cloud of `valuation`.
-    pub(crate) names: Vec<u32>,
-    pub(crate) valuation: Valuation<'a>,
+    names: Vec<u32>,
+    valuation: Valuation<'a>,
+    scale: f64,
+    /// Half-height and squared radius of the cylinders that are clearly within `scale`.
+    half_height: f64,
+    squared_radius: f64,
 }
 
-impl Decisions<'_> {
-    /// Whether two cylinders have a common point at `scale`, and their normals are admissible.
-    pub(crate) fn edge(&self, [i, j]: [u32; 2], scale: f64) -> bool {
-        let (a, b) = (&self.cloud[i as usize], &self.cloud[j as usize]);
-        if !self.joinable(i, j) {
+/// How cylinders meet.
+#[derive(Clone, Copy)]
+pub(crate) enum Meeting {
+    /// Clearly: this point is inside all of them.
+    At(Vector3<f64>),
+    /// Just so.
+    Barely,
+}
+
+impl Meeting {
+    /// A point inside all of them.
+    pub(crate) fn point(self) -> Option<Vector3<f64>> {
+        match self {
+            Self::At(point) => Some(point),
+            Self::Barely => None,
+        }
+    }
+}
+
+/// The smallest circle around three points.
+struct Circle {
+    centre: Vector3<f64>,
+    squared_radius: f64,
+    /// Barycentric coordinates of the centre.
+    weights: [f64; 3],
+}
+
+impl Circle {
+    /// Around the longest side if the triangle is obtuse, otherwise the circumcircle.
+    fn around([a, b, c]: [Vector3<f64>; 3]) -> Self {
+        let squares = [b - c, c - a, a - b].map(|side| side.norm_squared());
+        // Positive at an acute angle.
+        let at = squares.map(|opposite| squares.iter().sum::<f64>() - 2.0 * opposite);
+        let mut weights = [0, 1, 2].map(|i| squares[i] * at[i]);
+        if let Some(obtuse) = at.iter().position(|at| *at <= 0.0) {
+            weights = [1.0; 3];
+            weights[obtuse] = 0.0;
+        }
+        let sum: f64 = weights.iter().sum();
+        let weights = weights.map(|weight| weight / sum);
+        let centre = a * weights[0] + b * weights[1] + c * weights[2];
+        let distances = [a, b, c].map(|point| (point - centre).norm_squared());
+        Self {
+            centre,
+            squared_radius: distances.into_iter().fold(0.0, f64::max),
+            weights,
+        }
+    }
+}
+
+impl<'a> Decisions<'a> {
+    /// About the complex of `valuation` at its largest scale; vertices are named by their position in `names`.
+    pub(crate) fn new(names: Vec<u32>, valuation: Valuation<'a>) -> Self {
+        let scale = valuation.options.max_scale;
+        let inner = scale * (1.0 - CLEAR);
+        Self {
+            cloud: names.iter().map(|&v| valuation.cloud[v as usize]).collect(),
+            names,
+            scale,
+            half_height: inner * valuation.cylinder.half_height(),
+            squared_radius: (inner * valuation.cylinder.radius()).powi(2),
+            valuation,
+        }
+    }
+
+    pub(crate) fn cloud(&self) -> &[Oriented] {
+        &self.cloud
+    }
+
+    /// Whether two cylinders meet and may be joined.
+    pub(crate) fn edge(&self, edge: [u32; 2]) -> bool {
+        let cylinders = edge.map(|v| self.cloud[v as usize]);
+        let [a, b] = &cylinders;
+        if !self.joinable(edge[0], edge[1])
+            || self.excludes(pair_lower_bound(a, b, self.valuation.cylinder))
+        {
             return false;
         }
         let middle = (a.point + b.point) / 2.0;
-        self.proves(&[i, j], &middle, scale) || self.search([i, j], &middle, scale)
-    }
-
-    /// Whether three cylinders whose pairs are edges have a common point at `scale`.
-    pub(crate) fn triangle(&self, triangle: [u32; 3], scale: f64) -> bool {
-        let centre = self.centre(triangle);
-        self.proves(&triangle, &centre, scale) || self.search(triangle, &centre, scale)
-    }
-
-    /// Whether four cylinders whose triples are triangles have a common point at `scale`.
-    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4], scale: f64) -> bool {
-        let [i, j, k, l] = tetrahedron;
-        let centres = [[i, j, k], [i, j, l], [i, k, l], [j, k, l]].map(|t| self.centre(t));
-        if centres.iter().any(|y| self.proves(&tetrahedron, y, scale)) {
-            return true;
+        match self.prove(&cylinders, middle) {
+            Ok(_) => true,
+            Err(y) => self.search(edge, &cylinders, &y).is_some(),
         }
-        let mean = centres.iter().sum::<Vector3<f64>>() / 4.0;
-        self.search(tetrahedron, &mean, scale)
+    }
+
+    /// Whether three cylinders of which any two are joined meet.
+    pub(crate) fn triangle(&self, triangle: [u32; 3]) -> Option<Meeting> {
+        let cylinders = triangle.map(|v| self.cloud[v as usize]);
+        let circle = Circle::around(cylinders.map(|o| o.point));
+        match self.prove(&cylinders, circle.centre) {
+            Ok(y) => Some(Meeting::At(y)),
+            Err(y) if self.excludes(self.lower_bound(&cylinders, &y, circle.weights)) => None,
+            Err(y) => self.search(triangle, &cylinders, &y),
+        }
+    }
+
+    /// Whether four cylinders of which any three form a triangle meet. If their points were in a plane, the smallest circle around them
+    /// would be the largest of those around three.
+    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4]) -> bool {
+        let cylinders = tetrahedron.map(|v| self.cloud[v as usize]);
+        let [a, b, c, d] = cylinders.map(|o| o.point);
+        let mut largest = Circle::around([a, b, c]);
+        for facet in [[a, b, d], [a, c, d], [b, c, d]] {
+            let circle = Circle::around(facet);
+            if circle.squared_radius > largest.squared_radius {
+                largest = circle;
+            }
+        }
+        match self.prove(&cylinders, largest.centre) {
+            Ok(_) => true,
+            Err(y) => self.search(tetrahedron, &cylinders, &y).is_some(),
+        }
     }
 
     /// Whether the normals allow an edge.
@@ -62,56 +151,104 @@ impl Decisions<'_> {
         !orientation.separates(&a.normal, &b.normal)
     }
 
-    /// Whether `y` is clearly in all cylinders.
-    pub(crate) fn proves(&self, simplex: &[u32], y: &Vector3<f64>, scale: f64) -> bool {
-        let (half, radius) = (
-            self.valuation.cylinder.half_height(),
-            self.valuation.cylinder.radius(),
-        );
-        let scale = scale * (1.0 - CLEAR);
-        let (reach, squared) = (scale * half, (scale * radius).powi(2));
-        simplex.iter().all(|&v| {
-            let Oriented { point, normal } = &self.cloud[v as usize];
+    /// Whether `y` is clearly in a cylinder.
+    pub(crate) fn contains(&self, v: u32, y: &Vector3<f64>) -> bool {
+        self.inside(&self.cloud[v as usize], y)
+    }
+
+    fn inside(&self, Oriented { point, normal }: &Oriented, y: &Vector3<f64>) -> bool {
+        let offset = y - point;
+        let along = normal.dot(&offset);
+        let across = offset - normal * along;
+        along.abs() <= self.half_height && across.norm_squared() <= self.squared_radius
+    }
+
+    /// Whether a value above `bound` is clearly above the scale.
+    fn excludes(&self, bound: f64) -> bool {
+        bound > self.scale * (1.0 + CLEAR)
+    }
+
+    /// A point that is clearly in all cylinders, looked for on the line through `centre` along the mean normal; or else a point near all of them.
+    fn prove<const N: usize>(
+        &self,
+        cylinders: &[Oriented; N],
+        centre: Vector3<f64>,
+    ) -> Result<Vector3<f64>, Vector3<f64>> {
+        if cylinders.iter().all(|o| self.inside(o, &centre)) {
+            return Ok(centre);
+        }
+        let y = self.on_line(cylinders, centre);
+        if cylinders.iter().all(|o| self.inside(o, &y)) {
+            Ok(y)
+        } else {
+            Err(y)
+        }
+    }
+
+    /// The middle of the part of the line through `y` along the mean normal that lies in all cylinders, or of its shortest gap.
+    fn on_line<const N: usize>(&self, cylinders: &[Oriented; N], y: Vector3<f64>) -> Vector3<f64> {
+        let first = cylinders[0].normal;
+        let mut line = first;
+        for other in &cylinders[1..] {
+            line += other.normal * other.normal.dot(&first).signum();
+        }
+        let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+        for Oriented { point, normal } in cylinders {
             let offset = y - point;
-            let along = normal.dot(&offset);
-            along.abs() <= reach && (offset - normal * along).norm_squared() <= squared
-        })
+            let (along, slope) = (normal.dot(&offset), normal.dot(&line));
+            let (middle, half) = (-along / slope, (self.half_height / slope).abs());
+            (from, to) = (from.max(middle - half), to.min(middle + half));
+            // ‖across + t·drift‖ ≤ radius
+            let (across, drift) = (offset - normal * along, line - normal * slope);
+            let (a, b) = (drift.norm_squared(), across.dot(&drift));
+            let c = across.norm_squared() - self.squared_radius;
+            // Otherwise the line is parallel to the axis.
+            if a > 1e-12 {
+                let root = (b * b - a * c).max(0.0).sqrt();
+                (from, to) = (from.max((-b - root) / a), to.min((-b + root) / a));
+            }
+        }
+        let t = 0.5 * (from + to);
+        if t.is_finite() { y + line * t } else { y }
     }
 
-    /// Centre of the smallest circle around three points: of the longest side if the triangle is obtuse, otherwise the circumcentre.
-    pub(crate) fn centre(&self, triangle: [u32; 3]) -> Vector3<f64> {
-        let [a, b, c] = triangle.map(|v| self.cloud[v as usize].point);
-        let (aa, bb, cc) = (
-            (b - c).norm_squared(),
-            (c - a).norm_squared(),
-            (a - b).norm_squared(),
-        );
-        let (at_a, at_b, at_c) = (bb + cc - aa, cc + aa - bb, aa + bb - cc);
-        if at_a <= 0.0 {
-            return (b + c) / 2.0;
-        }
-        if at_b <= 0.0 {
-            return (c + a) / 2.0;
-        }
-        if at_c <= 0.0 {
-            return (a + b) / 2.0;
-        }
-        let (u, v, w) = (aa * at_a, bb * at_b, cc * at_c);
-        (a * u + b * v + c * w) / (u + v + w)
+    /// Lower bound of the value of a triangle: the outward directions of the tubes at `y`, weighted.
+    fn lower_bound(&self, cylinders: &[Oriented; 3], y: &Vector3<f64>, weights: [f64; 3]) -> f64 {
+        let problem = Problem {
+            points: cylinders.map(|o| o.point - y),
+            normals: cylinders.map(|o| o.normal),
+            half_height: self.valuation.cylinder.half_height(),
+            radius: self.valuation.cylinder.radius(),
+        };
+        problem.lower_bound(std::array::from_fn(|i| {
+            let (offset, normal) = (-problem.points[i], problem.normals[i]);
+            let across = offset - normal * normal.dot(&offset);
+            let distance = across.norm();
+            if distance > 0.0 {
+                across * (weights[i] / distance)
+            } else {
+                Vector3::zeros()
+            }
+        }))
     }
 
-    fn search<const N: usize>(&self, simplex: [u32; N], start: &Vector3<f64>, scale: f64) -> bool {
+    /// Decides by the solver, ties by the value.
+    fn search<const N: usize>(
+        &self,
+        simplex: [u32; N],
+        cylinders: &[Oriented; N],
+        start: &Vector3<f64>,
+    ) -> Option<Meeting> {
         let goal = Goal {
             tolerance: TOLERANCE,
-            cutoff: scale * (1.0 + CLEAR),
-            enough: scale * (1.0 - CLEAR),
+            cutoff: self.scale * (1.0 + CLEAR),
+            enough: self.scale * (1.0 - CLEAR),
         };
-        let cylinders = simplex.map(|v| self.cloud[v as usize]);
-        let found = search(&cylinders, self.valuation.cylinder, Some(start), goal);
+        let found = search(cylinders, self.valuation.cylinder, Some(start), goal);
         if found.value <= goal.enough {
-            true
+            Some(Meeting::At(found.minimiser.coords))
         } else if found.lower > goal.cutoff {
-            false
+            None
         } else {
             let mut names = simplex.map(|v| self.names[v as usize]);
             names.sort_unstable();
@@ -121,7 +258,7 @@ impl Decisions<'_> {
                 [i, j, k, l] => self.value_of_tetrahedron([i, j, k, l]),
                 _ => None,
             };
-            exact.is_some_and(|(value, _)| value <= scale)
+            exact.map(|_| Meeting::Barely)
         }
     }
 

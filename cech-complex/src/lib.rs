@@ -34,7 +34,7 @@ mod union_find;
 mod update;
 mod valuation;
 
-pub use betti::{betti_numbers, persistent_betti_numbers};
+pub use betti::betti_numbers;
 pub use complex::Complex;
 pub use cut::{DistortionLimits, Removed, displacement_cosine, displacement_difference};
 pub use cylinder::Cylinder;

@@ -144,11 +144,8 @@ impl Builder<'_> {
     }
 
     fn too_many(&self, count: usize) -> Error {
-        self.vertices.too_many(
-            count,
-            self.valuation.cylinder,
-            self.valuation.options,
-        )
+        self.vertices
+            .too_many(count, self.valuation.cylinder, self.valuation.options)
     }
 
     /// Rejects a complex that will be too large before its triangles and tetrahedra are searched. The test is made only if the degrees of the
