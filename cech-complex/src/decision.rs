@@ -103,14 +103,12 @@ impl<'a> Decisions<'a> {
     pub(crate) fn edge(&self, edge: [u32; 2]) -> bool {
         let cylinders = edge.map(|v| self.cloud[v as usize]);
         let [a, b] = &cylinders;
-        if !self.joinable(edge[0], edge[1])
-            || self.excludes(pair_lower_bound(a, b, self.valuation.cylinder))
-        {
+        if !self.joinable(edge[0], edge[1]) {
             return false;
         }
-        let middle = (a.point + b.point) / 2.0;
-        match self.prove(&cylinders, middle) {
+        match self.prove(&cylinders, (a.point + b.point) / 2.0) {
             Ok(_) => true,
+            Err(_) if self.excludes(pair_lower_bound(a, b, self.valuation.cylinder)) => false,
             Err(y) => self.search(edge, &cylinders, &y).is_some(),
         }
     }
