@@ -4,14 +4,14 @@
 //! (`mesh_io::estimate_normals`). Arbitrary signs are recognised by the share of opposing neighbours: a line on the standard error then advises
 //! `--orientation free`.
 //!
-//! `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
+//! With `--only` there are only points, Betti numbers and their time. Otherwise `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
 //! sampling of `--spacing`. Times are wall times of the complex and of its barcode.
 
 mod arguments;
 
 use arguments::{Arguments, Signs};
 use cech_complex::nalgebra::{Point3, UnitVector3};
-use cech_complex::{Complex, VertexKind};
+use cech_complex::{Complex, VertexKind, betti_numbers};
 use mesh_io::program::{self, Failure};
 use mesh_io::{Load, Vertices};
 use serde_json::json;
@@ -52,6 +52,19 @@ fn betti(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let points = cloud.points();
     advise(arguments, points, &normals);
     let in_file = |error: cech_complex::Error| format!("{}: {error}", path.display());
+
+    if arguments.only {
+        let start = Instant::now();
+        let betti = betti_numbers(points, &normals, cylinder, &options).map_err(in_file)?;
+        let (points, betti_ms) = (points.len(), 1e3 * start.elapsed().as_secs_f64());
+        writeln!(
+            arguments.output.words(),
+            "Betti numbers       {betti:?}\npoints              {points}\ntime                {betti_ms:.1} ms"
+        )?;
+        let answer = json!({ "points": points, "betti": betti, "betti_ms": betti_ms });
+        arguments.output.object(&answer)?;
+        return Ok(ExitCode::SUCCESS);
+    }
 
     let start = Instant::now();
     let complex = Complex::build(points, &normals, cylinder, &options).map_err(in_file)?;
