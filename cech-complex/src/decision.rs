@@ -262,16 +262,16 @@ impl<'a> Decisions<'a> {
 
     fn value_of_triangle(&self, [i, j, k]: [u32; 3]) -> Option<Valued> {
         let edges = [[i, j], [i, k], [j, k]].map(|edge| self.valuation.edge(edge));
-        self.from_facets([i, j, k], [0, 1, 2], &edges)
+        self.value_from([i, j, k], [0, 1, 2], &edges)
     }
 
     fn value_of_tetrahedron(&self, [i, j, k, l]: [u32; 4]) -> Option<Valued> {
         let facets = [[i, j, k], [i, j, l], [i, k, l], [j, k, l]];
         let triangles = facets.map(|triangle| self.value_of_triangle(triangle));
-        self.from_facets([i, j, k, l], [0, 1, 2, 3], &triangles)
+        self.value_from([i, j, k, l], [0, 1, 2, 3], &triangles)
     }
 
-    fn from_facets<const N: usize>(
+    fn value_from<const N: usize>(
         &self,
         vertices: [u32; N],
         facets: [u32; N],

@@ -67,19 +67,20 @@ impl<'a> Sweep<'a> {
             near(c, &mut found);
             found.retain(|&b| b < c && sweep.decisions.edge([b, c]));
             found.sort_unstable();
-            let (edge, triangle) = (sweep.earlier.len(), sweep.apexes.len());
+            count(1 + found.len())?;
             sweep.earlier.extend_from_slice(&found);
             sweep.earlier_runs.push(sweep.earlier.len() as u32);
             for &b in &found {
                 joined[b as usize] = true;
             }
             for &b in &found {
+                let before = sweep.apexes.len();
                 sweep.triangles([b, c], &joined);
+                count(sweep.apexes.len() - before)?;
             }
             for &b in &found {
                 joined[b as usize] = false;
             }
-            count(1 + sweep.earlier.len() - edge + sweep.apexes.len() - triangle)?;
         }
         Ok(sweep)
     }

@@ -78,7 +78,10 @@ impl File {
         let mut answer: Value = serde_json::from_str(&line).unwrap();
         let times = ["build_ms", "reduce_ms", "betti_ms"];
         for time in times.map(|time| answer.as_object_mut().unwrap().remove(time)) {
-            assert!(time.is_none_or(|time| time.as_f64().unwrap() >= 0.0), "{line}");
+            assert!(
+                time.is_none_or(|time| time.as_f64().unwrap() >= 0.0),
+                "{line}"
+            );
         }
         answer
     }
