@@ -5,10 +5,10 @@
 //! L(w) > s(1 + ε), some w_1 … w_k, Σ w_i = 0  ⇒  f(σ) > s       so is a dual bound (module `problem`)
 //! ```
 //!
-//! For triples and quadruples on a surface the centre of the smallest circle around three of the points is such a `y` in nearly all cases,
-//! and nothing is solved. Otherwise the solver runs until one side is proved, usually one or two steps instead of four. If the value is within
-//! `ε` of the scale it is computed from the values of the faces, as for a [`Complex`](crate::Complex): so the decision is that of the
-//! complex, also in ties.
+//! On a surface the centre of the smallest circle around two or three of the points, or a point of the line through it along the mean normal, is
+//! such a `y` for nearly every simplex, and the directions away from it bound nearly every triple that is none: nothing is solved. Otherwise
+//! the solver runs until one side is proved. If the value is within `ε` of the scale it is computed from the values of the
+//! faces, as for a [`Complex`](crate::Complex): so the decision is that of the complex, also in ties.
 
 use crate::filtration::{TOLERANCE, pair_lower_bound, search};
 use crate::problem::{Goal, Oriented, Problem};

@@ -34,7 +34,7 @@ pub struct Arguments {
     /// Scale up to which the complex is built [default: the largest of 1, --from and --to]
     #[arg(long, value_name = "S", value_parser = positive)]
     max_scale: Option<f64>,
-    /// Only the Betti numbers at --from, without building the complex: several times faster
+    /// Only the Betti numbers at --from, without building the complex: five times faster
     #[arg(long, conflicts_with_all = ["to", "max_scale", "spacing"])]
     pub only: bool,
     /// Spacing of the points, m, for the classification of vertices [default: R/1.25]

@@ -4,10 +4,12 @@
 //! (`mesh_io::estimate_normals`). Arbitrary signs are recognised by the share of opposing neighbours: a line on the standard error then advises
 //! `--orientation free`.
 //!
-//! With `--only` there are only points, Betti numbers and their time. Otherwise `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
-//! sampling of `--spacing`. Times are wall times of the complex and of its barcode.
+//! `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
+//! sampling of `--spacing`. With `--only` there are only the points, the Betti numbers at `--from` and their time. Times are those of the complex
+//! and of its barcode (module `stopwatch`).
 
 mod arguments;
+mod stopwatch;
 
 use arguments::{Arguments, Signs};
 use cech_complex::nalgebra::{Point3, UnitVector3};
@@ -17,7 +19,7 @@ use mesh_io::{Load, Vertices};
 use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
-use std::time::Instant;
+use stopwatch::Stopwatch;
 
 fn main() -> ExitCode {
     program::run(betti)
@@ -54,9 +56,9 @@ fn betti(arguments: &Arguments) -> Result<ExitCode, Failure> {
     let in_file = |error: cech_complex::Error| format!("{}: {error}", path.display());
 
     if arguments.only {
-        let start = Instant::now();
+        let start = Stopwatch::start();
         let betti = betti_numbers(points, &normals, cylinder, &options).map_err(in_file)?;
-        let (points, betti_ms) = (points.len(), 1e3 * start.elapsed().as_secs_f64());
+        let (points, betti_ms) = (points.len(), start.ms());
         writeln!(
             arguments.output.words(),
             "Betti numbers       {betti:?}\npoints              {points}\ntime                {betti_ms:.1} ms"
@@ -66,13 +68,13 @@ fn betti(arguments: &Arguments) -> Result<ExitCode, Failure> {
         return Ok(ExitCode::SUCCESS);
     }
 
-    let start = Instant::now();
+    let start = Stopwatch::start();
     let complex = Complex::build(points, &normals, cylinder, &options).map_err(in_file)?;
-    let build_ms = 1e3 * start.elapsed().as_secs_f64();
+    let build_ms = start.ms();
 
-    let start = Instant::now();
+    let start = Stopwatch::start();
     let betti = complex.betti(arguments.from);
-    let reduce_ms = 1e3 * start.elapsed().as_secs_f64();
+    let reduce_ms = start.ms();
 
     let persistent = complex.persistent_betti(arguments.from, arguments.to());
     let kinds = complex.classify(arguments.spacing()).map_err(in_file)?;
