@@ -20,8 +20,9 @@ const MAX_STEPS: usize = 30;
 const MAX_EXCHANGES: usize = 12;
 /// Tubes above this share of the maximum start as active.
 const NEARLY_ACTIVE: f64 = 0.6;
-/// If the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not computed.
-const MODEL_TRUSTED: f64 = 1e-3;
+/// If the model was off by more than this share, its multipliers do not close the bracket yet and the lower bound is not computed: at the
+/// next point the error is of the order of its square.
+const MODEL_TRUSTED: f64 = 1e-6;
 /// Number of steps of the second-order correction.
 const CORRECTIONS: usize = 8;
 /// Shorter steps are never rejected: the maximum then differs by less than the accuracy of the model.
