@@ -1,8 +1,8 @@
-//! Nerve, reduction, vertex kinds, loops and updates of ε-nets of a torus, three sizes; throughput in simplices.
+//! Nerve, reduction, Betti numbers alone, vertex kinds, loops and updates of ε-nets of a torus, three sizes; throughput in simplices.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
-use cech_complex::{Change, Complex, Cylinder, Options, filtration_value};
+use cech_complex::{Change, Complex, Cylinder, Options, betti_numbers, filtration_value};
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 const TORUS: Manifold = Manifold::Torus {
@@ -34,6 +34,10 @@ fn surfaces(c: &mut Criterion) {
                 |fresh| fresh.betti(1.0),
                 BatchSize::LargeInput,
             );
+        });
+        group.bench_function(BenchmarkId::new("betti_numbers", count), |b| {
+            let (cylinder, options) = (complex.cylinder(), Options::default());
+            b.iter(|| betti_numbers(&cloud.points, &cloud.normals, cylinder, &options));
         });
         group.bench_function(BenchmarkId::new("classify", count), |b| {
             b.iter(|| complex.classify(cloud.spacing).unwrap());

@@ -10,7 +10,7 @@
 //! fixed point unchanged.
 
 use crate::optimality::{MAX_ACTIVE, PROXIMAL, System};
-use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
+use crate::problem::{Bracket, Goal, MAX_PIECES, PIECES_PER_CYLINDER, Pieces, Problem};
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest number of outer steps: three to five suffice on surfaces; along the rim of nearly parallel, stacked cylinders it may take twenty.
@@ -20,8 +20,9 @@ const MAX_STEPS: usize = 30;
 const MAX_EXCHANGES: usize = 12;
 /// Tubes above this share of the maximum start as active.
 const NEARLY_ACTIVE: f64 = 0.6;
-/// If the model was off by more than this share, its multipliers certify nothing yet and the lower bound is not computed.
-const MODEL_TRUSTED: f64 = 1e-3;
+/// If the model was off by more than this share, its multipliers do not close the bracket yet and the lower bound is not computed: at the
+/// next point the error is of the order of its square.
+const MODEL_TRUSTED: f64 = 1e-6;
 /// Number of steps of the second-order correction.
 const CORRECTIONS: usize = 8;
 /// Shorter steps are never rejected: the maximum then differs by less than the accuracy of the model.
@@ -100,8 +101,7 @@ pub(crate) fn refine<const N: usize>(
     problem: &Problem<N>,
     active: &mut ActiveSet,
     bracket: &mut Bracket,
-    tolerance: f64,
-    cutoff: f64,
+    goal: &Goal,
 ) {
     let mut y = bracket.y;
     let mut pieces = problem.pieces(&y);
@@ -122,10 +122,10 @@ pub(crate) fn refine<const N: usize>(
             there = next.max();
         }
         bracket.improve_upper(there, &next_y);
-        if there - level <= MODEL_TRUSTED * there || level > cutoff {
+        if there - level <= MODEL_TRUSTED * there || level > goal.cutoff {
             bracket.improve_lower(problem.lower_bound(next.forces(&active.multipliers)));
         }
-        if bracket.settled(tolerance, cutoff) {
+        if bracket.settled(goal) {
             return;
         }
         if there <= here || length < SHORT {

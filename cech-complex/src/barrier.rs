@@ -8,7 +8,7 @@
 //! for `t` is within `4k/t` of the minimum (Nesterov and Nemirovskii 1994, ch. 2). At a centre the gradients of the barrier terms are the multipliers of
 //! the certificate.
 
-use crate::problem::{Bracket, MAX_PIECES, PIECES_PER_CYLINDER, Problem};
+use crate::problem::{Bracket, Goal, MAX_PIECES, PIECES_PER_CYLINDER, Problem};
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 /// Growth of `t` between centres.
@@ -40,7 +40,7 @@ impl Path {
         problem: &Problem<N>,
         bracket: &mut Bracket,
         gap: f64,
-        cutoff: f64,
+        goal: &Goal,
     ) -> [f64; MAX_PIECES] {
         let parameter = 4.0 * N as f64;
         while parameter / self.t > gap * self.s {
@@ -49,7 +49,7 @@ impl Path {
             let (forces, _) = self.read(problem);
             bracket.improve_lower(problem.lower_bound(forces));
             bracket.improve_upper(problem.pieces(&self.y).max(), &self.y);
-            if !centred || bracket.lower > cutoff {
+            if !centred || bracket.lower > goal.cutoff || bracket.upper <= goal.enough {
                 break;
             }
         }

@@ -157,19 +157,19 @@ pub(crate) fn reduce(matrix: &Coboundary, skip: impl Fn(u32) -> bool) -> Pairing
 }
 
 /// Smallest row that occurs an odd number of times.
-fn pop_pivot(heap: &mut BinaryHeap<Reverse<u32>>) -> Option<u32> {
-    while let Some(Reverse(row)) = heap.pop() {
-        if heap.peek() == Some(&Reverse(row)) {
+pub(crate) fn pop_pivot<T: Ord>(heap: &mut BinaryHeap<Reverse<T>>) -> Option<T> {
+    while let Some(top) = heap.pop() {
+        if heap.peek() == Some(&top) {
             heap.pop();
         } else {
-            return Some(row);
+            return Some(top.0);
         }
     }
     None
 }
 
 /// The pivot and all later rows, ascending.
-fn drain(pivot: u32, heap: &mut BinaryHeap<Reverse<u32>>) -> Vec<u32> {
+pub(crate) fn drain<T: Ord>(pivot: T, heap: &mut BinaryHeap<Reverse<T>>) -> Vec<T> {
     let mut rows = vec![pivot];
     while let Some(row) = pop_pivot(heap) {
         rows.push(row);

@@ -12,7 +12,7 @@ use crate::active_set::{self, ActiveSet};
 use crate::barrier::Path;
 use crate::cylinder::Cylinder;
 use crate::error::Error;
-use crate::problem::{Bracket, Oriented, Problem};
+use crate::problem::{Bracket, Goal, Oriented, Problem};
 use nalgebra::{Point3, UnitVector3, Vector3};
 
 /// Relative gap at which a value counts as certified, well above rounding.
@@ -142,6 +142,21 @@ pub(crate) fn solve<const N: usize>(
     guess: Option<&Vector3<f64>>,
     cutoff: f64,
 ) -> FiltrationValue {
+    let goal = Goal {
+        tolerance: TOLERANCE,
+        cutoff,
+        enough: f64::NEG_INFINITY,
+    };
+    search(simplex, cylinder, guess, goal)
+}
+
+/// Brackets the value of one simplex until the goal is reached.
+pub(crate) fn search<const N: usize>(
+    simplex: &[Oriented; N],
+    cylinder: Cylinder,
+    guess: Option<&Vector3<f64>>,
+    goal: Goal,
+) -> FiltrationValue {
     let centre = simplex.iter().map(|o| o.point).sum::<Vector3<f64>>() / N as f64;
     let size = simplex
         .iter()
@@ -163,7 +178,12 @@ pub(crate) fn solve<const N: usize>(
     };
     let per_unit = size / width;
     let start = guess.map_or_else(Vector3::zeros, |y| (y - centre) / size);
-    let bracket = minimise(&problem, start, cutoff / per_unit);
+    let goal = Goal {
+        cutoff: goal.cutoff / per_unit,
+        enough: goal.enough / per_unit,
+        ..goal
+    };
+    let bracket = minimise(&problem, start, &goal);
     FiltrationValue {
         value: bracket.upper * per_unit,
         lower: bracket.lower.min(bracket.upper) * per_unit,
@@ -171,8 +191,8 @@ pub(crate) fn solve<const N: usize>(
     }
 }
 
-/// Active set first; if it does not close the gap, barrier and active set in turns.
-fn minimise<const N: usize>(problem: &Problem<N>, start: Vector3<f64>, cutoff: f64) -> Bracket {
+/// Active set first; if it does not reach the goal, barrier and active set in turns.
+fn minimise<const N: usize>(problem: &Problem<N>, start: Vector3<f64>, goal: &Goal) -> Bracket {
     let pieces = problem.pieces(&start);
     let mut bracket = Bracket {
         lower: 0.0,
@@ -180,19 +200,19 @@ fn minimise<const N: usize>(problem: &Problem<N>, start: Vector3<f64>, cutoff: f
         y: start,
     };
     let mut active = ActiveSet::at(&pieces);
-    active_set::refine(problem, &mut active, &mut bracket, TOLERANCE, cutoff);
-    if bracket.settled(TOLERANCE, cutoff) {
+    active_set::refine(problem, &mut active, &mut bracket, goal);
+    if bracket.settled(goal) {
         return bracket;
     }
     let mut path = Path::new(problem);
     for gap in CROSSOVERS {
-        let multipliers = path.follow(problem, &mut bracket, gap, cutoff);
-        if bracket.settled(TOLERANCE, cutoff) {
+        let multipliers = path.follow(problem, &mut bracket, gap, goal);
+        if bracket.settled(goal) {
             break;
         }
         let mut active = ActiveSet::from_multipliers(&multipliers, 0.1 * gap.sqrt());
-        active_set::refine(problem, &mut active, &mut bracket, TOLERANCE, cutoff);
-        if bracket.settled(TOLERANCE, cutoff) {
+        active_set::refine(problem, &mut active, &mut bracket, goal);
+        if bracket.settled(goal) {
             break;
         }
     }

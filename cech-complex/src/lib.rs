@@ -6,10 +6,12 @@
 
 mod active_set;
 mod barrier;
+mod betti;
 mod cohomology;
 mod complex;
 mod cut;
 mod cylinder;
+mod decision;
 mod error;
 mod filtration;
 mod geodesic;
@@ -27,10 +29,12 @@ mod proposal;
 mod short_cycles;
 mod size;
 mod skeleton;
+mod sweep;
 mod union_find;
 mod update;
 mod valuation;
 
+pub use betti::betti_numbers;
 pub use complex::Complex;
 pub use cut::{DistortionLimits, Removed, displacement_cosine, displacement_difference};
 pub use cylinder::Cylinder;

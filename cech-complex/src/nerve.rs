@@ -56,6 +56,18 @@ impl Vertices<'_> {
         }))
     }
 
+    /// The error that there are `count` simplices or more.
+    pub(crate) fn too_many(&self, count: usize, cylinder: Cylinder, options: &Options) -> Error {
+        let limit = options.max_simplices;
+        let size = size::estimate(self, cylinder, options);
+        Error::TooManySimplices {
+            count,
+            limit,
+            max_scale: options.max_scale,
+            fitting_scale: size.largest_scale(limit),
+        }
+    }
+
     fn any_changed(&self, simplex: &[u32]) -> bool {
         simplex.iter().any(|&v| self.changed[v as usize])
     }
@@ -132,18 +144,8 @@ impl Builder<'_> {
     }
 
     fn too_many(&self, count: usize) -> Error {
-        let limit = self.valuation.options.max_simplices;
-        let size = size::estimate(
-            self.vertices,
-            self.valuation.cylinder,
-            self.valuation.options,
-        );
-        Error::TooManySimplices {
-            count,
-            limit,
-            max_scale: self.valuation.options.max_scale,
-            fitting_scale: size.largest_scale(limit),
-        }
+        self.vertices
+            .too_many(count, self.valuation.cylinder, self.valuation.options)
     }
 
     /// Rejects a complex that will be too large before its triangles and tetrahedra are searched. The test is made only if the degrees of the

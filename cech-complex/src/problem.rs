@@ -46,6 +46,17 @@ pub(crate) struct Pieces<const N: usize> {
     tangent: [Vector3<f64>; N],
 }
 
+/// When the search for a value may end.
+#[derive(Clone, Copy)]
+pub(crate) struct Goal {
+    /// Relative gap at which the value is known.
+    pub(crate) tolerance: f64,
+    /// A value certainly above it need not be known.
+    pub(crate) cutoff: f64,
+    /// Nor one that is at most this.
+    pub(crate) enough: f64,
+}
+
 /// Best upper and lower bound so far, and where the upper one is attained.
 pub(crate) struct Bracket {
     pub(crate) lower: f64,
@@ -54,9 +65,11 @@ pub(crate) struct Bracket {
 }
 
 impl Bracket {
-    /// Whether the search can end: the gap is closed, or the value is certainly above `cutoff`.
-    pub(crate) fn settled(&self, tolerance: f64, cutoff: f64) -> bool {
-        self.upper - self.lower <= tolerance * self.upper || self.lower > cutoff
+    /// Whether the search can end.
+    pub(crate) fn settled(&self, goal: &Goal) -> bool {
+        self.upper - self.lower <= goal.tolerance * self.upper
+            || self.lower > goal.cutoff
+            || self.upper <= goal.enough
     }
 
     pub(crate) fn improve_lower(&mut self, lower: f64) {

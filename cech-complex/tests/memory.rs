@@ -1,8 +1,8 @@
-//! Memory of a complex, from the first allocation of the build to the barcode. One test, since the counter sees the whole process.
+//! Memory of a complex, from the first allocation of the build to the barcode, and of Betti numbers without it. One test, since the counter sees the whole process.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test may panic")]
 
 use cech_complex::manifolds::Manifold;
-use cech_complex::{Complex, Cylinder, Options};
+use cech_complex::{Complex, Cylinder, Options, betti_numbers};
 use peak_alloc::PeakAlloc;
 
 #[global_allocator]
@@ -29,6 +29,18 @@ fn a_simplex_takes_at_most_a_hundred_bytes_at_the_peak() {
         assert!(
             all <= 100 * simplices,
             "{simplices} simplices: {build} bytes to build, {all} with the barcode"
+        );
+        drop(complex);
+
+        let before = HEAP.current_usage();
+        HEAP.reset_peak_usage();
+        let options = Options::default();
+        let betti = betti_numbers(&cloud.points, &cloud.normals, cylinder, &options);
+        assert_eq!(betti, Ok([1, 2, 1]));
+        let all = HEAP.peak_usage() - before;
+        assert!(
+            all <= 10 * simplices,
+            "{simplices} simplices: {all} bytes for Betti numbers alone"
         );
     }
 }

@@ -5,19 +5,21 @@
 //! `--orientation free`.
 //!
 //! `betti` is taken at scale `--from`, `persistent_betti` from there to `--to`. `boundary` and `non_manifold` count vertices at scale 1 for a
-//! sampling of `--spacing`. Times are wall times of the complex and of its barcode.
+//! sampling of `--spacing`. With `--only` there are only the points, the Betti numbers at `--from` and their time. Times are those of the complex
+//! and of its barcode (module `stopwatch`).
 
 mod arguments;
+mod stopwatch;
 
 use arguments::{Arguments, Signs};
 use cech_complex::nalgebra::{Point3, UnitVector3};
-use cech_complex::{Complex, VertexKind};
+use cech_complex::{Complex, VertexKind, betti_numbers};
 use mesh_io::program::{self, Failure};
 use mesh_io::{Load, Vertices};
 use serde_json::json;
 use std::io::Write;
 use std::process::ExitCode;
-use std::time::Instant;
+use stopwatch::Stopwatch;
 
 fn main() -> ExitCode {
     program::run(betti)
@@ -53,13 +55,26 @@ fn betti(arguments: &Arguments) -> Result<ExitCode, Failure> {
     advise(arguments, points, &normals);
     let in_file = |error: cech_complex::Error| format!("{}: {error}", path.display());
 
-    let start = Instant::now();
-    let complex = Complex::build(points, &normals, cylinder, &options).map_err(in_file)?;
-    let build_ms = 1e3 * start.elapsed().as_secs_f64();
+    if arguments.only {
+        let start = Stopwatch::start();
+        let betti = betti_numbers(points, &normals, cylinder, &options).map_err(in_file)?;
+        let (points, betti_ms) = (points.len(), start.ms());
+        writeln!(
+            arguments.output.words(),
+            "Betti numbers       {betti:?}\npoints              {points}\ntime                {betti_ms:.1} ms"
+        )?;
+        let answer = json!({ "points": points, "betti": betti, "betti_ms": betti_ms });
+        arguments.output.object(&answer)?;
+        return Ok(ExitCode::SUCCESS);
+    }
 
-    let start = Instant::now();
+    let start = Stopwatch::start();
+    let complex = Complex::build(points, &normals, cylinder, &options).map_err(in_file)?;
+    let build_ms = start.ms();
+
+    let start = Stopwatch::start();
     let betti = complex.betti(arguments.from);
-    let reduce_ms = 1e3 * start.elapsed().as_secs_f64();
+    let reduce_ms = start.ms();
 
     let persistent = complex.persistent_betti(arguments.from, arguments.to());
     let kinds = complex.classify(arguments.spacing()).map_err(in_file)?;
