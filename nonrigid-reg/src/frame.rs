@@ -168,9 +168,8 @@ impl Frame<'_> {
             // An index out of range, which a caller's implementation may return, is no match.
             hit.filter(|&q| q < count).map(|q| (probe, q))
         });
-        target.prepare(hits.iter().map(|hit| hit.map(|(_, q)| q)));
-        let weigh = |(probe, q): (Probe, usize)| {
-            let place = target.place(q)?;
+        let mut weigh = |(probe, q): (Probe, usize)| {
+            let place = target.place(q);
             let pair = Pair {
                 probe,
                 target: q,
@@ -181,7 +180,9 @@ impl Frame<'_> {
             let weight = rejection.weight(&pair, iteration);
             (weight > 0.0).then(|| (pair, weight.min(1.0)))
         };
-        hits.into_iter().map(|hit| hit.and_then(weigh)).collect()
+        hits.into_iter()
+            .map(|hit| hit.and_then(&mut weigh))
+            .collect::<Vec<_>>()
     }
 
     fn probe(&self, i: usize, state: &State) -> Probe {

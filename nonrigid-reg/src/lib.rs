@@ -1,7 +1,6 @@
 #![doc = include_str!("../README.md")]
 
 mod align;
-mod boxes;
 mod cloud;
 mod defaults;
 mod each;
