@@ -7,17 +7,18 @@ use common::fake::FakeCell;
 use explore_loop::Error;
 use explore_loop::canonical::{CanonicalModel, NewVertex};
 use explore_loop::cell::{Observation, Plane};
-use explore_loop::explore::{Event, ExploreOptions, Explorer, Stop, Watcher};
+use explore_loop::explore::{Event, ExploreOptions, Explorer, Stop, Trouble, Watcher};
 use explore_loop::plan::CoveragePlanner;
 use explore_loop::reconstruct::{FrameReport, Reconstruct, ReconstructOptions, Reconstructor};
 use nalgebra::Isometry3;
 
 const SPACING: f64 = 0.008;
 
-/// A reconstruction that forgets most of what it knows with its second decision.
+/// A reconstruction that forgets most of what it knows with one decision.
 struct Forgetful {
     inner: Reconstructor,
-    forgets: bool,
+    /// Which decision, from 1.
+    forgets: usize,
     decisions: usize,
     left: Option<CanonicalModel>,
 }
@@ -34,7 +35,7 @@ impl Reconstruct for Forgetful {
     fn consolidate(&mut self, table: &Plane) {
         self.inner.consolidate(table);
         self.decisions += 1;
-        if self.forgets && self.decisions == 2 {
+        if self.decisions == self.forgets {
             let whole = self.inner.model();
             let mut left = CanonicalModel::default();
             let middle = whole.rest().iter().map(|p| p.x).sum::<f64>() / whole.len() as f64;
@@ -67,6 +68,7 @@ impl Reconstruct for Forgetful {
 struct Notes {
     bare: Vec<f64>,
     restored: Vec<(usize, usize)>,
+    lost: usize,
 }
 
 impl Watcher for Notes {
@@ -74,14 +76,17 @@ impl Watcher for Notes {
         match event {
             Event::Topology(topology) => self.bare.push(topology.bare),
             Event::Restored(manipulations, _) => self.restored.push((manipulations, model.len())),
+            Event::Trouble(Trouble::Lost { .. } | Trouble::Slipped { .. }) => self.lost += 1,
             _ => {}
         }
         Ok(())
     }
 }
 
-fn run(forgets: bool) -> (Stop, usize, usize, f64, Notes) {
+/// `taken`: somebody takes the body out of the jaws after so many frames and puts it elsewhere.
+fn run(forgets: usize, taken: Option<usize>) -> (Stop, usize, usize, f64, Notes) {
     let mut world = FakeCell::new(3);
+    world.world.borrow_mut().taken_at = taken;
     let mut options = ReconstructOptions::new(SPACING);
     // The rigid body does not tell that it is held back.
     options.limits.pull = f64::INFINITY;
@@ -112,7 +117,7 @@ fn run(forgets: bool) -> (Stop, usize, usize, f64, Notes) {
 
 #[test]
 fn the_model_before_it_was_spoiled_is_returned() {
-    let (stop, model_of, vertices, bare, notes) = run(true);
+    let (stop, model_of, vertices, bare, notes) = run(2, None);
     assert!(matches!(stop, Stop::TooManyManipulations), "{stop:?}");
     assert_eq!(model_of, 0);
     assert_eq!(notes.restored, [(0, vertices)]);
@@ -121,9 +126,19 @@ fn the_model_before_it_was_spoiled_is_returned() {
     assert_eq!(bare.to_bits(), notes.bare[0].to_bits());
 }
 
+/// After a loss the model may contain surface twice: what it is then is not returned either, although more seemed to be known.
+#[test]
+fn what_seems_to_be_known_after_a_loss_is_not_trusted() {
+    let (_, model_of, _, bare, notes) = run(3, Some(60));
+    assert_eq!(notes.lost, 1);
+    assert_eq!((notes.bare.len(), model_of), (3, 0));
+    assert!(notes.bare[1] < notes.bare[0], "{:?}", notes.bare);
+    assert_eq!(bare.to_bits(), notes.bare[0].to_bits());
+}
+
 #[test]
 fn a_model_that_gets_better_is_kept() {
-    let (_, model_of, _, bare, notes) = run(false);
+    let (_, model_of, _, bare, notes) = run(0, None);
     assert_eq!(model_of, 1);
     assert!(notes.restored.is_empty());
     assert!(bare < notes.bare[0]);

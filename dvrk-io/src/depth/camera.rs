@@ -28,7 +28,7 @@ use crate::Error;
 #[cfg_attr(
     feature = "serde",
     derive(serde::Serialize, serde::Deserialize),
-    serde(try_from = "Unchecked")
+    serde(try_from = "Parts", into = "Parts")
 )]
 pub struct Intrinsics {
     width: usize,
@@ -39,25 +39,33 @@ pub struct Intrinsics {
     cy: f64,
 }
 
-/// Intrinsics as read, before the checks.
+/// Intrinsics as they are written, and read before they are checked.
 #[cfg(feature = "serde")]
-#[derive(serde::Deserialize)]
-struct Unchecked {
-    width: usize,
-    height: usize,
-    fx: f64,
-    fy: f64,
-    cx: f64,
-    cy: f64,
+#[derive(serde::Serialize, serde::Deserialize)]
+struct Parts {
+    size: [usize; 2],
+    focal: [f64; 2],
+    center: [f64; 2],
 }
 
 #[cfg(feature = "serde")]
-impl TryFrom<Unchecked> for Intrinsics {
+impl From<Intrinsics> for Parts {
+    fn from(camera: Intrinsics) -> Self {
+        Self {
+            size: [camera.width, camera.height],
+            focal: camera.focal(),
+            center: camera.center(),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<Parts> for Intrinsics {
     type Error = Error;
 
-    fn try_from(read: Unchecked) -> Result<Self, Error> {
-        let (focal, center) = ([read.fx, read.fy], [read.cx, read.cy]);
-        Self::new(read.width, read.height, focal, center)
+    fn try_from(read: Parts) -> Result<Self, Error> {
+        let [width, height] = read.size;
+        Self::new(width, height, read.focal, read.center)
     }
 }
 

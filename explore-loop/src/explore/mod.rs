@@ -14,9 +14,11 @@
 //! |---|---|
 //! | `options` | what may the loop do, and which failures does it tolerate? |
 //! | `decide` | is it closed, and if not, which plan is next? |
+//! | `manipulate` | how is a plan carried out? |
 //! | `drive` | how is a motion followed, and what is planned from the present poses? |
 //! | `set_point` | which pose is next, and is it within the limits? |
 //! | `held` | is the hidden part attached to the table? |
+//! | `best` | which model is returned if a lost body has spoiled it? |
 //! | `slips` | where have grips slipped? |
 //! | `guard` | what is wrong with a frame? |
 //! | `watch` | how is a frame processed, and who is notified? |
@@ -38,11 +40,10 @@
 use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::canonical::topology::Topology;
-use crate::cell::{ArmState, Cell, CellError, Observation};
+use crate::cell::{ArmState, Cell, Observation};
 use crate::plan::Planner;
 use crate::reconstruct::{Reconstruct, ReconstructOptions, Reconstructor};
-use drive::Care;
-use grip_planner::{Motion, Plan, Role};
+use grip_planner::{Motion, Plan};
 use guard::Guard;
 use nalgebra::Point3;
 use set_point::Drive;
@@ -56,6 +57,7 @@ mod decide;
 mod drive;
 mod guard;
 mod held;
+mod manipulate;
 mod options;
 mod recover;
 mod resume;
@@ -155,7 +157,7 @@ pub struct Explorer<'a> {
     moves: held::Moves,
     /// Where grips slipped.
     slips: slips::Slips,
-    /// The model when most of the surface was known.
+    /// The model when most of the surface was known, before a body was lost.
     best: Option<best::Best>,
     asked_to_stop: Option<Arc<AtomicBool>>,
     mode: Mode,
@@ -220,9 +222,6 @@ impl<E: Into<Error>> From<E> for Halt {
 }
 
 type Followed = Result<(), Halt>;
-
-/// The path home of a plan is used when it begins this near to the present poses of the tips, metres.
-const SAME_PLACE: f64 = 1e-3;
 
 impl<'a> Explorer<'a> {
     /// An exploration of the object in `cell`, with the default reconstruction.
@@ -387,119 +386,5 @@ impl<'a> Explorer<'a> {
             }
         }
         Ok(fits)
-    }
-
-    /// The path of the plan from home: orientation first, high above the grip, then down along the approach direction.
-    fn reach(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
-        self.enter(Phase::Reach)?;
-        let speed = self.options.limits.empty.speed;
-        self.follow(&manipulation.plan.reach, Care::Empty, speed)?;
-        Ok(State::Grasp(manipulation))
-    }
-
-    fn grasp(&mut self, mut manipulation: Box<Manipulation>) -> Result<State, Halt> {
-        self.enter(Phase::Grasp)?;
-        let mut lifting_missed = false;
-        for grip in manipulation.plan.grips.clone() {
-            match self.cell.close_jaw(grip.arm) {
-                Ok(()) => self.closed[grip.arm] = true,
-                Err(CellError::NothingGrasped { arm }) => {
-                    self.tell(Event::Missed(arm))?;
-                    lifting_missed |= grip.role == Role::Lift;
-                }
-                Err(error) => return Err(refused(error)),
-            }
-        }
-        self.guard.pause();
-        self.frame()?;
-        // A supporting arm may miss; all lifting arms must hold.
-        if lifting_missed {
-            self.misses += 1;
-            self.open_all()?;
-            return Ok(State::Home);
-        }
-        if manipulation.plan.grips.iter().any(|g| !self.closed[g.arm]) {
-            manipulation = self.without_missed(manipulation)?;
-        }
-        Ok(State::Manipulate(manipulation))
-    }
-
-    /// Arms that missed stay where they are: the planned paths are for tools that hold.
-    fn without_missed(
-        &mut self,
-        mut manipulation: Box<Manipulation>,
-    ) -> Result<Box<Manipulation>, Halt> {
-        let closed = self.closed.clone();
-        let plan = &mut manipulation.plan;
-        plan.motion.arms.retain(|path| closed[path.arm]);
-        let missed: Vec<usize> = plan
-            .grips
-            .iter()
-            .map(|g| g.arm)
-            .filter(|&a| !closed[a])
-            .collect();
-        self.send_home(&missed)?;
-        Ok(manipulation)
-    }
-
-    /// Follows the planned paths; slows down while registration is poor, and gives up when the body is lost.
-    fn manipulate(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
-        self.enter(Phase::Manipulate)?;
-        let plan = &manipulation.plan;
-        self.under_way = Some((plan.motion.clone(), 0.0));
-        let places = plan.grips.iter().map(|g| g.arm).zip(&manipulation.at_rest);
-        self.slips
-            .grip(places.map(|(arm, place)| (arm, *place)).collect());
-        match self.follow(&plan.motion, Care::Holding, plan.speed_limit) {
-            // A firm body that holds the tips back while it is lowered has reached the table: it is down.
-            Err(Halt::Trouble(trouble))
-                if matches!(*trouble, Trouble::NotArriving { .. }) && self.lowers() =>
-            {
-                self.halt()?;
-            }
-            followed => followed?,
-        }
-        self.under_way = None;
-        self.misses = 0;
-        Ok(State::Lower(manipulation))
-    }
-
-    /// Whether the current motion is past its middle, where lifting ends.
-    fn lowers(&self) -> bool {
-        let past = |(motion, time): &(grip_planner::Motion, f64)| *time > 0.5 * motion.duration;
-        self.under_way.as_ref().is_some_and(past)
-    }
-
-    fn lower(&mut self, manipulation: Box<Manipulation>) -> Result<State, Halt> {
-        self.enter(Phase::Lower)?;
-        if manipulation.plan.turn.is_some() {
-            self.spread_out(&manipulation)?;
-        }
-        Ok(State::Release(manipulation))
-    }
-
-    fn release(&mut self, manipulation: &Manipulation) -> Result<State, Halt> {
-        self.enter(Phase::Release)?;
-        // The body must come to rest before the grips, which are its only landmarks, are released.
-        self.settle()?;
-        self.open_all()?;
-        self.settle()?;
-        let withdraw = &manipulation.plan.withdraw;
-        let begins_here = withdraw.arms.iter().all(|path| {
-            let here = self.arms[path.arm].camera_from_tip;
-            let way = |from: nalgebra::Isometry3<f64>| {
-                (from.translation.vector - here.translation.vector).norm()
-            };
-            path.at(0.0).is_some_and(|from| way(from) < SAME_PLACE)
-        });
-        if begins_here {
-            self.follow(withdraw, Care::Empty, self.options.limits.empty.speed)?;
-        } else {
-            self.go_home_from_here()?;
-        }
-        self.manipulations += 1;
-        self.tell(Event::Manipulated(self.manipulations))?;
-        self.tell_state()?;
-        Ok(State::Home)
     }
 }

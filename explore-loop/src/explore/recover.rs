@@ -89,8 +89,12 @@ impl Explorer<'_> {
             return Ok(self.done(Stop::Trouble(trouble))?);
         }
         match trouble {
-            Trouble::Lost { .. } | Trouble::Blind { .. } => self.lost = true,
+            Trouble::Lost { .. } | Trouble::Blind { .. } => {
+                self.lost = true;
+                self.freeze_best();
+            }
             Trouble::Slipped { arm } => {
+                self.freeze_best();
                 self.slips.slip(arm);
                 self.misses += 1;
             }

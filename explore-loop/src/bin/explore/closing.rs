@@ -16,8 +16,31 @@ pub fn table(output: Output, rows: &[(&str, String)]) -> Result<(), Failure> {
 
 /// The rows of the closing table that describe the model.
 pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
-    let unknown = || "no ground truth".to_owned();
-    let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+    let mut rows = shape_rows(metrics);
+    rows.extend(motion_rows(metrics));
+    if let Some(of) = metrics.model_of.filter(|of| *of < metrics.manipulations) {
+        rows.push((
+            "model",
+            format!("as after {of} manipulations: later ones have spoiled it"),
+        ));
+    }
+    if metrics.contacts > 0 {
+        rows.push(("contacts separated", metrics.contacts.to_string()));
+    }
+    rows.extend(unseen(&metrics.unseen).map(|text| ("never seen", text)));
+    rows
+}
+
+fn unknown() -> String {
+    "no ground truth".to_owned()
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// The shape at rest.
+fn shape_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
     let list = |shares: &Option<Vec<f64>>| {
         shares.as_ref().map_or_else(unknown, |shares| {
             let texts: Vec<String> = shares.iter().map(|s| percent(*s)).collect();
@@ -29,7 +52,7 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
             format!("{} mean, {} p95, {} max", mm(s.mean), mm(s.p95), mm(s.max))
         })
     };
-    let mut rows = vec![
+    vec![
         ("explored", list(&metrics.explored)),
         ("explored, two spacings", list(&metrics.explored_2eps)),
         ("accuracy", spread(metrics.accuracy_m)),
@@ -61,6 +84,12 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 _ => unknown(),
             },
         ),
+    ]
+}
+
+/// The motion and the material.
+fn motion_rows(metrics: &Metrics) -> [(&'static str, String); 3] {
+    [
         (
             "prediction error",
             match (metrics.prediction_error_m, metrics.prediction_error_held_m) {
@@ -76,18 +105,7 @@ pub fn measure_rows(metrics: &Metrics) -> Vec<(&'static str, String)> {
                 .stiffness_over_weight
                 .map_or_else(|| "nothing was lifted".to_owned(), |s| format!("{s:.2} m")),
         ),
-    ];
-    if let Some(of) = metrics.model_of.filter(|of| *of < metrics.manipulations) {
-        rows.push((
-            "model",
-            format!("as after {of} manipulations: later ones have spoiled it"),
-        ));
-    }
-    if metrics.contacts > 0 {
-        rows.push(("contacts separated", metrics.contacts.to_string()));
-    }
-    rows.extend(unseen(&metrics.unseen).map(|text| ("never seen", text)));
-    rows
+    ]
 }
 
 /// Most places named in the closing table; `metrics.json` has them all.

@@ -2,7 +2,7 @@
 //!
 //! Exit codes: 0 if the surface closed (`run`, `robot`), the whole recording was reconstructed (`replay`), every run of a study finished (`tables`),
 //! there is a report (`view`), all checks passed (`robot --dry-run`) or Ctrl-C ended it (`serve`); 1 if not, or on an error; 2 if the command line
-//! is wrong; 3 if the surface closed except for a part held to the table (`run`, `robot`). Errors are one line on standard error.
+//! is wrong; 3 if the surface closed except for a place that could not be shown (`run`, `robot`). Errors are one line on standard error.
 
 mod closing;
 mod final_mesh;
@@ -229,7 +229,7 @@ impl Reconstruction {
 #[command(
     after_help = "Example: explore run --mesh liver.stl --units mm --arms 2 --out liver
 
-Exit code 0: the surface closed; 3: it closed but for a part that is held to the table; 1: it did not; 2: the command line is wrong."
+Exit code 0: the surface closed; 3: it closed but for a place that could not be shown; 1: it did not; 2: the command line is wrong."
 )]
 struct RunArgs {
     #[command(flatten)]
