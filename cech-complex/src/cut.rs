@@ -10,6 +10,7 @@
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
 use crate::skeleton::Marks;
+use derive_setters::Setters;
 use nalgebra::Vector3;
 use std::sync::OnceLock;
 
@@ -37,7 +38,8 @@ pub fn displacement_cosine(u_a: &Vector3<f64>, u_b: &Vector3<f64>) -> Option<f64
 }
 
 /// Limits beyond which an edge counts as distorted.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct DistortionLimits {
@@ -56,29 +58,6 @@ impl Default for DistortionLimits {
             min_cosine: 0.0,
             min_displacement: 0.01,
         }
-    }
-}
-
-impl DistortionLimits {
-    /// Sets the largest difference of the displacements, m.
-    #[must_use]
-    pub fn with_max_difference(mut self, max_difference: f64) -> Self {
-        self.max_difference = max_difference;
-        self
-    }
-
-    /// Sets the smallest cosine between the displacements.
-    #[must_use]
-    pub fn with_min_cosine(mut self, min_cosine: f64) -> Self {
-        self.min_cosine = min_cosine;
-        self
-    }
-
-    /// Sets the smallest displacement that has a direction, m.
-    #[must_use]
-    pub fn with_min_displacement(mut self, min_displacement: f64) -> Self {
-        self.min_displacement = min_displacement;
-        self
     }
 }
 

@@ -1,6 +1,7 @@
 //! Options of a complex: largest scale, treatment of normals, largest size.
 
 use crate::error::{Error, positive};
+use derive_setters::Setters;
 use nalgebra::Vector3;
 
 /// Whether the orientation of normals matters.
@@ -35,7 +36,8 @@ impl Orientation {
 }
 
 /// Options for building a complex.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -59,27 +61,6 @@ impl Default for Options {
 }
 
 impl Options {
-    /// Sets the largest filtration value kept.
-    #[must_use]
-    pub fn with_max_scale(mut self, max_scale: f64) -> Self {
-        self.max_scale = max_scale;
-        self
-    }
-
-    /// Sets the treatment of orientation.
-    #[must_use]
-    pub fn with_orientation(mut self, orientation: Orientation) -> Self {
-        self.orientation = orientation;
-        self
-    }
-
-    /// Sets the largest number of simplices.
-    #[must_use]
-    pub fn with_max_simplices(mut self, max_simplices: usize) -> Self {
-        self.max_simplices = max_simplices;
-        self
-    }
-
     /// Rejects invalid settings.
     pub(crate) fn check(&self) -> Result<(), Error> {
         positive("max_scale", self.max_scale)?;

@@ -131,7 +131,7 @@ fn images(criterion: &mut Criterion) {
             }
         };
         let arms: Vec<_> = (-6..6).map(link).collect();
-        let options = ObjectOptions::default().with_table(-Vector3::z_axis(), 0.5);
+        let options = ObjectOptions::default().with_table((-Vector3::z_axis(), 0.5));
         group.throughput(Throughput::Elements((width * height) as u64));
         group.bench_function(
             BenchmarkId::from_parameter(format!("{width}x{height}")),

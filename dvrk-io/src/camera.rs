@@ -14,6 +14,7 @@
 //! A cloud comes in thousands of packets: the receive buffers of the system (`net.core.rmem_max` on Linux) should hold one, 8 MB
 //! or more, or clouds are lost.
 
+use derive_setters::Setters;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -45,7 +46,8 @@ pub enum CameraTopics {
 }
 
 /// Options for reading a camera.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct CameraOptions {
@@ -61,20 +63,6 @@ impl Default for CameraOptions {
             unit: None,
             stale: Duration::from_secs(1),
         }
-    }
-}
-
-impl CameraOptions {
-    /// Sets [`CameraOptions::unit`].
-    #[must_use]
-    pub fn with_unit(self, unit: Option<LengthUnit>) -> Self {
-        Self { unit, ..self }
-    }
-
-    /// Sets [`CameraOptions::stale`].
-    #[must_use]
-    pub fn with_stale(self, stale: Duration) -> Self {
-        Self { stale, ..self }
     }
 }
 

@@ -66,13 +66,13 @@ impl Scene {
     }
 
     fn options(&self) -> ObjectOptions {
-        ObjectOptions::default().with_table(self.normal, self.offset)
+        ObjectOptions::default().with_table((self.normal, self.offset))
     }
 }
 
 /// For scenes without a table: it is far behind everything.
 fn no_table() -> ObjectOptions {
-    ObjectOptions::default().with_table(-Vector3::z_axis(), 100.0)
+    ObjectOptions::default().with_table((-Vector3::z_axis(), 100.0))
 }
 
 fn render(depth: impl Fn(f64, f64) -> f64) -> DepthImage {
@@ -213,9 +213,11 @@ fn averaged_depths_at_the_rim_are_removed() {
     );
     // Without the tests for edges and strays nearly all of them stay.
     let blind = options
-        .with_edges(1.57, 1.0)
+        .with_max_incidence(1.57)
+        .with_noise(1.0)
         .with_voxel(0.02)
-        .with_parts(0.15, 0);
+        .with_gap(0.15)
+        .with_support(0);
     let pixels = kept(&find(&image, &[], &blind));
     assert!(pixels.iter().filter(|&&pixel| mixed(pixel)).count() * 10 >= planted * 9);
 }
@@ -228,7 +230,7 @@ fn a_straight_edge_loses_its_mixed_column_only() {
         u if u < 80.0 => 0.4,
         _ => 0.6,
     });
-    let lonely_allowed = no_table().with_parts(0.01, 0);
+    let lonely_allowed = no_table().with_gap(0.01).with_support(0);
     let mut walls = Vec::new();
     for depth in [0.4, 0.6] {
         let options = lonely_allowed.with_seed_point(Point3::new(0.0, 0.0, depth));
@@ -319,7 +321,7 @@ fn no_mean_lies_in_a_thin_arm() {
         end: Point3::new(0.01, 0.1, 0.5),
         radius: 0.001,
     };
-    let options = no_table().with_voxel(0.02).with_parts(0.05, 4);
+    let options = no_table().with_voxel(0.02).with_gap(0.05).with_support(4);
     let object = find(&image, &[needle], &options);
     let clear = |point: &Point3<f64>| needle.distance(point) > options.arm_clearance;
     assert!(object.points.iter().all(clear));
@@ -402,11 +404,17 @@ fn what_does_not_fit_is_refused() {
         matches!(result, Err(Error::OutOfRange { .. }))
     };
     assert!(
-        is_refused(ok.with_clearances(f64::NAN, 0.0)) && is_refused(ok.with_clearances(0.0, -1.0))
+        is_refused(ok.with_table_clearance(f64::NAN).with_arm_clearance(0.0))
+            && is_refused(ok.with_table_clearance(0.0).with_arm_clearance(-1.0))
     );
-    assert!(is_refused(ok.with_edges(1.6, 0.0)) && is_refused(ok.with_edges(0.0, 0.0)));
-    assert!(is_refused(ok.with_edges(1.0, f64::INFINITY)));
-    assert!(is_refused(ok.with_table(Vector3::z_axis(), f64::NAN)));
+    assert!(
+        is_refused(ok.with_max_incidence(1.6).with_noise(0.0))
+            && is_refused(ok.with_max_incidence(0.0).with_noise(0.0))
+    );
+    assert!(is_refused(
+        ok.with_max_incidence(1.0).with_noise(f64::INFINITY)
+    ));
+    assert!(is_refused(ok.with_table((Vector3::z_axis(), f64::NAN))));
     let nan = Capsule {
         start: Point3::origin(),
         end: Point3::new(0.0, f64::NAN, 0.0),
@@ -495,10 +503,10 @@ proptest! {
         let scan = Scan::from_image(&image, &camera)?;
         let arm = Capsule { start: Point3::origin(), end: Point3::new(0.0, 0.0, 1.0), radius: 0.1 };
         let options = ObjectOptions::default()
-            .with_table(-Vector3::z_axis(), 1e10)
-            .with_edges(1.0, noise)
+            .with_table((-Vector3::z_axis(), 1e10))
+            .with_max_incidence(1.0).with_noise(noise)
             .with_voxel(0.2)
-            .with_parts(0.5, 2);
+            .with_gap(0.5).with_support(2);
         match find_object(&scan, &[arm], &options) {
             Ok(object) => every_pixel_is_accounted_for(&scan, &object),
             Err(error) => prop_assert!(matches!(error, Error::NoObject { .. }), "{error}"),

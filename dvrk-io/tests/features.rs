@@ -252,7 +252,13 @@ fn images_smaller_than_a_patch_have_no_features() {
 fn numbers_out_of_range_do_no_harm() {
     let seen = picture(Body::Board, &before(), &Paint::default(), 1);
     let options = FeatureOptions::default();
-    let alone = detect(&seen.image, &options.with_spread(usize::MAX, usize::MAX, 9));
+    let alone = detect(
+        &seen.image,
+        &options
+            .with_apart(usize::MAX)
+            .with_square(usize::MAX)
+            .with_per_square(9),
+    );
     assert!(alone.len() <= 1, "{} corners", alone.len());
     let surface = Surface {
         scan: &seen.scan,
@@ -264,7 +270,9 @@ fn numbers_out_of_range_do_no_harm() {
     let lifted = lift(&[corner], &seen.image, &surface, &options).unwrap();
     assert!(lifted.is_empty());
     let some = features(&seen, &[], &options);
-    let loose = options.with_bits(u32::MAX, f64::INFINITY);
+    let loose = options
+        .with_most_different(u32::MAX)
+        .with_ratio(f64::INFINITY);
     assert!(match_features(&some, &[], &loose).is_empty());
     let confident = |m: &dvrk_io::features::FeatureMatch| m.confidence > 0.0 && m.confidence <= 1.0;
     let all = match_features(&some, &some, &loose);
@@ -374,7 +382,7 @@ proptest! {
         let byte = |k: usize| (seed.rotate_left((k % 64) as u32).wrapping_mul(k as u64 | 1) >> 56) as u8;
         let image = GreyImage::new(width, height, (0..width * height).map(byte).collect()).unwrap();
         let (threshold, apart, square, most) = options;
-        let options = FeatureOptions::default().with_threshold(threshold).with_spread(apart, square, most);
+        let options = FeatureOptions::default().with_threshold(threshold).with_apart(apart).with_square(square).with_per_square(most);
         let found = detect(&image, &options);
         prop_assert_eq!(&found, &detect(&image, &options));
         for pair in found.windows(2) {

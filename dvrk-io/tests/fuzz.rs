@@ -418,7 +418,7 @@ fn camera() -> (Image, CameraInfo) {
 fn images_and_cameras() {
     let (image, info) = camera();
     let options = ObjectOptions::default()
-        .with_table(-Vector3::z_axis(), 0.5)
+        .with_table((-Vector3::z_axis(), 0.5))
         .with_voxel(0.005);
     let look = |image: &Image, info: &CameraInfo| {
         if let Ok(scan) = Scan::from_depth(image, info, None) {

@@ -85,7 +85,7 @@ fn the_same_input_gives_the_same_bits() {
     let scan = Scan::from_cloud(&cloud(&scene, true, 1.0), None).unwrap();
     assert_eq!(find(&scan).unwrap(), find(&scan).unwrap());
     // Another seed draws other planes; least squares bring them to the same one.
-    let options = ObjectOptions::default().with_table_search(0.004, 0.3, 99);
+    let options = ObjectOptions::default().with_seed(99);
     let other = find_object(&scan, &[], &options).unwrap().table;
     let table = find(&scan).unwrap().table;
     assert!((table.offset - other.offset).abs() < 1e-4 && table.normal.angle(&other.normal) < 1e-3);
@@ -122,7 +122,7 @@ fn arms_workspace_and_a_known_table() {
         half_extents: Vector3::new(0.15, 0.1, 0.2),
     };
     let options = ObjectOptions::default()
-        .with_table(scene.normal, scene.offset)
+        .with_table((scene.normal, scene.offset))
         .with_workspace(workspace);
     let object = find_object(&scan, &[arm], &options).unwrap();
     scene.check(&object, 0, 0.001);
@@ -301,20 +301,20 @@ fn options_out_of_range_are_refused() {
     let ok = ObjectOptions::default();
     let down = Vector3::z_axis();
     for options in [
-        ok.with_table_search(f64::NAN, 0.3, 0),
-        ok.with_table_search(0.01, 1.1, 0),
-        ok.with_clearances(-1.0, 0.0),
-        ok.with_clearances(0.0, f64::INFINITY),
-        ok.with_edges(1.6, 0.0),
-        ok.with_edges(1.0, f64::NAN),
+        ok.with_table_tolerance(f64::NAN),
+        ok.with_least_table_share(1.1),
+        ok.with_table_clearance(-1.0),
+        ok.with_arm_clearance(f64::INFINITY),
+        ok.with_max_incidence(1.6),
+        ok.with_noise(f64::NAN),
         ok.with_voxel(0.0),
         ok.with_voxel(0.1),
-        ok.with_parts(f64::NAN, 1),
-        ok.with_parts(1e3, 1),
+        ok.with_gap(f64::NAN),
+        ok.with_gap(1e3),
         ok.with_seed_point(Point3::new(f64::NAN, 0.0, 0.0)),
         ok.with_viewpoint(Point3::new(f64::INFINITY, 0.0, 0.0)),
-        ok.with_table(down, -0.5),
-        ok.with_table(-down, f64::NAN),
+        ok.with_table((down, -0.5)),
+        ok.with_table((-down, f64::NAN)),
     ] {
         let result = find_object(&scan, &[], &options);
         assert!(
@@ -358,7 +358,7 @@ proptest! {
             fields: vec![field("x", 0), field("y", 8), field("z", 16)], ..PointCloud2::default()
         };
         let scan = Scan::from_cloud(&cloud, None)?;
-        let options = ObjectOptions::default().with_table_search(0.1, share, 1).with_voxel(0.1).with_parts(1.0, 1);
+        let options = ObjectOptions::default().with_table_tolerance(0.1).with_least_table_share(share).with_seed(1).with_voxel(0.1).with_gap(1.0).with_support(1);
         if let Ok(object) = find_object(&scan, &[], &options) {
             adds_up(&object);
         }

@@ -62,7 +62,6 @@ pub mod measure;
 pub mod plan;
 pub mod reconstruct;
 pub mod report;
-mod setters;
 pub mod visibility;
 
 pub use error::Error;

@@ -183,10 +183,7 @@ fn a_gentle_bend_is_followed_late() -> Tested {
 #[test]
 fn a_softer_field_follows_a_gentle_bend() -> Tested {
     let default = DynamicFusionOptions::new(0.005);
-    let softer = default
-        .clone()
-        .with_rigidity(0.2, default.huber)
-        .with_nodes(0.04, default.influence, default.reach);
+    let softer = default.clone().with_rigidity(0.2).with_nodes(0.04);
     let [mean, worst] = bend_error(softer)?;
     assert!(mean < 2.5e-3 && worst < 6e-3, "{mean} {worst}");
     Ok(())
@@ -227,11 +224,11 @@ fn what_cannot_be_used_is_said() -> Tested {
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         let options = [
             DynamicFusionOptions::new(bad),
-            good.clone().with_volume(bad, 0.012, [0.3, 60.0]),
-            good.clone().with_volume(0.004, 0.012, [bad, 60.0]),
-            good.clone().with_nodes(bad, 1.0, 1.25),
-            good.clone().with_hierarchy(3, bad),
-            good.clone().with_rigidity(0.5, bad),
+            good.clone().with_voxel(bad),
+            good.clone().with_weight([bad, 60.0]),
+            good.clone().with_nodes(bad),
+            good.clone().with_coarsening(bad),
+            good.clone().with_huber(bad),
             good.clone().with_tukey([0.03, bad]),
         ];
         for options in options {
@@ -240,10 +237,10 @@ fn what_cannot_be_used_is_said() -> Tested {
         }
     }
     for bad in [-1.0, f64::NAN] {
-        assert!(DynamicFusion::new(good.clone().with_rigidity(bad, 0.002)).is_err());
+        assert!(DynamicFusion::new(good.clone().with_rigidity(bad)).is_err());
         assert!(DynamicFusion::new(good.clone().with_grip_radius(bad)).is_err());
     }
-    let error = DynamicFusion::new(good.with_hierarchy(3, 1.0))
+    let error = DynamicFusion::new(good.with_coarsening(1.0))
         .err()
         .ok_or("taken")?;
     assert_eq!(

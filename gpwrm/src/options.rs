@@ -1,3 +1,4 @@
+use derive_setters::Setters;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::error::Error;
@@ -21,7 +22,8 @@ pub enum Support {
 /// let options = FieldOptions::default().with_support(Support::Radius(0.03));
 /// assert_eq!(options.shrinkage, 0.003);
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FieldOptions {
@@ -46,24 +48,6 @@ impl Default for FieldOptions {
 }
 
 impl FieldOptions {
-    /// Sets the reach of a node.
-    #[must_use]
-    pub fn with_support(self, support: Support) -> Self {
-        Self { support, ..self }
-    }
-
-    /// Sets the radial weight.
-    #[must_use]
-    pub fn with_weight(self, weight: Weight) -> Self {
-        Self { weight, ..self }
-    }
-
-    /// Sets how strongly a gradient is drawn to the local rotation.
-    #[must_use]
-    pub fn with_shrinkage(self, shrinkage: f64) -> Self {
-        Self { shrinkage, ..self }
-    }
-
     pub(crate) fn check(&self) -> Result<(), Error> {
         match self.support {
             Support::Radius(radius) if !(radius > 0.0 && radius <= 1e60) => {

@@ -54,7 +54,6 @@ mod reason;
 mod refusal;
 mod scene;
 mod select;
-mod setters;
 mod speed;
 mod stiffness;
 mod stretch;

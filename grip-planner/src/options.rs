@@ -1,9 +1,9 @@
 //! Options of the planner.
 
+use derive_setters::Setters;
 use nalgebra::UnitVector3;
 
 use crate::scene::{not_negative, positive, within};
-use crate::setters::setters;
 use crate::turn::check_tilt;
 use crate::{CoverageOptions, Error};
 
@@ -29,7 +29,8 @@ pub enum Support {
 }
 
 /// Options of [`crate::candidates`] and [`crate::plan_grips`].
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -81,25 +82,6 @@ impl Default for Options {
             lift: None,
             support: Support::Hold,
         }
-    }
-}
-
-setters! {
-    Options {
-        with_coverage coverage: CoverageOptions,
-        with_source source: CandidateSource,
-        with_max_candidates max_candidates: usize,
-        with_min_elevation min_elevation: f64,
-        with_max_dip max_dip: f64,
-        with_grip_depth grip_depth: f64,
-        with_approach_distance approach_distance: f64,
-        with_outline_weight outline_weight: f64,
-        with_turning_weight turning_weight: f64,
-        with_spread spread: [f64; 2],
-        with_tilt tilt: f64,
-        with_max_sets max_sets: usize,
-        with_lift lift: Option<UnitVector3<f64>>,
-        with_support support: Support,
     }
 }
 

@@ -6,6 +6,7 @@
 //!
 //! A set that is rejected is recorded with its reason, and the next best is tried.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, UnitVector3, Vector3};
 
 use crate::body::Body;
@@ -14,7 +15,6 @@ use crate::grips::rank;
 use crate::hole::Hole;
 use crate::reach::{reach, withdraw};
 use crate::scene::positive;
-use crate::setters::setters;
 use crate::stretch::{beside, grips, pull};
 use crate::turn_over::turn_in;
 use crate::{
@@ -40,7 +40,8 @@ pub enum Action<'a> {
 }
 
 /// Limits on the motion of the body for tracking.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Tracking {
@@ -59,15 +60,9 @@ impl Default for Tracking {
     }
 }
 
-setters! {
-    Tracking {
-        with_xi xi: f64,
-        with_frame_rate frame_rate: f64,
-    }
-}
-
 /// Settings of [`plan`].
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PlanOptions {
@@ -81,16 +76,6 @@ pub struct PlanOptions {
     pub reach: ReachOptions,
     /// Limits on the speed.
     pub tracking: Tracking,
-}
-
-setters! {
-    PlanOptions {
-        with_grips grips: Options,
-        with_turn turn: TurnOptions,
-        with_stretch stretch: StretchOptions,
-        with_reach reach: ReachOptions,
-        with_tracking tracking: Tracking,
-    }
 }
 
 /// Grips, the motions before, during and after the grasp, and the sets that were rejected before.

@@ -10,17 +10,18 @@
 //! body, instead of at home; and where a tool cannot back off along itself, it goes straight up. The body at rest is an obstacle all the way, except
 //! for the jaws on the straight last part.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use crate::check::{Carried, Surroundings};
 use crate::motion::{Pace, assemble, between, times, travelled};
 use crate::orientation::retreat;
 use crate::scene::positive;
-use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, Refusal, Scene, Stage};
 
 /// Options of motions of empty arms.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ReachOptions {
@@ -39,14 +40,6 @@ impl Default for ReachOptions {
             acceleration: 0.2,
             turn_rate: 1.5,
         }
-    }
-}
-
-setters! {
-    ReachOptions {
-        with_speed speed: f64,
-        with_acceleration acceleration: f64,
-        with_turn_rate turn_rate: f64,
     }
 }
 

@@ -8,11 +8,11 @@
 //! with `‖J_i v̂‖` ([`crate::Coverage::field`] with unit velocities). The governor starts below the limit, accelerates, and slows down at once when the
 //! registration residual rises: waiting for a frame that fits badly costs less than losing the body.
 
+use derive_setters::Setters;
 use nalgebra::Vector3;
 
 use crate::Error;
 use crate::scene::{positive, within};
-use crate::setters::setters;
 
 /// Largest grip speed at which no node moves more than `xi` metres between frames, m/s.
 ///
@@ -46,7 +46,8 @@ pub fn speed_limit(field: &[Vector3<f64>], xi: f64, frame_rate: f64) -> Result<f
 }
 
 /// Options of a [`SpeedGovernor`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GovernorOptions {
@@ -71,16 +72,6 @@ impl Default for GovernorOptions {
             calm: 0.001,
             alarm: 0.004,
         }
-    }
-}
-
-setters! {
-    GovernorOptions {
-        with_cruise cruise: f64,
-        with_least least: f64,
-        with_acceleration acceleration: f64,
-        with_calm calm: f64,
-        with_alarm alarm: f64,
     }
 }
 

@@ -11,16 +11,17 @@
 //! of a linear field exactly if the neighbours are evenly distributed around a vertex, so the result does not depend on the density of
 //! the samples. The three components of `u` have the same `K`.
 
+use derive_setters::Setters;
 use faer::sparse::Triplet;
 use nalgebra::Point3;
 
 use crate::model::Adjacency;
 use crate::scene::{not_negative, positive};
-use crate::setters::setters;
 use crate::{Error, Model, Plane};
 
 /// Options of the stiffness and of the target weights.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CoverageOptions {
@@ -45,16 +46,6 @@ impl Default for CoverageOptions {
             boundary_weight: 3.0,
             boundary_length: 0.02,
         }
-    }
-}
-
-setters! {
-    CoverageOptions {
-        with_decay_length decay_length: f64,
-        with_friction friction: f64,
-        with_contact_height contact_height: f64,
-        with_boundary_weight boundary_weight: f64,
-        with_boundary_length boundary_length: f64,
     }
 }
 

@@ -10,6 +10,7 @@
 //!
 //! A third arm holds the body outside of the pulled part, in line with the centre of the slit, so that it does not follow.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, Translation3, UnitVector3};
 
 use crate::assign::{assign, cross};
@@ -20,14 +21,14 @@ use crate::motion::{Pace, assemble, times};
 use crate::options::Support;
 use crate::orientation::retreat;
 use crate::scene::{not_negative, positive, within};
-use crate::setters::setters;
 use crate::{
     Candidate, Candidates, Error, Grip, Leg, Model, Motion, Options, Refusal, Role, Scene, Stage,
     candidates_among,
 };
 
 /// Options of a stretch.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct StretchOptions {
@@ -61,19 +62,6 @@ impl Default for StretchOptions {
             acceleration: 0.02,
             retreat_distance: 0.05,
         }
-    }
-}
-
-setters! {
-    StretchOptions {
-        with_distance distance: f64,
-        with_lift lift: f64,
-        with_reach reach: f64,
-        with_hold hold: f64,
-        with_keep keep: f64,
-        with_speed speed: f64,
-        with_acceleration acceleration: f64,
-        with_retreat_distance retreat_distance: f64,
     }
 }
 

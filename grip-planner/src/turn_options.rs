@@ -1,11 +1,11 @@
 //! Options of turning over.
 
+use derive_setters::Setters;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::Point3;
 
 use crate::scene::{not_negative, positive, within};
-use crate::setters::setters;
 use crate::{Error, Turn};
 
 /// Position of the body after a turn.
@@ -21,7 +21,8 @@ pub enum Recentre {
 }
 
 /// Options of [`crate::turn_over`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct TurnOptions {
@@ -71,24 +72,6 @@ impl Default for TurnOptions {
             retreat_distance: 0.05,
             step: 3f64.to_radians(),
         }
-    }
-}
-
-setters! {
-    TurnOptions {
-        with_angle angle: Option<f64>,
-        with_slack slack: f64,
-        with_retract retract: f64,
-        with_release_height release_height: f64,
-        with_recentre recentre: Recentre,
-        with_stretch stretch: f64,
-        with_speed speed: f64,
-        with_acceleration acceleration: f64,
-        with_turn_rate turn_rate: f64,
-        with_min_elevation min_elevation: f64,
-        with_support_until support_until: f64,
-        with_retreat_distance retreat_distance: f64,
-        with_step step: f64,
     }
 }
 

@@ -10,6 +10,7 @@
 //! A plan begins and ends with its arms at home. After an interruption they may be anywhere, so these motions begin
 //! anywhere, with the same checks and the same timing. The table is approached along its normal, so that nothing is dragged along it.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use crate::body::Body;
@@ -17,7 +18,6 @@ use crate::check::{Carried, Surroundings};
 use crate::motion::{assemble, times};
 use crate::reach::{dense, withdraw_from};
 use crate::scene::{not_negative, positive};
-use crate::setters::setters;
 use crate::{Error, Grip, Leg, Motion, ReachOptions, Refusal, Role, Scene, Stage};
 
 /// A tool at its present pose.
@@ -33,7 +33,8 @@ pub struct Tip {
 }
 
 /// Options of motions that no plan contains.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CarryOptions {
@@ -55,15 +56,6 @@ impl Default for CarryOptions {
             turn_rate: 1.0,
             release_height: 0.012,
         }
-    }
-}
-
-setters! {
-    CarryOptions {
-        with_speed speed: f64,
-        with_acceleration acceleration: f64,
-        with_turn_rate turn_rate: f64,
-        with_release_height release_height: f64,
     }
 }
 

@@ -15,7 +15,6 @@ mod prior;
 mod register;
 mod registration;
 mod report;
-mod setters;
 mod slippage;
 mod system;
 mod target;

@@ -1,5 +1,5 @@
 use crate::error::{Error, check_range};
-use crate::setters::setters;
+use derive_setters::Setters;
 
 /// Settings of a registration. The defaults are the measured best for objects of 0.1 to 0.3 m, clouds of 1,000 to 5,000 points, 0.5 mm noise and up to
 /// 10 mm of motion a frame.
@@ -9,7 +9,8 @@ use crate::setters::setters;
 /// let coarse = Options::default().with_node_spacing(0.02);
 /// assert!(coarse.gates.len() <= coarse.iterations);
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -81,29 +82,6 @@ impl Default for Options {
             min_overlap: 0.3,
             max_residual: 0.003,
         }
-    }
-}
-
-setters! {
-    Options {
-        with_node_spacing node_spacing: f64,
-        with_iterations iterations: usize,
-        with_gates gates: Vec<f64>,
-        with_tolerance tolerance: f64,
-        with_bending bending: f64,
-        with_strain strain: f64,
-        with_drag drag: f64,
-        with_prediction prediction: f64,
-        with_denoise denoise: usize,
-        with_normal_cosine normal_cosine: f64,
-        with_boundary_weight boundary_weight: f64,
-        with_boundary_angle boundary_angle: f64,
-        with_point_sigma point_sigma: f64,
-        with_landmark_weight landmark_weight: f64,
-        with_feature_sigma feature_sigma: f64,
-        with_align_below align_below: f64,
-        with_min_overlap min_overlap: f64,
-        with_max_residual max_residual: f64,
     }
 }
 

@@ -29,7 +29,6 @@ mod report;
 mod rotation;
 mod rows;
 mod selected_inverse;
-mod setters;
 mod shape_prior;
 mod system;
 mod turning;

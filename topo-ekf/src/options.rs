@@ -1,7 +1,7 @@
 //! Options of the filter, with the reasons for their defaults.
 
 use crate::Error;
-use crate::setters::setters;
+use derive_setters::Setters;
 
 /// Stiffness, noise, numbers of iterations. All lengths in metres, angles in radians.
 ///
@@ -10,7 +10,8 @@ use crate::setters::setters;
 /// let options = Options::default().with_edge_sigma(0.3e-3).with_separation(1.5e-3);
 /// assert_eq!(options.rotation_iterations, 6);
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Options {
@@ -109,25 +110,6 @@ impl Default for Options {
             motion: Motion::Spread,
             projection: Projection::Estimate,
         }
-    }
-}
-
-setters! {
-    Options {
-        with_edge_sigma edge_sigma: f64,
-        with_process_noise process_noise: f64,
-        with_motion_sigma motion_sigma: f64,
-        with_bend_sigma bend_sigma: f64,
-        with_rotation_iterations rotation_iterations: usize,
-        with_tolerance tolerance: f64,
-        with_rotation_memory rotation_memory: f64,
-        with_anchor_sigma anchor_sigma: f64,
-        with_initial_sigma initial_sigma: f64,
-        with_separation separation: f64,
-        with_contact_reach contact_reach: f64,
-        with_unseen unseen: Unseen,
-        with_motion motion: Motion,
-        with_projection projection: Projection,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Options of an arm.
 
+use derive_setters::Setters;
 use std::time::Duration;
 
 use super::profile::ProfileLimits;
@@ -58,7 +59,8 @@ pub enum OtherWriters {
 }
 
 /// Options of an arm; see [`Arm::connect`](super::Arm::connect).
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ArmOptions {
@@ -130,34 +132,7 @@ impl Default for ArmOptions {
     }
 }
 
-macro_rules! setters {
-    ($($with:ident $field:ident: $kind:ty;)*) => {$(
-        #[doc = concat!("Sets [`ArmOptions::", stringify!($field), "`].")]
-        #[must_use]
-        pub fn $with(self, $field: $kind) -> Self {
-            Self { $field, ..self }
-        }
-    )*};
-}
-
 impl ArmOptions {
-    setters! {
-        with_kinematics kinematics: Kinematics;
-        with_motion motion: ProfileLimits;
-        with_jaw jaw: ProfileLimits;
-        with_jaw_range jaw_range: [f64; 2];
-        with_period period: Duration;
-        with_stale stale: Duration;
-        with_divergence divergence: Tolerance;
-        with_tracking tracking: Tolerance;
-        with_frames frames: Tolerance;
-        with_margins margins: SafetyMargins;
-        with_joint_step joint_step: f64;
-        with_local local: LocalPose;
-        with_other_writers other_writers: OtherWriters;
-        with_console console: String;
-    }
-
     /// # Errors
     /// [`Error::OutOfRange`]: an invalid value.
     pub(crate) fn check(&self) -> Result<(), Error> {

@@ -7,6 +7,7 @@
 //! ```
 //! Shares are used instead of means: a single bad measurement of the tip must not stop the robot, but half of them must.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, Vector3};
 
 use super::fit::{max, median, rms};
@@ -15,7 +16,8 @@ use super::{Calibration, Sighting, Touch, points, poses};
 use crate::Error;
 
 /// Criteria for a calibration that holds.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct CheckOptions {
@@ -39,30 +41,6 @@ impl Default for CheckOptions {
 }
 
 impl CheckOptions {
-    /// Sets [`CheckOptions::limit`], metres.
-    #[must_use]
-    pub fn with_limit(self, limit: f64) -> Self {
-        Self { limit, ..self }
-    }
-
-    /// Sets [`CheckOptions::angle_limit`], radians.
-    #[must_use]
-    pub fn with_angle_limit(self, angle_limit: f64) -> Self {
-        Self {
-            angle_limit,
-            ..self
-        }
-    }
-
-    /// Sets [`CheckOptions::min_samples`].
-    #[must_use]
-    pub fn with_min_samples(self, min_samples: usize) -> Self {
-        Self {
-            min_samples,
-            ..self
-        }
-    }
-
     fn check(&self, samples: usize) -> Result<(), Error> {
         for (what, value) in [("limit", self.limit), ("angle limit", self.angle_limit)] {
             if !(value > 0.0 && value.is_finite()) {

@@ -1,12 +1,14 @@
 //! Options and results of a fit.
 
+use derive_setters::Setters;
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::Method;
 use crate::Error;
 
 /// Requirements on the samples of a fit.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct FitOptions {
@@ -43,54 +45,6 @@ impl Default for FitOptions {
 }
 
 impl FitOptions {
-    /// Sets [`FitOptions::min_samples`].
-    #[must_use]
-    pub fn with_min_samples(self, min_samples: usize) -> Self {
-        Self {
-            min_samples,
-            ..self
-        }
-    }
-
-    /// Sets [`FitOptions::min_spread`], metres.
-    #[must_use]
-    pub fn with_min_spread(self, min_spread: f64) -> Self {
-        Self { min_spread, ..self }
-    }
-
-    /// Sets [`FitOptions::min_turning`], radians.
-    #[must_use]
-    pub fn with_min_turning(self, min_turning: f64) -> Self {
-        Self {
-            min_turning,
-            ..self
-        }
-    }
-
-    /// Sets [`FitOptions::outlier_ratio`].
-    #[must_use]
-    pub fn with_outlier_ratio(self, outlier_ratio: f64) -> Self {
-        Self {
-            outlier_ratio,
-            ..self
-        }
-    }
-
-    /// Sets [`FitOptions::outlier_floor`], metres.
-    #[must_use]
-    pub fn with_outlier_floor(self, outlier_floor: f64) -> Self {
-        Self {
-            outlier_floor,
-            ..self
-        }
-    }
-
-    /// Sets [`FitOptions::lever`], metres.
-    #[must_use]
-    pub fn with_lever(self, lever: f64) -> Self {
-        Self { lever, ..self }
-    }
-
     /// Checks that each number is in the range in which the fit is defined.
     pub(super) fn check(&self, samples: usize) -> Result<(), Error> {
         let ranges = [

@@ -1,19 +1,23 @@
 //! Options that distinguish the object from everything else.
 
+use derive_setters::Setters;
 use nalgebra::{Point3, UnitVector3};
 
 use super::Workspace;
 use crate::Error;
 
 /// Options of [`find_object`](super::find_object). All lengths in metres.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ObjectOptions {
     /// Points outside of it are removed. Default: no crop.
+    #[setters(strip_option)]
     pub workspace: Option<Workspace>,
     /// The table, `normal · x + offset ≥ 0` on its free side, where the camera is. Default: it is found.
     /// For a scene without a table, give a plane far behind everything.
+    #[setters(strip_option)]
     pub table: Option<(UnitVector3<f64>, f64)>,
     /// Largest distance of a point of the table from its plane. Default 4 mm: twice the depth noise of a close stereo camera.
     pub table_tolerance: f64,
@@ -38,6 +42,7 @@ pub struct ObjectOptions {
     /// Number of points within `gap` of a voxel, including its own, that make it trusted. Default 4: outliers have fewer.
     pub support: usize,
     /// The object is the part nearest to this point. Default: the part with most points.
+    #[setters(strip_option)]
     pub seed_point: Option<Point3<f64>>,
     /// Position of the camera in the frame of the points. Default: the origin.
     pub viewpoint: Point3<f64>,
@@ -67,86 +72,6 @@ impl Default for ObjectOptions {
 }
 
 impl ObjectOptions {
-    /// The same options with this workspace.
-    #[must_use]
-    pub fn with_workspace(self, workspace: Workspace) -> Self {
-        Self {
-            workspace: Some(workspace),
-            ..self
-        }
-    }
-
-    /// The same options with this table.
-    #[must_use]
-    pub fn with_table(self, normal: UnitVector3<f64>, offset: f64) -> Self {
-        Self {
-            table: Some((normal, offset)),
-            ..self
-        }
-    }
-
-    /// The same options with this search for the table: tolerance in metres, least share of the points, seed.
-    #[must_use]
-    pub fn with_table_search(self, tolerance: f64, least_share: f64, seed: u64) -> Self {
-        Self {
-            table_tolerance: tolerance,
-            least_table_share: least_share,
-            seed,
-            ..self
-        }
-    }
-
-    /// The same options with these clearances, metres.
-    #[must_use]
-    pub fn with_clearances(self, table_clearance: f64, arm_clearance: f64) -> Self {
-        Self {
-            table_clearance,
-            arm_clearance,
-            ..self
-        }
-    }
-
-    /// The same options with this definition of a flying pixel: steepest angle in radians, noise in metres.
-    #[must_use]
-    pub fn with_edges(self, max_incidence: f64, noise: f64) -> Self {
-        Self {
-            max_incidence,
-            noise,
-            ..self
-        }
-    }
-
-    /// The same options with this edge of the voxels, metres.
-    #[must_use]
-    pub fn with_voxel(self, voxel: f64) -> Self {
-        Self { voxel, ..self }
-    }
-
-    /// The same options with this definition of a part: largest gap in metres, and points that make a voxel trusted.
-    #[must_use]
-    pub fn with_parts(self, gap: f64, support: usize) -> Self {
-        Self {
-            gap,
-            support,
-            ..self
-        }
-    }
-
-    /// The same options with a point on or near the object.
-    #[must_use]
-    pub fn with_seed_point(self, point: Point3<f64>) -> Self {
-        Self {
-            seed_point: Some(point),
-            ..self
-        }
-    }
-
-    /// The same options for points in a frame in which the camera is here.
-    #[must_use]
-    pub fn with_viewpoint(self, viewpoint: Point3<f64>) -> Self {
-        Self { viewpoint, ..self }
-    }
-
     pub(super) fn check(&self) -> Result<(), Error> {
         let refuse = |what, value, expected| {
             Err(Error::OutOfRange {

@@ -1,8 +1,11 @@
 //! Options of features.
 
+use derive_setters::Setters;
+
 /// Options for finding, lifting and matching features. The defaults are for colour images of about 640 × 480 pixels of an object half a metre
 /// away, that is about one pixel for each millimetre.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct FeatureOptions {
@@ -39,51 +42,6 @@ impl Default for FeatureOptions {
             motion: 0.030,
             most_different: 60,
             ratio: 0.8,
-        }
-    }
-}
-
-impl FeatureOptions {
-    /// The same options with this threshold, grey levels.
-    #[must_use]
-    pub fn with_threshold(self, threshold: u8) -> Self {
-        Self { threshold, ..self }
-    }
-
-    /// The same options with corners at least `apart` pixels from each other, at most `per_square` in squares of `square` pixels.
-    #[must_use]
-    pub fn with_spread(self, apart: usize, square: usize, per_square: usize) -> Self {
-        Self {
-            apart,
-            square,
-            per_square,
-            ..self
-        }
-    }
-
-    /// The same options with this largest difference in depth and this clearance from arms, metres.
-    #[must_use]
-    pub fn with_edges(self, edge: f64, clearance: f64) -> Self {
-        Self {
-            edge,
-            clearance,
-            ..self
-        }
-    }
-
-    /// The same options with this bound on the motion between two frames, metres.
-    #[must_use]
-    pub fn with_motion(self, motion: f64) -> Self {
-        Self { motion, ..self }
-    }
-
-    /// The same options with these bounds on the bits that differ.
-    #[must_use]
-    pub fn with_bits(self, most_different: u32, ratio: f64) -> Self {
-        Self {
-            most_different,
-            ratio,
-            ..self
         }
     }
 }

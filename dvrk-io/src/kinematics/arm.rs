@@ -15,6 +15,7 @@
 //! Source: PSM.json, PSM_Si.json and the tool files of sawIntuitiveResearchKit 2.4. The length of the jaws,
 //! 10.2 mm, is in the dVRK model files (URDF) only.
 
+use derive_setters::Setters;
 use std::f64::consts::FRAC_PI_2;
 use std::fmt;
 
@@ -74,7 +75,8 @@ impl fmt::Display for Joint {
 }
 
 /// Lengths of an instrument, metres. The default is the large needle driver of a Classic.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct Instrument {
@@ -106,24 +108,6 @@ impl Instrument {
         shaft: 0.4670,
         ..Self::LARGE_NEEDLE_DRIVER_400006
     };
-
-    /// Sets [`Instrument::shaft`], metres.
-    #[must_use]
-    pub fn with_shaft(self, shaft: f64) -> Self {
-        Self { shaft, ..self }
-    }
-
-    /// Sets [`Instrument::wrist`], metres.
-    #[must_use]
-    pub fn with_wrist(self, wrist: f64) -> Self {
-        Self { wrist, ..self }
-    }
-
-    /// Sets [`Instrument::jaw`], metres.
-    #[must_use]
-    pub fn with_jaw(self, jaw: f64) -> Self {
-        Self { jaw, ..self }
-    }
 }
 
 /// The kinematics of one arm with one instrument: lengths, joint limits, checked once.

@@ -4,6 +4,7 @@
 //! contains(camera_from_tip)  ⇔  inverse(rcm_from_camera · camera_from_tip · TransZ(−jaw)) exists, margins kept
 //! ```
 
+use derive_setters::Setters;
 use nalgebra::Isometry3;
 
 use super::{Joint, Kinematics, RcmFromTip, Reach, Unreachable, check_pose};
@@ -11,7 +12,8 @@ use crate::Error;
 
 /// Distances that planned poses keep from limits and singularities. The robot silently clips joint values at their
 /// limits, so the defaults are larger than the error of a calibration.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct SafetyMargins {
@@ -42,24 +44,6 @@ impl SafetyMargins {
         length: 0.0,
         wrist: 0.0,
     };
-
-    /// Sets [`SafetyMargins::angle`], radians.
-    #[must_use]
-    pub fn with_angle(self, angle: f64) -> Self {
-        Self { angle, ..self }
-    }
-
-    /// Sets [`SafetyMargins::length`], metres.
-    #[must_use]
-    pub fn with_length(self, length: f64) -> Self {
-        Self { length, ..self }
-    }
-
-    /// Sets [`SafetyMargins::wrist`], radians.
-    #[must_use]
-    pub fn with_wrist(self, wrist: f64) -> Self {
-        Self { wrist, ..self }
-    }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
         let values = [self.angle, self.length, self.wrist];

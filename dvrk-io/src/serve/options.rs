@@ -1,5 +1,6 @@
 //! Options of a served arm.
 
+use derive_setters::Setters;
 use std::time::Duration;
 
 use nalgebra::Isometry3;
@@ -9,7 +10,8 @@ use crate::arm::{Dialect, ReferenceFromRcm};
 use crate::kinematics::Kinematics;
 
 /// Options of a served arm.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct ServeOptions {
@@ -49,30 +51,5 @@ impl Default for ServeOptions {
             homing: Duration::from_secs(1),
             period: Duration::from_millis(10),
         }
-    }
-}
-
-macro_rules! setters {
-    ($($with:ident $field:ident: $kind:ty;)*) => {$(
-        #[doc = concat!("Sets [`ServeOptions::", stringify!($field), "`].")]
-        #[must_use]
-        pub fn $with(self, $field: $kind) -> Self {
-            Self { $field, ..self }
-        }
-    )*};
-}
-
-impl ServeOptions {
-    setters! {
-        with_kinematics kinematics: Kinematics;
-        with_dialect dialect: Dialect;
-        with_reference_from_rcm reference_from_rcm: ReferenceFromRcm;
-        with_reference reference: Option<String>;
-        with_joints joints: [f64; 6];
-        with_jaw jaw: f64;
-        with_jaw_range jaw_range: [f64; 2];
-        with_powering powering: Duration;
-        with_homing homing: Duration;
-        with_period period: Duration;
     }
 }

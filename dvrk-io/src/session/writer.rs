@@ -3,6 +3,7 @@
 //! Each chunk of the file is written in one piece and never changed afterwards, and one is closed before every
 //! cloud: the file is a valid beginning of an MCAP file at any time.
 
+use derive_setters::Setters;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -31,21 +32,14 @@ const CHUNK_BYTES: usize = 1 << 20;
 const CHUNK_NANOSECONDS: u64 = 1_000_000_000;
 
 /// Options for writing a session.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Setters)]
+#[setters(prefix = "with_")]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub struct WriterOptions {
     /// Compression of chunks. Default: none. Each chunk contains one cloud, so at most one cloud is
     /// compressed together.
     pub compression: Compression,
-}
-
-impl WriterOptions {
-    /// The same options with this compression.
-    #[must_use]
-    pub fn with_compression(self, compression: Compression) -> Self {
-        Self { compression }
-    }
 }
 
 /// Writes a session, message by message. Stamps are in seconds; everything is in the camera frame, except that with a moving

@@ -1,6 +1,7 @@
 //! Settings of the baseline.
 
 use crate::Error;
+use derive_setters::Setters;
 
 /// How a point of the warped surface is matched to the observed surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -14,7 +15,8 @@ pub enum Association {
 
 /// Settings of [`DynamicFusion`](super::DynamicFusion). The defaults performed best of those tried on recorded sessions; the README of the workspace
 /// lists the others.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct DynamicFusionOptions {
     /// Spacing of the vertices of the model, m; the same as in the reconstruction that it is compared with.
@@ -72,82 +74,6 @@ impl DynamicFusionOptions {
             iterations: 8,
             weight: [0.3, 60.0],
             grip_radius: 0.0,
-        }
-    }
-
-    /// The same options with voxels of this edge and this truncation distance, m, and these least and largest weights of a voxel.
-    #[must_use]
-    pub fn with_volume(self, voxel: f64, truncation: f64, weight: [f64; 2]) -> Self {
-        Self {
-            voxel,
-            truncation,
-            weight,
-            ..self
-        }
-    }
-
-    /// The same options with this distance between nodes, m; `influence` and `reach` are in node distances.
-    #[must_use]
-    pub fn with_nodes(self, nodes: f64, influence: f64, reach: f64) -> Self {
-        Self {
-            nodes,
-            influence,
-            reach,
-            ..self
-        }
-    }
-
-    /// The same options with this number of coarser levels and this ratio between their node distances.
-    #[must_use]
-    pub fn with_hierarchy(self, levels: usize, coarsening: f64) -> Self {
-        Self {
-            levels,
-            coarsening,
-            ..self
-        }
-    }
-
-    /// The same options with this weight of the rigidity term and this scale of its penalty, m.
-    #[must_use]
-    pub fn with_rigidity(self, rigidity: f64, huber: f64) -> Self {
-        Self {
-            rigidity,
-            huber,
-            ..self
-        }
-    }
-
-    /// The same options with these scales of the data penalty in the first and in the last iteration, m.
-    #[must_use]
-    pub fn with_tukey(self, tukey: [f64; 2]) -> Self {
-        Self { tukey, ..self }
-    }
-
-    /// The same options with this way of matching surface points.
-    #[must_use]
-    pub fn with_association(self, association: Association) -> Self {
-        Self {
-            association,
-            ..self
-        }
-    }
-
-    /// The same options with these numbers of iterations: with one motion for all nodes, and with one for each.
-    #[must_use]
-    pub fn with_iterations(self, rigid_iterations: usize, iterations: usize) -> Self {
-        Self {
-            rigid_iterations,
-            iterations,
-            ..self
-        }
-    }
-
-    /// The same options with surface points within this distance of a closing jaw moved with it, m; 0 moves none.
-    #[must_use]
-    pub fn with_grip_radius(self, grip_radius: f64) -> Self {
-        Self {
-            grip_radius,
-            ..self
         }
     }
 

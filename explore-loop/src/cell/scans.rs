@@ -5,6 +5,7 @@
 //! cloud or depth image ────────────────────┴─► find_object ─► points of the object
 //! ```
 
+use derive_setters::Setters;
 use dvrk_io::depth::{Capsule, LengthUnit, UnitSource};
 use dvrk_io::kinematics::Kinematics;
 use dvrk_io::session::{ArmSample, Frame, RecordedScan, Role, Scans, Skipped};
@@ -27,7 +28,8 @@ pub struct RecordedArm {
 }
 
 /// Prior knowledge about a recording.
-#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct ScanOptions {
     /// The arms in view. Default: none.
@@ -48,30 +50,6 @@ impl Default for ScanOptions {
             arm_clearance: 0.005,
             seed: None,
         }
-    }
-}
-
-impl ScanOptions {
-    /// Sets the [arms](Self::arms).
-    #[must_use]
-    pub fn with_arms(self, arms: Vec<RecordedArm>, arm_clearance: f64) -> Self {
-        Self {
-            arms,
-            arm_clearance,
-            ..self
-        }
-    }
-
-    /// Sets the [table](Self::table).
-    #[must_use]
-    pub fn with_table(self, table: Option<Plane>) -> Self {
-        Self { table, ..self }
-    }
-
-    /// Sets the [point of the object](Self::seed).
-    #[must_use]
-    pub fn with_seed(self, seed: Option<Point3<f64>>) -> Self {
-        Self { seed, ..self }
     }
 }
 

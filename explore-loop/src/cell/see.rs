@@ -40,9 +40,11 @@ impl Eye {
     /// `arm_clearance`: points within this distance of an arm are removed with it, metres; `seed`: a point on or next to the object.
     pub fn new(table: Option<Plane>, arm_clearance: f64, seed: Option<Point3<f64>>) -> Self {
         let options = ObjectOptions::default()
-            .with_clearances(TABLE_CLEARANCE, arm_clearance)
+            .with_table_clearance(TABLE_CLEARANCE)
+            .with_arm_clearance(arm_clearance)
             .with_voxel(VOXEL)
-            .with_parts(GAP, 4);
+            .with_gap(GAP)
+            .with_support(4);
         Self {
             options,
             table,
@@ -66,7 +68,7 @@ impl Eye {
     pub fn look(&mut self, scan: &Scan, arms: &[Capsule]) -> Result<Seen, Error> {
         let mut options = self.options;
         if let Some(table) = &self.table {
-            options = options.with_table(table.normal, table.offset);
+            options = options.with_table((table.normal, table.offset));
         }
         let near = self.seed.map(|seed| options.with_seed_point(seed));
         for options in [near, Some(options)].into_iter().flatten() {

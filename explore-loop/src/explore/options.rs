@@ -2,10 +2,11 @@
 
 use super::{Bounds, Limits};
 use crate::canonical::genus::Genus;
-use crate::setters::setters;
+use derive_setters::Setters;
 
 /// Options of an exploration.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct ExploreOptions {
     /// Spacing ε of the model, metres.
@@ -42,27 +43,6 @@ pub struct ExploreOptions {
     pub lag: f64,
     /// Longest time to wait for an arm, seconds. Default 5.
     pub arrival: f64,
-}
-
-setters! {
-    ExploreOptions {
-        with_spacing spacing: f64,
-        with_genus genus: Genus,
-        with_closed_by closed_by: ClosedBy,
-        with_limits limits: Limits,
-        with_steady_speed steady_speed: bool,
-        with_max_manipulations max_manipulations: usize,
-        with_max_misses max_misses: usize,
-        with_max_recoveries max_recoveries: usize,
-        with_look_frames look_frames: usize,
-        with_settle_frames settle_frames: usize,
-        with_set_down set_down: f64,
-        with_doubt doubt: usize,
-        with_patience patience: usize,
-        with_blind_frames blind_frames: usize,
-        with_lag lag: f64,
-        with_arrival arrival: f64,
-    }
 }
 
 /// Criterion for a closed surface.

@@ -24,10 +24,11 @@
 //! nothing is reported; completeness reports the missing sheet. A layer within 1 mm of another is not detected.
 
 use super::{Crossing, Sample, Sampling, Surface};
-use crate::setters::setters;
+use derive_setters::Setters;
 
 /// Options for counting sheets.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct DoubledOptions {
     /// Distance along the normal, on either side, within which sheets of the mesh are counted, metres. Default 0.02: misplaced layers on an
@@ -40,15 +41,6 @@ pub struct DoubledOptions {
     pub apart: f64,
     /// Least cosine between the normals for a sheet of the mesh to face the same way. Default 0.5.
     pub facing: f64,
-}
-
-setters! {
-    DoubledOptions {
-        with_reach reach: f64,
-        with_margin margin: f64,
-        with_apart apart: f64,
-        with_facing facing: f64,
-    }
 }
 
 impl Default for DoubledOptions {

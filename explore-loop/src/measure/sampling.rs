@@ -7,8 +7,11 @@
 //! Every triangle gets its share of the samples to within one, and within a triangle the samples cover it evenly: the error of
 //! a mean falls nearly as 1/n instead of 1/√n. The seed sets `u₀` and `s`.
 
+use derive_setters::Setters;
+
 /// The number of samples, and their seed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct Sampling {
     /// Number of samples on each surface. Default 6,000, with an error of a few parts in ten thousand for a share of the area.
@@ -27,18 +30,6 @@ impl Default for Sampling {
 }
 
 impl Sampling {
-    /// The same with this number of samples; at least one is taken.
-    #[must_use]
-    pub fn with_count(self, count: usize) -> Self {
-        Self { count, ..self }
-    }
-
-    /// The same with another seed.
-    #[must_use]
-    pub fn with_seed(self, seed: u64) -> Self {
-        Self { seed, ..self }
-    }
-
     /// The positions of the samples: in the cumulative area, and in the triangle (both in 0..1).
     pub(super) fn positions(self) -> impl Iterator<Item = (f64, [f64; 2])> {
         /// The plastic number, which the R₂ sequence is based on.

@@ -132,7 +132,8 @@ impl Landmarks {
         };
         let options = FeatureOptions::default()
             .with_motion(AGAIN)
-            .with_bits(AGAIN_BITS.0, AGAIN_BITS.1);
+            .with_most_different(AGAIN_BITS.0)
+            .with_ratio(AGAIN_BITS.1);
         for pair in match_features(&features(&lost), &features(&free), &options) {
             let (feature, found) = free[pair.b];
             let landmark = &mut self.all[lost[pair.a].0];

@@ -1,10 +1,11 @@
 //! Options of the reconstruction.
 
-use crate::setters::setters;
+use derive_setters::Setters;
 use topo_ekf::body::{BodyOptions, Limits};
 
 /// Options of the reconstruction; the defaults follow from the spacing.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[derive(serde::Serialize, serde::Deserialize)]
 pub struct ReconstructOptions {
@@ -37,24 +38,6 @@ pub struct ReconstructOptions {
     pub fusion_rounds: usize,
     /// Use of colour features, if the camera has them.
     pub features: ColourFeatures,
-}
-
-setters! {
-    ReconstructOptions {
-        with_spacing spacing: f64,
-        with_cell cell: f64,
-        with_grip_radius grip_radius: f64,
-        with_min_facing min_facing: f64,
-        with_rest_motion rest_motion: f64,
-        with_keyframe_motion keyframe_motion: f64,
-        with_limits limits: Limits,
-        with_body body: BodyOptions,
-        with_separation separation: Option<f64>,
-        with_material material: Material,
-        with_hollow hollow: Option<f64>,
-        with_fusion_rounds fusion_rounds: usize,
-        with_features features: ColourFeatures,
-    }
 }
 
 /// Use of the colour features of an observation.

@@ -1,11 +1,11 @@
 //! Input and result of a frame of the body filter.
 
+use derive_setters::Setters;
 use nalgebra::{Point3, Vector3};
 
 use super::lattice::{Embedding, Lattice};
 use super::row::BodyInequality;
 use crate::graph::usable_point;
-use crate::setters::setters;
 use crate::{Error, Status};
 
 /// Progress of the steps of a frame.
@@ -19,7 +19,8 @@ pub struct Progress {
 }
 
 /// Plausibility limits of a frame; a step beyond them is undone and returns [`Error::Beyond`].
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Limits {
@@ -41,14 +42,6 @@ impl Default for Limits {
             fall: f64::INFINITY,
             pull: f64::INFINITY,
         }
-    }
-}
-
-setters! {
-    Limits {
-        with_motion motion: f64,
-        with_fall fall: f64,
-        with_pull pull: f64,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Options of the body filter, with the reasons for their defaults.
 
 use crate::Error;
-use crate::setters::setters;
+use derive_setters::Setters;
 
 /// Stiffness, weight, friction, numbers of steps. Lengths in metres, weights in 1/m².
 ///
@@ -10,7 +10,8 @@ use crate::setters::setters;
 /// let options = BodyOptions::default().with_poisson_ratio(0.3);
 /// assert_eq!(options.steps, 4);
 /// ```
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BodyOptions {
@@ -91,29 +92,6 @@ impl Default for BodyOptions {
             initial_weight: 0.7,
             initial_weight_sigma: 0.5,
         }
-    }
-}
-
-setters! {
-    BodyOptions {
-        with_stiffness stiffness: f64,
-        with_poisson_ratio poisson_ratio: f64,
-        with_motion_sigma motion_sigma: f64,
-        with_momentum momentum: f64,
-        with_grip_sigma grip_sigma: f64,
-        with_contact_sigma contact_sigma: f64,
-        with_stick_sigma stick_sigma: f64,
-        with_friction friction: f64,
-        with_touch touch: f64,
-        with_table table: Table,
-        with_steps steps: usize,
-        with_presteps presteps: usize,
-        with_release_steps release_steps: usize,
-        with_release_frames release_frames: usize,
-        with_release_stiffness release_stiffness: f64,
-        with_tolerance tolerance: f64,
-        with_initial_weight initial_weight: f64,
-        with_initial_weight_sigma initial_weight_sigma: f64,
     }
 }
 

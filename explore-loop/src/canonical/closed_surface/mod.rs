@@ -30,8 +30,8 @@
 //! [`ClosedSurface::bare`] does not show the gap. A second sheet less than half a spacing away cannot be told from noise.
 
 use super::genus::{CONTACT, Genus, Handles};
-use crate::setters::setters;
 use corners::Corners;
+use derive_setters::Setters;
 use nalgebra::{Point3, UnitVector3};
 use samples::Samples;
 
@@ -56,7 +56,8 @@ pub(crate) use isosurface::extract_where;
 pub use unseen::Unseen;
 
 /// Settings of [`closed_surface`].
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct ClosedSurfaceOptions {
     /// Distance between neighbouring points, m.
@@ -77,18 +78,6 @@ pub struct ClosedSurfaceOptions {
     pub contact: f64,
     /// How many handles the object has, if that is known: only the others can be contacts.
     pub genus: Genus,
-}
-
-setters! {
-    ClosedSurfaceOptions {
-        with_spacing spacing: f64,
-        with_grid grid: f64,
-        with_reach reach: f64,
-        with_edge edge: f64,
-        with_handle handle: f64,
-        with_contact contact: f64,
-        with_genus genus: Genus,
-    }
 }
 
 impl ClosedSurfaceOptions {

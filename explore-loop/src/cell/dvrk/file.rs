@@ -168,7 +168,8 @@ impl CellFile {
         };
         let arms = self.arm.iter().map(recorded).collect::<Result<_, _>>()?;
         Ok(ScanOptions::default()
-            .with_arms(arms, self.camera.arm_clearance.get())
+            .with_arms(arms)
+            .with_arm_clearance(self.camera.arm_clearance.get())
             .with_table(self.table.map(|table| table.plane())))
     }
 

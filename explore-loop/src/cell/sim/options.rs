@@ -1,14 +1,15 @@
 //! Options of a simulated cell, with their defaults.
 
+use derive_setters::Setters;
 use nalgebra::Point3;
 
 use super::realsense::StereoOptions;
 use super::sway::Sway;
 use super::{Scene, SimError};
-use crate::setters::setters;
 
 /// The material of the object.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct Material {
     /// Young's modulus, Pa. At 1000 kg/m³ and 0.2 m, 3 kPa is very soft and 30 kPa like a thick woollen cap.
@@ -35,16 +36,6 @@ impl Default for Material {
     }
 }
 
-setters! {
-    Material {
-        with_young young: f64,
-        with_poisson poisson: f64,
-        with_density density: f64,
-        with_friction friction: f64,
-        with_damping damping: f64,
-    }
-}
-
 impl Material {
     fn check(&self) -> Result<(), SimError> {
         within("young", self.young, 100.0, 1e7, "100 Pa to 10 MPa")?;
@@ -57,7 +48,8 @@ impl Material {
 }
 
 /// A pinhole depth camera above the centre of the table: fixed and looking straight down, or swinging about it.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct CameraOptions {
     /// Width of the image, pixels.
@@ -124,21 +116,6 @@ impl Default for CameraOptions {
     }
 }
 
-setters! {
-    CameraOptions {
-        with_width width: usize,
-        with_height height: usize,
-        with_focal focal: f64,
-        with_above_table above_table: f64,
-        with_rate rate: f64,
-        with_noise noise: f64,
-        with_pixel_stride pixel_stride: usize,
-        with_sway sway: Option<Sway>,
-        with_model model: CameraModel,
-        with_features features: Option<usize>,
-    }
-}
-
 impl CameraOptions {
     fn check(&self) -> Result<(), SimError> {
         let (width, height) = (self.width as f64, self.height as f64);
@@ -172,7 +149,8 @@ impl CameraOptions {
 }
 
 /// The box between the jaws, in the tip frame: what lies in it when the jaw closes is held.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct JawOptions {
     /// Half the width of a finger, along x, metres.
@@ -196,15 +174,6 @@ impl Default for JawOptions {
     }
 }
 
-setters! {
-    JawOptions {
-        with_half_width half_width: f64,
-        with_half_opening half_opening: f64,
-        with_behind behind: f64,
-        with_before before: f64,
-    }
-}
-
 impl JawOptions {
     fn check(&self) -> Result<(), SimError> {
         for value in [self.half_width, self.half_opening, self.behind, self.before] {
@@ -215,7 +184,8 @@ impl JawOptions {
 }
 
 /// Resolution of the physics.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct Fidelity {
     /// Approximate number of tetrahedra.
@@ -239,15 +209,6 @@ impl Default for Fidelity {
     }
 }
 
-setters! {
-    Fidelity {
-        with_tetrahedra tetrahedra: usize,
-        with_step step: f64,
-        with_substeps substeps: usize,
-        with_self_contact self_contact: bool,
-    }
-}
-
 impl Fidelity {
     fn check(&self) -> Result<(), SimError> {
         let tetrahedra = self.tetrahedra as f64;
@@ -268,7 +229,8 @@ pub enum ArmModel {
 }
 
 /// A simulated cell.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct SimOptions {
     /// The scene on the table.
@@ -292,21 +254,6 @@ pub struct SimOptions {
     pub fidelity: Fidelity,
     /// Largest speed of a tip, m/s.
     pub max_speed: f64,
-}
-
-setters! {
-    SimOptions {
-        with_scene scene: Scene,
-        with_arms arms: usize,
-        with_arm_model arm_model: ArmModel,
-        with_seed seed: u64,
-        with_seed_point seed_point: Option<Point3<f64>>,
-        with_material material: Material,
-        with_camera camera: CameraOptions,
-        with_jaw jaw: JawOptions,
-        with_fidelity fidelity: Fidelity,
-        with_max_speed max_speed: f64,
-    }
 }
 
 impl SimOptions {

@@ -15,15 +15,16 @@
 //!   between the nearest and the farthest of them;
 //! - **has its own clock**: frames come at 29.97 Hz independently of the loop, which gets the newest of them ([`FrameClock`]).
 
+use derive_setters::Setters;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::SimError;
 use super::options::within;
-use crate::setters::setters;
 
 /// Parameters of an active stereo camera.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, Setters)]
+#[setters(prefix = "with_")]
 #[non_exhaustive]
 pub struct StereoOptions {
     /// Distance between the imagers, metres.
@@ -57,19 +58,6 @@ impl Default for StereoOptions {
             mixed: 0.5,
             rate: 29.97,
         }
-    }
-}
-
-setters! {
-    StereoOptions {
-        with_baseline baseline: f64,
-        with_disparity_noise disparity_noise: f64,
-        with_disparity_step disparity_step: f64,
-        with_unit unit: f64,
-        with_grazing grazing: [f64; 2],
-        with_dropped dropped: f64,
-        with_mixed mixed: f64,
-        with_rate rate: f64,
     }
 }
 

@@ -49,10 +49,12 @@ impl Segmenter {
         Ok(Self {
             camera: Intrinsics::new(camera.width, camera.height, [camera.focal; 2], center)?,
             options: ObjectOptions::default()
-                .with_table(table.normal, table.offset)
-                .with_clearances(CLEARANCE, CLEARANCE)
+                .with_table((table.normal, table.offset))
+                .with_table_clearance(CLEARANCE)
+                .with_arm_clearance(CLEARANCE)
                 .with_voxel(VOXEL)
-                .with_parts(GAP, 4),
+                .with_gap(GAP)
+                .with_support(4),
             seed,
             camera_from_rest: Isometry3::identity(),
         })
@@ -93,7 +95,7 @@ impl Segmenter {
     /// Sets the pose of a moving camera relative to its rest pose, and the table in its frame.
     pub fn look_from(&mut self, camera_from_rest: &Isometry3<f64>, table: &Plane) {
         let table = table.carried(camera_from_rest);
-        self.options = self.options.with_table(table.normal, table.offset);
+        self.options = self.options.with_table((table.normal, table.offset));
         // The seed is stored in the frame of the rest pose.
         self.camera_from_rest = *camera_from_rest;
     }
