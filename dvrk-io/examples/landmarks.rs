@@ -59,23 +59,19 @@ fn landmarks(arguments: &Arguments) -> Result<ExitCode, Failure> {
         let (a, b) = (seen(0.0, 1)?, seen(degrees.to_radians(), 2)?);
         let pairs = landmark_pairs(&a, &b, &options);
         let motion = pose(degrees.to_radians()) * pose(0.0).inverse();
-        let errors = pairs
-            .a
-            .iter()
-            .zip(&pairs.b)
-            .map(|(a, b)| (motion * a - b).norm());
+        let errors = pairs.iter().map(|pair| (motion * pair.a - pair.b).norm());
         let right: Vec<f64> = errors.filter(|error| *error < 0.003).collect();
-        let share = right.len() as f64 / pairs.a.len().max(1) as f64;
+        let share = right.len() as f64 / pairs.len().max(1) as f64;
         let error = right.iter().sum::<f64>() / right.len().max(1) as f64;
         turns.push(json!({
-            "degrees": degrees, "features": a.len(), "pairs": pairs.a.len(),
+            "degrees": degrees, "features": a.len(), "pairs": pairs.len(),
             "within_3mm": share, "error_m": error,
         }));
         writeln!(
             words,
             "{degrees:>18}°   {:>8}   {:>5}   {:>9.0} %   {:.2} mm",
             a.len(),
-            pairs.a.len(),
+            pairs.len(),
             100.0 * share,
             1e3 * error
         )?;

@@ -55,14 +55,12 @@ fn score(body: Body, to: &Isometry3<f64>, paint: &Paint, options: &FeatureOption
     let pairs = landmark_pairs(&a, &b, options);
     let motion = to * before().inverse();
     let mut errors: Vec<f64> = pairs
-        .a
         .iter()
-        .zip(&pairs.b)
-        .map(|(a, b)| (motion * a - b).norm())
+        .map(|pair| (motion * pair.a - pair.b).norm())
         .filter(|error| *error < 0.003)
         .collect();
     errors.sort_by(f64::total_cmp);
-    let count = pairs.a.len();
+    let count = pairs.len();
     let score = Score {
         pairs: count,
         right: errors.len() as f64 / count.max(1) as f64,

@@ -24,16 +24,16 @@ pub struct FeatureMatch {
     pub confidence: f64,
 }
 
-/// Corresponding points of a surface in two frames.
-#[derive(Debug, Clone, Default, PartialEq)]
+/// A point of a surface in two frames.
+#[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct LandmarkPairs {
-    /// Positions in frame A, camera frame, metres.
-    pub a: Vec<Point3<f64>>,
-    /// Positions in frame B.
-    pub b: Vec<Point3<f64>>,
-    /// Confidence of each pair, above 0, at most 1.
-    pub confidence: Vec<f64>,
+pub struct LandmarkPair {
+    /// Position in frame A, camera frame, metres.
+    pub a: Point3<f64>,
+    /// Position in frame B.
+    pub b: Point3<f64>,
+    /// Confidence of the match, above 0, at most 1.
+    pub confidence: f64,
 }
 
 /// Matches the features of two frames; the result does not depend on the order of the features.
@@ -70,16 +70,19 @@ pub fn match_features(a: &[Feature], b: &[Feature], options: &FeatureOptions) ->
 /// let found = match_features(&a, &b, &options);
 /// assert_eq!(found.iter().map(|m| (m.a, m.b)).collect::<Vec<_>>(), [(0, 1), (1, 0)]);
 /// let pairs = landmark_pairs(&a, &b, &options);
-/// assert!(pairs.a.iter().zip(&pairs.b).all(|(a, b)| (b.x - a.x - 0.005).abs() < 1e-12));
-/// assert_eq!(pairs.confidence, [1.0, 1.0]);
+/// assert_eq!(pairs.len(), 2);
+/// assert!(pairs.iter().all(|p| (p.b.x - p.a.x - 0.005).abs() < 1e-12 && p.confidence == 1.0));
 /// ```
-pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) -> LandmarkPairs {
-    let matches = match_features(a, b, options);
-    LandmarkPairs {
-        a: matches.iter().map(|m| a[m.a].point).collect(),
-        b: matches.iter().map(|m| b[m.b].point).collect(),
-        confidence: matches.iter().map(|m| m.confidence).collect(),
-    }
+pub fn landmark_pairs(a: &[Feature], b: &[Feature], options: &FeatureOptions) -> Vec<LandmarkPair> {
+    let pair = |found: FeatureMatch| LandmarkPair {
+        a: a[found.a].point,
+        b: b[found.b].point,
+        confidence: found.confidence,
+    };
+    match_features(a, b, options)
+        .into_iter()
+        .map(pair)
+        .collect()
 }
 
 /// For each of `from` the best of `to`, if it is unambiguous, and its confidence.

@@ -27,7 +27,7 @@ mod orientation;
 pub use brief::Descriptor;
 pub use grey::GreyImage;
 pub use lift::{Feature, Surface, lift};
-pub use matching::{FeatureMatch, LandmarkPairs, landmark_pairs, match_features};
+pub use matching::{FeatureMatch, LandmarkPair, landmark_pairs, match_features};
 pub use options::FeatureOptions;
 
 /// A corner of an image with its descriptor.
