@@ -4,7 +4,7 @@
 //! starts    identity, and N rotations spread evenly over SO(3) (super-Fibonacci spirals), centroid on centroid
 //! descend   from each: trimmed point-to-plane ICP on a few hundred points, gates from a third of the extent downwards
 //! score     Σ (1 − d²/g²)₊ over source points whose normals agree with their match, both ways, g two point spacings
-//! refine    the best few on more points; the best of them is the answer
+//! refine    the best few that differ on more points; the best of them is the answer
 //! ```
 //!
 //! Plain ICP slides along smooth surfaces. The step is damped by the spread of the cloud, so that motions which the matches do not determine
@@ -35,11 +35,13 @@ const REFINED: usize = 6;
 const REFINING: i32 = 30;
 /// Share of the matches kept, those with the smallest distances.
 const TRIM: f64 = 0.8;
+/// Two motions are the same if they differ by less than this, in radians and in root mean square distances from the centre.
+const SAME: f64 = 0.15;
 /// Smallest cosine between the normals of a match.
 const COSINE: f64 = 0.6;
 
-/// A rigid motion and how well it fits.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A rigid motion and how well it fits; by default none, with no overlap.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Alignment {
     /// Takes source points to the target.
@@ -89,6 +91,36 @@ impl Alignment {
 /// # Ok::<(), nonrigid_reg::Error>(())
 /// ```
 pub fn align_rigid(source: &Cloud, target: &Cloud) -> Result<Alignment, Error> {
+    let best = rigid_alignments(source, target)?.into_iter().next();
+    Ok(best.unwrap_or_default())
+}
+
+/// Rigid motions from `source` to `target` that fit well and differ from one another, best first: up to six, at least one.
+///
+/// Where the clouds share only part of their surface, or the shape is nearly symmetric, the right motion need not be the first; knowledge that is
+/// not in the clouds (what would hide what, where the table is) can then decide. [`align_rigid`] returns the first.
+///
+/// # Errors
+/// Those of [`align_rigid`].
+///
+/// # Complexity
+/// That of [`align_rigid`].
+///
+/// ```
+/// use nalgebra::{Point3, Vector3};
+/// use nonrigid_reg::{Cloud, estimate_normals, rigid_alignments};
+/// // A rectangular plate fits onto itself turned by half a turn, too.
+/// let plate: Vec<_> = (0..800)
+///     .map(|k| Point3::new(f64::from(k % 40) * 0.004, f64::from(k / 40) * 0.004, 0.0))
+///     .collect();
+/// let normals = estimate_normals(&plate, 10, &Point3::new(0.08, 0.04, 1.0))?;
+/// let cloud = Cloud { points: &plate, normals: &normals };
+/// let found = rigid_alignments(&cloud, &cloud)?;
+/// let turns: Vec<f64> = found.iter().map(|a| a.target_from_source.rotation.angle()).collect();
+/// assert!(turns[0] < 0.05 && turns.iter().any(|turn| *turn > 3.1));
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
+pub fn rigid_alignments(source: &Cloud, target: &Cloud) -> Result<Vec<Alignment>, Error> {
     check_cloud("source", source)?;
     check_cloud("target", target)?;
     let (coarse_source, coarse_target) =
@@ -96,23 +128,77 @@ pub fn align_rigid(source: &Cloud, target: &Cloud) -> Result<Alignment, Error> {
     let extent = coarse_source.spread.max(coarse_target.spread);
     let starts = starts(&coarse_source, &coarse_target);
     let gates = [0.7, 0.5, 0.35, 0.25, 0.2, 0.15, 0.12, 0.1].map(|share| share * extent);
-    let mut found: Vec<(f64, Isometry3<f64>)> = each(starts.len(), |k| {
+    let found = each(starts.len(), |k| {
         let pose = descend(&coarse_source, &coarse_target, starts[k], &gates);
         (score(&coarse_source, &coarse_target, &pose), pose)
     });
-    // The sort is stable: among equals the earliest start comes first, the identity before all.
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let (fine_source, fine_target) = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
+    let fine = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
+    let starts = distinct(found, &coarse_source).into_iter().take(REFINED);
+    Ok(refined(&fine, starts.map(|(_, pose)| pose).collect()))
+}
+
+/// The rigid motions nearest to these `starts` that fit well, best first; those that become the same are given once. For starts that the caller knows
+/// more about than the clouds do.
+///
+/// # Errors
+/// Those of [`align_rigid`].
+///
+/// # Complexity
+/// Thirty steps on 600 points for each start, plus `O(n log n)`.
+///
+/// ```
+/// use nalgebra::{Isometry3, Point3, Vector3};
+/// use nonrigid_reg::{Cloud, estimate_normals, refine_rigid};
+/// let place = |k: i32| (f64::from(k % 40) * 0.003, f64::from(k / 40) * 0.003);
+/// let bumpy = |(x, y): (f64, f64)| Point3::new(x, y, 0.006 * (70.0 * x).sin() + 0.008 * (40.0 * x + 90.0 * y).cos());
+/// let points: Vec<_> = (0..1600).map(|k| bumpy(place(k))).collect();
+/// let normals = estimate_normals(&points, 10, &Point3::new(0.06, 0.06, 1.0))?;
+/// let cloud = Cloud { points: &points, normals: &normals };
+/// let near = Isometry3::new(Vector3::new(0.003, -0.002, 0.004), Vector3::new(0.03, 0.02, -0.04));
+/// let found = refine_rigid(&cloud, &cloud, &[near])?;
+/// assert!((found[0].target_from_source * points[0] - points[0]).norm() < 0.001);
+/// # Ok::<(), nonrigid_reg::Error>(())
+/// ```
+pub fn refine_rigid(
+    source: &Cloud,
+    target: &Cloud,
+    starts: &[Isometry3<f64>],
+) -> Result<Vec<Alignment>, Error> {
+    check_cloud("source", source)?;
+    check_cloud("target", target)?;
+    let fine = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
+    Ok(refined(&fine, starts.to_vec()))
+}
+
+fn refined((source, target): &(Thin, Thin), starts: Vec<Isometry3<f64>>) -> Vec<Alignment> {
+    let extent = source.spread.max(target.spread);
     let gates: Vec<f64> = (0..REFINING)
         .map(|k| extent * (0.15 * 0.85_f64.powi(k)).max(0.04))
         .collect();
-    let refined = found.iter().take(REFINED).map(|(_, pose)| {
-        let pose = descend(&fine_source, &fine_target, *pose, &gates);
-        (score(&fine_source, &fine_target, &pose), pose)
+    let found = each(starts.len(), |k| {
+        let pose = descend(source, target, starts[k], &gates);
+        (score(source, target, &pose), pose)
     });
-    let rest = (0.0, Isometry3::identity());
-    let (_, best) = refined.fold(rest, |best, next| if next.0 > best.0 { next } else { best });
-    Ok(judge(&fine_source, &fine_target, best))
+    let kept = distinct(found, source).into_iter();
+    kept.map(|(_, pose)| judge(source, target, pose)).collect()
+}
+
+/// The poses with their scores, best first, without those that differ from a better one by less than [`SAME`].
+fn distinct(mut found: Vec<(f64, Isometry3<f64>)>, source: &Thin) -> Vec<(f64, Isometry3<f64>)> {
+    // The sort is stable: among equals the earliest start comes first, the identity before all.
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut kept: Vec<(f64, Isometry3<f64>)> = Vec::new();
+    for (score, pose) in found {
+        let near = |other: &Isometry3<f64>| {
+            let between = other.inverse() * pose;
+            let shift = (between * source.centre - source.centre).norm();
+            shift < SAME * source.spread && between.rotation.angle() < SAME
+        };
+        if !kept.iter().any(|(_, other)| near(other)) {
+            kept.push((score, pose));
+        }
+    }
+    kept
 }
 
 /// A down-sampled cloud with its search tree.

@@ -2,22 +2,18 @@
 //!
 //! ```text
 //! stop ─► wait for a frame ─► lower from here ─► open ─► (home, look) ─► does the last frame fit?
-//!                                                                         │ no: argmax over rigid T of the overlap of T · model with the cloud
+//!                                                                         │ no: where may it be? ([`crate::reconstruct::locate`])
 //!                                                                         └► move the model there, look again
 //! ```
-//!
-//! First the recently seen part is aligned, then the whole model: the body may lie on another side.
 
 use super::{Event, Explorer, Halt, Mode, State, Stop, Trouble};
 use crate::Error;
-use nalgebra::{Isometry3, Point3, UnitVector3};
+use crate::reconstruct::locate::locate;
+use nalgebra::Isometry3;
 
-/// Share of the vertices that must match the cloud when a body is found again: about half of a closed body faces the camera.
-const FOUND: f64 = 0.3;
-/// Number of frames before the last sight of the body in which a vertex was seen recently.
-const LATELY: u32 = 5;
-/// Number of neighbours to which the normals of a cloud are fitted.
-const NEIGHBOURS: usize = 16;
+/// Least agreement of a place where the body may be, and the number of places that are tried.
+const FOUND: f64 = 0.5;
+const PLACES: usize = 3;
 
 impl Explorer<'_> {
     /// A failure of the cell ends the exploration with the present model; anything else is an error.
@@ -35,12 +31,9 @@ impl Explorer<'_> {
         }
     }
 
-    /// Searches for the body in the cloud by rigid alignment, first with the recently seen part and then with all of it, and moves the model there.
+    /// Searches for the body in the cloud, and moves the model to the place that agrees best with the frame and that the next frames confirm.
     pub(super) fn find_again(&mut self) -> Result<bool, Halt> {
-        for all in [false, true] {
-            let Some(pose) = self.aligned(all) else {
-                continue;
-            };
+        for pose in self.places() {
             self.reconstructor.relocate(&pose);
             if self.watch()? {
                 self.tell(Event::Found)?;
@@ -51,27 +44,18 @@ impl Explorer<'_> {
         Ok(false)
     }
 
-    /// Rigid motion of the live model, or of its recently seen part, to the latest cloud.
-    pub(super) fn aligned(&self, all: bool) -> Option<Isometry3<f64>> {
-        let model = self.reconstructor.model();
-        let latest = self.latest.as_ref()?;
-        let last = model.last_seen().iter().copied().max()?;
-        let lately = |i: &usize| all || model.last_seen()[*i] + LATELY >= last;
-        let kept: Vec<usize> = (0..model.len()).filter(lately).collect();
-        let points: Vec<Point3<f64>> = kept.iter().map(|&i| model.live()[i]).collect();
-        let normals: Vec<UnitVector3<f64>> = kept.iter().map(|&i| model.live_normal(i)).collect();
-        let seen_normals =
-            nonrigid_reg::estimate_normals(&latest.points, NEIGHBOURS, &latest.eye()).ok()?;
-        let cloud = nonrigid_reg::Cloud {
-            points: &latest.points,
-            normals: &seen_normals,
+    /// Motions of the live model to where the latest frame may show it, the best first.
+    pub(super) fn places(&self) -> Vec<Isometry3<f64>> {
+        let Some(latest) = &self.latest else {
+            return Vec::new();
         };
-        let body = nonrigid_reg::Cloud {
-            points: &points,
-            normals: &normals,
-        };
-        let found = nonrigid_reg::align_rigid(&body, &cloud).ok()?;
-        (found.overlap >= FOUND).then_some(found.target_from_source)
+        let (model, table) = (self.reconstructor.model(), self.cell.info().table);
+        locate(model, latest, &table, self.options.spacing)
+            .into_iter()
+            .filter(|place| place.agreement >= FOUND)
+            .map(|place| place.found_from_lost)
+            .take(PLACES)
+            .collect()
     }
 
     /// Stops, puts down the body, and decides how to continue.

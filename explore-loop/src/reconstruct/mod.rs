@@ -43,6 +43,7 @@ mod fuse;
 mod grow;
 mod keyframe;
 mod landmark;
+pub mod locate;
 mod matching;
 mod options;
 mod pieces;

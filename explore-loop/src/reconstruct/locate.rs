@@ -1,0 +1,223 @@
+//! Where is a resting body that was lost? Candidates come from its shape, and from the poses in which it can lie on the table; the camera decides.
+//!
+//! ```text
+//! candidates   rigid motions that bring the model, or the part of it that was seen lately, onto the cloud;
+//!              and of all rotations, with the lowest vertex on the table and the outline on the outline of the cloud, those that agree best
+//! agreement    s / (s + c + u) / (1 + (h/8)²)      over a pose of the model and a frame
+//!   s          vertices that face the camera and have the cloud within two spacings of them along their ray
+//!   c          vertices that the camera sees through, or outside of the outline of the cloud, or under the table
+//!   u          a quarter of the places of the cloud, one per spacing, without a vertex near
+//!   h          height of the lowest vertex above the table, in spacings
+//! ```
+//! Aligning shapes is not enough: half of a body faces the camera, part of that may never have been seen, and a dome fits onto itself in every rotation.
+//! Surface of the cloud that the model lacks counts less than surface of the model that the cloud contradicts.
+
+use crate::canonical::{CanonicalModel, graph, tangent};
+use crate::cell::{Observation, Plane};
+use crate::visibility::{DepthGrid, facing};
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
+use nonrigid_reg::{Alignment, Cloud, estimate_normals, refine_rigid, rigid_alignments};
+
+/// A vertex counts as seen lately if it was seen within this many frames before the last sight of the body.
+const LATELY: u32 = 5;
+/// Number of neighbours to which the normals of the cloud are fitted.
+const NEIGHBOURS: usize = 16;
+/// Least cosine between normal and ray of a vertex that the camera should see.
+const FACING: f64 = 0.2;
+/// Depth below the table at which a vertex contradicts a pose, in spacings.
+const SUNK: f64 = 1.5;
+/// Weight of surface that the model lacks.
+const UNKNOWN: f64 = 0.25;
+/// Height above the table, in spacings, that halves the agreement.
+const HOVERS: f64 = 8.0;
+/// Number of rotations in which the body is put onto the table, and how many of them are fitted to the cloud.
+const ROTATIONS: usize = 600;
+const FITTED: usize = 12;
+
+/// A place where the body may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Located {
+    /// Motion of the model as it was last estimated.
+    pub found_from_lost: Isometry3<f64>,
+    /// How well the frame agrees with it, 0 to 1; see the [module](self).
+    pub agreement: f64,
+}
+
+/// Places where the body may be, in the order of their agreement with a frame; empty without a model or without a cloud.
+///
+/// # Complexity
+/// Two searches for rigid alignments, some tenths of a second in all.
+pub fn locate(
+    model: &CanonicalModel,
+    seen: &Observation,
+    table: &Plane,
+    spacing: f64,
+) -> Vec<Located> {
+    let normals: Vec<UnitVector3<f64>> = (0..model.len()).map(|i| model.live_normal(i)).collect();
+    let (Some(frame), Ok(seen_normals)) = (
+        Frame::new(seen, table, spacing),
+        estimate_normals(&seen.points, NEIGHBOURS, &seen.eye()),
+    ) else {
+        return Vec::new();
+    };
+    let cloud = Cloud {
+        points: &seen.points,
+        normals: &seen_normals,
+    };
+    let body = Cloud {
+        points: model.live(),
+        normals: &normals,
+    };
+    let last = model.last_seen().iter().copied().max().unwrap_or(0);
+    let lately: Vec<usize> = (0..model.len())
+        .filter(|&i| model.last_seen()[i] + LATELY >= last)
+        .collect();
+    let points: Vec<Point3<f64>> = lately.iter().map(|&i| model.live()[i]).collect();
+    let part: Vec<UnitVector3<f64>> = lately.iter().map(|&i| normals[i]).collect();
+    let lately = Cloud {
+        points: &points,
+        normals: &part,
+    };
+    let resting = frame.resting(model.live(), &normals);
+    // Fewer than four vertices, or points, have no place of their own.
+    let alignments = [
+        rigid_alignments(&lately, &cloud),
+        rigid_alignments(&body, &cloud),
+        refine_rigid(&body, &cloud, &resting),
+    ];
+    let located = |found: Alignment| Located {
+        found_from_lost: found.target_from_source,
+        agreement: frame.agreement(model.live(), &normals, &found.target_from_source),
+    };
+    let alignments = alignments.into_iter().flat_map(Result::unwrap_or_default);
+    let mut found: Vec<Located> = alignments.map(located).collect();
+    found.sort_by(|a, b| b.agreement.total_cmp(&a.agreement));
+    found
+}
+
+/// How well a frame agrees with the model moved by a rigid motion, 0 to 1; 0 without a cloud. See the [module](self).
+pub fn agreement(
+    model: &CanonicalModel,
+    seen: &Observation,
+    table: &Plane,
+    spacing: f64,
+    found_from_lost: &Isometry3<f64>,
+) -> f64 {
+    let normals: Vec<UnitVector3<f64>> = (0..model.len()).map(|i| model.live_normal(i)).collect();
+    Frame::new(seen, table, spacing).map_or(0.0, |frame| {
+        frame.agreement(model.live(), &normals, found_from_lost)
+    })
+}
+
+/// What a frame shows of the body.
+struct Frame {
+    depth: DepthGrid,
+    eye: Point3<f64>,
+    /// The cloud, thinned to the spacing of the model.
+    places: Vec<Point3<f64>>,
+    table: Plane,
+    spacing: f64,
+}
+
+impl Frame {
+    fn new(seen: &Observation, table: &Plane, spacing: f64) -> Option<Self> {
+        Some(Self {
+            depth: DepthGrid::new(&seen.points, 0.6 * spacing, &seen.fixed_from_camera())?,
+            eye: seen.eye(),
+            places: thinned(&seen.points, spacing),
+            table: *table,
+            spacing,
+        })
+    }
+
+    /// Agreement of the frame with a model moved by `pose`.
+    fn agreement(
+        &self,
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        pose: &Isometry3<f64>,
+    ) -> f64 {
+        let moved: Vec<Point3<f64>> = points.iter().map(|p| pose * p).collect();
+        let (mut supported, mut contradicted) = (0.0, 0.0);
+        for (p, n) in moved.iter().zip(normals) {
+            let faces = facing(p, &(pose.rotation * n), &self.eye) > FACING;
+            let outside = || self.depth.nearest_seen(p, 2.0 * self.spacing).is_none();
+            match self.depth.behind(p) {
+                Some(behind) if behind < -2.0 * self.spacing => contradicted += 1.0,
+                Some(behind) if faces && behind < 2.0 * self.spacing => supported += 1.0,
+                None if outside() => contradicted += 1.0,
+                _ if self.table.height(p) < -SUNK * self.spacing => contradicted += 1.0,
+                _ => {}
+            }
+        }
+        let unknown = graph::tree(&moved).map_or(self.places.len(), |tree| {
+            let lacks = |p: &&Point3<f64>| graph::near(&tree, p, 1.5 * self.spacing, 1).is_empty();
+            self.places.iter().filter(lacks).count()
+        });
+        let all = supported + contradicted + UNKNOWN * unknown as f64;
+        let heights = moved.iter().map(|p| self.table.height(p));
+        let hovers = heights.fold(f64::INFINITY, f64::min).max(0.0) / (HOVERS * self.spacing);
+        supported / f64::max(all, 1.0) / (1.0 + hovers * hovers)
+    }
+}
+
+impl Frame {
+    /// Motions of the model after which it lies on the table within the outline of the cloud: of all rotations those that agree best.
+    fn resting(&self, points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> Vec<Isometry3<f64>> {
+        let mut poses: Vec<(f64, Isometry3<f64>)> = (0..ROTATIONS)
+            .map(|k| {
+                let pose = self.laid(points, rotation(k));
+                (self.agreement(points, normals, &pose), pose)
+            })
+            .collect();
+        poses.sort_by(|a, b| b.0.total_cmp(&a.0));
+        poses.truncate(FITTED);
+        poses.into_iter().map(|(_, pose)| pose).collect()
+    }
+
+    /// Rotates the model, puts its lowest vertex on the table, and centres it along the table on the cloud.
+    fn laid(&self, points: &[Point3<f64>], turn: UnitQuaternion<f64>) -> Isometry3<f64> {
+        let turned: Vec<Point3<f64>> = points.iter().map(|p| turn * p).collect();
+        let shift = middle(&self.places, &self.table.normal) - middle(&turned, &self.table.normal);
+        let heights = turned.iter().map(|p| self.table.height(&(p + shift)));
+        let lowest = heights.fold(f64::INFINITY, f64::min);
+        Translation3::from(shift - self.table.normal.scale(lowest)) * turn
+    }
+}
+
+/// Middle of the extent of `points` along a plane with this normal.
+fn middle(points: &[Point3<f64>], normal: &UnitVector3<f64>) -> Vector3<f64> {
+    let mut middle = Vector3::zeros();
+    for axis in <[Vector3<f64>; 2]>::from(tangent::tangents(normal)) {
+        let along = points.iter().map(|p| axis.dot(&p.coords));
+        let (low, high) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
+            (low.min(x), high.max(x))
+        });
+        middle += axis * (0.5 * (low + high));
+    }
+    middle
+}
+
+/// Rotation `k` of [`ROTATIONS`], spread evenly over all rotations: Shoemake's map of an additive recurrence in three dimensions.
+fn rotation(k: usize) -> UnitQuaternion<f64> {
+    // Powers of the inverse of the root of x⁴ = x + 1.
+    let [u, v, w] = [0.819_172_513_396, 0.671_043_606_704, 0.549_700_477_902]
+        .map(|step: f64| (0.5 + step * (k + 1) as f64).fract());
+    let (a, b) = (std::f64::consts::TAU * v, std::f64::consts::TAU * w);
+    let (r, other) = (u.sqrt(), (1.0 - u).sqrt());
+    UnitQuaternion::from_quaternion(Quaternion::new(
+        r * b.cos(),
+        other * a.sin(),
+        other * a.cos(),
+        r * b.sin(),
+    ))
+}
+
+/// One point for each cube of the size of the spacing: the first in it.
+fn thinned(points: &[Point3<f64>], spacing: f64) -> Vec<Point3<f64>> {
+    let mut taken = std::collections::BTreeSet::new();
+    let cube = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / spacing).floor() as i64);
+    let mut kept = points.to_vec();
+    kept.retain(|p| taken.insert(cube(p)));
+    kept
+}
