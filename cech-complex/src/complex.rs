@@ -2,10 +2,13 @@
 
 use crate::cylinder::Cylinder;
 use crate::error::Error;
+use crate::filtration::orient;
 use crate::nerve::{self, Vertices};
 use crate::options::Options;
 use crate::persistence::{self, Barcode};
 use crate::skeleton::{Skeleton, run};
+use crate::valuation::Valuation;
+use crate::values::{Attained, Values};
 use nalgebra::{Point3, UnitVector3};
 use std::sync::OnceLock;
 
@@ -21,6 +24,7 @@ pub struct Complex {
     pub(crate) options: Options,
     pub(crate) present: Vec<bool>,
     pub(crate) skeleton: Skeleton,
+    pub(crate) values: Values,
     pub(crate) adjacency: Adjacency,
     pub(crate) barcode: OnceLock<Barcode>,
 }
@@ -94,8 +98,9 @@ impl Complex {
         cylinder: Cylinder,
         options: &Options,
     ) -> Result<Self, Error> {
-        let (skeleton, _) = Vertices::of_cloud(points, normals, options, |vertices| {
-            nerve::build(vertices, &Skeleton::default(), cylinder, options)
+        let (skeleton, values, _) = Vertices::of_cloud(points, normals, options, |vertices| {
+            let nothing = (&Skeleton::default(), &mut Values::default());
+            nerve::build(vertices, nothing, cylinder, options)
         })??;
         Ok(Self {
             points: points.to_vec(),
@@ -105,6 +110,7 @@ impl Complex {
             present: vec![true; points.len()],
             adjacency: Adjacency::new(&skeleton.edges, points.len()),
             skeleton,
+            values,
             barcode: OnceLock::new(),
         })
     }
@@ -141,7 +147,31 @@ impl Complex {
 
     /// Filtration value of every edge.
     pub fn edge_values(&self) -> &[f64] {
-        &self.skeleton.edge_values
+        &self.edges_attained().values
+    }
+
+    fn edges_attained(&self) -> &Attained {
+        let edges = &self.skeleton.edges;
+        self.values
+            .edges
+            .all(|attained| self.valuate(|v| v.complete_edges(edges, attained)))
+    }
+
+    fn triangles_attained(&self) -> &Attained {
+        self.values.triangles.all(|attained| {
+            let (s, of_facets) = (&self.skeleton, self.edges_attained());
+            self.valuate(|v| v.complete(&s.triangles, &s.triangle_edges, of_facets, attained));
+        })
+    }
+
+    /// Hands out what values depend on.
+    fn valuate(&self, work: impl FnOnce(&Valuation)) {
+        let cloud = orient(&self.points, &self.normals);
+        work(&Valuation {
+            cloud: &cloud,
+            cylinder: self.cylinder,
+            options: &self.options,
+        });
     }
 
     /// Triangles, vertices ascending.
@@ -151,7 +181,7 @@ impl Complex {
 
     /// Filtration value of every triangle.
     pub fn triangle_values(&self) -> &[f64] {
-        &self.skeleton.triangle_values
+        &self.triangles_attained().values
     }
 
     /// Tetrahedra, vertices ascending.
@@ -161,7 +191,33 @@ impl Complex {
 
     /// Filtration value of every tetrahedron.
     pub fn tetrahedron_values(&self) -> &[f64] {
-        &self.skeleton.tetrahedron_values
+        let complete = |tetrahedra: &mut Attained| {
+            let (s, of_facets) = (&self.skeleton, self.triangles_attained());
+            self.valuate(|v| {
+                v.complete(
+                    &s.tetrahedra,
+                    &s.tetrahedron_triangles,
+                    of_facets,
+                    tetrahedra,
+                )
+            });
+        };
+        &self.values.tetrahedra.all(complete).values
+    }
+
+    /// Whether the value of an edge is at most `scale`: known of all edges from the largest scale on, without their values.
+    pub(crate) fn edge_within(&self, edge: usize, scale: f64) -> bool {
+        scale >= self.options.max_scale || self.edge_values()[edge] <= scale
+    }
+
+    /// The same for a triangle.
+    pub(crate) fn triangle_within(&self, triangle: usize, scale: f64) -> bool {
+        scale >= self.options.max_scale || self.triangle_values()[triangle] <= scale
+    }
+
+    /// The same for a tetrahedron.
+    pub(crate) fn tetrahedron_within(&self, tetrahedron: usize, scale: f64) -> bool {
+        scale >= self.options.max_scale || self.tetrahedron_values()[tetrahedron] <= scale
     }
 
     /// Number of simplices of dimension 0 to 3.
@@ -226,8 +282,7 @@ impl Complex {
     /// # Ok::<(), cech_complex::Error>(())
     /// ```
     pub fn barcode(&self) -> &Barcode {
-        self.barcode
-            .get_or_init(|| persistence::barcode(&self.skeleton, &self.present))
+        self.barcode.get_or_init(|| persistence::barcode(self))
     }
 
     /// Betti numbers `β₀, β₁, β₂` of the subcomplex of values up to and including `scale` (the whole complex for scales above
@@ -245,14 +300,14 @@ impl Complex {
     ///
     /// It equals `β₀ − β₁ + β₂ − β₃` *of the 3-skeleton*, whose `β₃` counts hollow 4-simplices and is not that of the nerve.
     pub fn euler_characteristic(&self, scale: f64) -> i64 {
+        let [vertices, edges, triangles, tetrahedra] = self.counts().map(signed);
+        if scale >= self.options.max_scale {
+            return vertices - edges + triangles - tetrahedra;
+        }
         let up_to = |values: &[f64]| signed(values.iter().filter(|value| **value <= scale).count());
-        let s = &self.skeleton;
-        let vertices = if scale >= 0.0 {
-            signed(self.counts()[0])
-        } else {
-            0
-        };
-        vertices - up_to(&s.edge_values) + up_to(&s.triangle_values) - up_to(&s.tetrahedron_values)
+        let vertices = if scale >= 0.0 { vertices } else { 0 };
+        vertices - up_to(self.edge_values()) + up_to(self.triangle_values())
+            - up_to(self.tetrahedron_values())
     }
 }
 

@@ -13,6 +13,7 @@
 use crate::filtration::{TOLERANCE, pair_lower_bound, search};
 use crate::problem::{Goal, Oriented, Problem};
 use crate::valuation::{Candidate, Valuation, Valued};
+use crate::values::Attained;
 use nalgebra::Vector3;
 
 /// `ε`: ten times the widest bracket of a value (nearly parallel stacked cylinders), whose upper end the complex takes for the value.
@@ -25,6 +26,8 @@ pub(crate) struct Decisions<'a> {
     names: Vec<u32>,
     valuation: Valuation<'a>,
     scale: f64,
+    /// A scale clearly within it.
+    inner: f64,
     /// Half-height and squared radius of the cylinders that are clearly within `scale`.
     half_height: f64,
     squared_radius: f64,
@@ -46,6 +49,11 @@ impl Meeting {
             Self::At(point) => Some(point),
             Self::Barely => None,
         }
+    }
+
+    /// The same, NaN instead of none.
+    pub(crate) fn point_or_nan(self) -> Vector3<f64> {
+        self.point().unwrap_or(Vector3::repeat(f64::NAN))
     }
 }
 
@@ -89,6 +97,7 @@ impl<'a> Decisions<'a> {
             cloud: names.iter().map(|&v| valuation.cloud[v as usize]).collect(),
             names,
             scale,
+            inner,
             half_height: inner * valuation.cylinder.half_height(),
             squared_radius: (inner * valuation.cylinder.radius()).powi(2),
             valuation,
@@ -100,16 +109,16 @@ impl<'a> Decisions<'a> {
     }
 
     /// Whether two cylinders meet and may be joined.
-    pub(crate) fn edge(&self, edge: [u32; 2]) -> bool {
+    pub(crate) fn edge(&self, edge: [u32; 2]) -> Option<Meeting> {
         let cylinders = edge.map(|v| self.cloud[v as usize]);
         let [a, b] = &cylinders;
         if !self.joinable(edge[0], edge[1]) {
-            return false;
+            return None;
         }
         match self.prove(&cylinders, (a.point + b.point) / 2.0) {
-            Ok(_) => true,
-            Err(_) if self.excludes(pair_lower_bound(a, b, self.valuation.cylinder)) => false,
-            Err(y) => self.search(edge, &cylinders, &y).is_some(),
+            Ok(y) => Some(Meeting::At(y)),
+            Err(_) if self.excludes(pair_lower_bound(a, b, self.valuation.cylinder)) => None,
+            Err(y) => self.search(edge, &cylinders, &y),
         }
     }
 
@@ -126,7 +135,7 @@ impl<'a> Decisions<'a> {
 
     /// Whether four cylinders of which any three form a triangle meet. If their points were in a plane, the smallest circle around them
     /// would be the largest of those around three.
-    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4]) -> bool {
+    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4]) -> Option<Meeting> {
         let cylinders = tetrahedron.map(|v| self.cloud[v as usize]);
         let [a, b, c, d] = cylinders.map(|o| o.point);
         let mut largest = Circle::around([a, b, c]);
@@ -137,8 +146,34 @@ impl<'a> Decisions<'a> {
             }
         }
         match self.prove(&cylinders, largest.centre) {
-            Ok(_) => true,
-            Err(y) => self.search(tetrahedron, &cylinders, &y).is_some(),
+            Ok(y) => Some(Meeting::At(y)),
+            Err(y) => self.search(tetrahedron, &cylinders, &y),
+        }
+    }
+
+    /// Whether the cylinders of a triangle or tetrahedron meet, all of whose facets do: usually a common point of a facet lies in the opposite
+    /// cylinder.
+    pub(crate) fn simplex<const N: usize>(
+        &self,
+        candidate: &Candidate<N>,
+        of_facets: &Attained,
+    ) -> Option<Meeting> {
+        for (f, &facet) in candidate.facets.iter().enumerate() {
+            let (value, y) = (
+                of_facets.values[facet as usize],
+                &of_facets.points[facet as usize],
+            );
+            // Facet `f` leaves out the vertex `N − 1 − f`.
+            let opposite = candidate.vertices[N - 1 - f];
+            // A point whose value is missing is clearly in all cylinders of the facet.
+            if self.contains(opposite, y) && (value.is_nan() || value <= self.inner) {
+                return Some(Meeting::At(*y));
+            }
+        }
+        match *candidate.vertices.as_slice() {
+            [i, j, k] => self.triangle([i, j, k]),
+            [i, j, k, l] => self.tetrahedron([i, j, k, l]),
+            _ => None,
         }
     }
 
@@ -240,7 +275,7 @@ impl<'a> Decisions<'a> {
         let goal = Goal {
             tolerance: TOLERANCE,
             cutoff: self.scale * (1.0 + CLEAR),
-            enough: self.scale * (1.0 - CLEAR),
+            enough: self.inner,
         };
         let found = search(cylinders, self.valuation.cylinder, Some(start), goal);
         if found.value <= goal.enough {

@@ -33,6 +33,7 @@ mod sweep;
 mod union_find;
 mod update;
 mod valuation;
+mod values;
 
 pub use betti::betti_numbers;
 pub use complex::Complex;

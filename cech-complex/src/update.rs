@@ -113,12 +113,13 @@ impl Complex {
             present: &present,
             changed: &changed,
         };
-        let (skeleton, renewed) =
-            nerve::build(&vertices, &self.skeleton, self.cylinder, &self.options)?;
+        let old = (&self.skeleton, &mut self.values);
+        let (skeleton, values, renewed) =
+            nerve::build(&vertices, old, self.cylinder, &self.options)?;
         let added = first..points.len() as u32;
         self.adjacency = Adjacency::new(&skeleton.edges, points.len());
         (self.points, self.normals, self.present) = (points, normals, present);
-        (self.skeleton, self.barcode) = (skeleton, OnceLock::new());
+        (self.skeleton, self.values, self.barcode) = (skeleton, values, OnceLock::new());
         Ok(Updated { added, renewed })
     }
 }
