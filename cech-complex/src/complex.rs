@@ -3,6 +3,7 @@
 use crate::cylinder::Cylinder;
 use crate::error::Error;
 use crate::filtration::orient;
+use crate::matching;
 use crate::nerve::{self, Vertices};
 use crate::options::Options;
 use crate::persistence::{self, Barcode};
@@ -27,6 +28,8 @@ pub struct Complex {
     pub(crate) values: Values,
     pub(crate) adjacency: Adjacency,
     pub(crate) barcode: OnceLock<Barcode>,
+    /// Betti numbers of all simplices.
+    pub(crate) whole: OnceLock<[usize; 3]>,
 }
 
 /// Neighbours of every vertex, ascending, each with the edge that leads there.
@@ -112,6 +115,7 @@ impl Complex {
             skeleton,
             values,
             barcode: OnceLock::new(),
+            whole: OnceLock::new(),
         })
     }
 
@@ -288,6 +292,10 @@ impl Complex {
     /// Betti numbers `β₀, β₁, β₂` of the subcomplex of values up to and including `scale` (the whole complex for scales above
     /// [`max_scale`](Self::max_scale)).
     pub fn betti(&self, scale: f64) -> [usize; 3] {
+        let barcode = self.barcode.get();
+        if scale >= self.options.max_scale && barcode.is_none() {
+            return *self.whole.get_or_init(|| matching::betti(self));
+        }
         self.barcode().rank(scale, scale)
     }
 

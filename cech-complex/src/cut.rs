@@ -181,6 +181,7 @@ impl Complex {
         let vertices = removed.map(|v| v as u32).collect();
         (self.skeleton, self.values) = (skeleton, values);
         (self.adjacency, self.present, self.barcode) = (adjacency, present, OnceLock::new());
+        self.whole = OnceLock::new();
         let after = self.counts();
         let [_, edges, triangles, tetrahedra] = std::array::from_fn(|d| before[d] - after[d]);
         Ok(Removed {

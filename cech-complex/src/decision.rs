@@ -151,26 +151,24 @@ impl<'a> Decisions<'a> {
         }
     }
 
-    /// Whether the cylinders of a triangle or tetrahedron meet, all of whose facets do: usually a common point of a facet lies in the opposite
-    /// cylinder.
-    pub(crate) fn simplex<const N: usize>(
+    /// Whether the cylinders of a triangle or tetrahedron meet, all of whose facets do, given values and points of these: usually a common point
+    /// of a facet lies in the opposite cylinder too.
+    pub(crate) fn coface<const N: usize>(
         &self,
-        candidate: &Candidate<N>,
+        Candidate { vertices, facets }: &Candidate<N>,
         of_facets: &Attained,
     ) -> Option<Meeting> {
-        for (f, &facet) in candidate.facets.iter().enumerate() {
-            let (value, y) = (
-                of_facets.values[facet as usize],
-                &of_facets.points[facet as usize],
-            );
+        for (f, facet) in facets.map(|facet| facet as usize).into_iter().enumerate() {
+            let (value, y) = (of_facets.values[facet], of_facets.points[facet]);
+            // Where the value is missing, the point is clearly in all cylinders of the facet.
+            let clear = value.is_nan() || value <= self.inner;
             // Facet `f` leaves out the vertex `N − 1 − f`.
-            let opposite = candidate.vertices[N - 1 - f];
-            // A point whose value is missing is clearly in all cylinders of the facet.
-            if self.contains(opposite, y) && (value.is_nan() || value <= self.inner) {
-                return Some(Meeting::At(*y));
+            if clear && self.contains(vertices[N - 1 - f], &y) {
+                return Some(Meeting::At(y));
             }
         }
-        match *candidate.vertices.as_slice() {
+
+        match *vertices.as_slice() {
             [i, j, k] => self.triangle([i, j, k]),
             [i, j, k, l] => self.tetrahedron([i, j, k, l]),
             _ => None,

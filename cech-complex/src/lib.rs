@@ -19,6 +19,7 @@ mod local_homology;
 mod loops;
 #[cfg(feature = "manifolds")]
 pub mod manifolds;
+mod matching;
 mod nerve;
 mod net;
 mod optimality;

@@ -15,7 +15,7 @@
 //! build. A new build is the case in which every vertex has changed.
 
 use crate::cylinder::Cylinder;
-use crate::decision::Decisions;
+use crate::decision::{Decisions, Meeting};
 use crate::error::Error;
 use crate::filtration::check_cloud;
 use crate::options::Options;
@@ -260,6 +260,7 @@ impl Builder<'_> {
         affected: &[u32],
     ) -> Result<Layer<3>, Error> {
         let mut layer = Layer::default();
+        let decide = |on: &Decisions, candidate: &Candidate<3>| on.coface(candidate, facets);
         let mut batch: Vec<Candidate<3>> = Vec::new();
         // Edge from the current first vertex to a given one.
         let mut edge_to = vec![u32::MAX; self.vertices.cloud.len()];
@@ -285,22 +286,22 @@ impl Builder<'_> {
                 edge_to[skeleton.edges[e][1] as usize] = u32::MAX;
             }
             if batch.len() >= BATCH {
-                self.decide_simplices(&batch, facets, &mut layer)?;
+                self.decide_simplices(&batch, &mut layer, decide)?;
                 batch.clear();
             }
         }
-        self.decide_simplices(&batch, facets, &mut layer)?;
+        self.decide_simplices(&batch, &mut layer, decide)?;
         Ok(layer)
     }
 
     fn decide_simplices<const N: usize>(
         &mut self,
         batch: &[Candidate<N>],
-        facets: &Attained,
         layer: &mut Layer<N>,
+        decide: impl Fn(&Decisions, &Candidate<N>) -> Option<Meeting> + Sync + Send,
     ) -> Result<(), Error> {
         for batch in batch.chunks(BATCH) {
-            let decided = map(batch, |candidate| self.decisions.simplex(candidate, facets));
+            let decided = map(batch, |candidate| decide(&self.decisions, candidate));
             for (candidate, decided) in batch.iter().zip(decided) {
                 if let Some(meeting) = decided {
                     self.count(1)?;
@@ -321,19 +322,20 @@ impl Builder<'_> {
         affected: &[u32],
     ) -> Result<Layer<4>, Error> {
         let mut layer = Layer::default();
+        let decide = |on: &Decisions, candidate: &Candidate<4>| on.coface(candidate, facets);
         let mut batch: Vec<Candidate<4>> = Vec::new();
         for &i in affected {
             for ij in run(&skeleton.edge_runs, i) {
                 for ijk in run(&skeleton.triangle_runs, ij as u32) {
                     self.push_tetrahedra(skeleton, ijk, &mut batch);
                     if batch.len() >= BATCH {
-                        self.decide_simplices(&batch, facets, &mut layer)?;
+                        self.decide_simplices(&batch, &mut layer, decide)?;
                         batch.clear();
                     }
                 }
             }
         }
-        self.decide_simplices(&batch, facets, &mut layer)?;
+        self.decide_simplices(&batch, &mut layer, decide)?;
         Ok(layer)
     }
 

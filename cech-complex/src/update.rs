@@ -120,6 +120,7 @@ impl Complex {
         self.adjacency = Adjacency::new(&skeleton.edges, points.len());
         (self.points, self.normals, self.present) = (points, normals, present);
         (self.skeleton, self.values, self.barcode) = (skeleton, values, OnceLock::new());
+        self.whole = OnceLock::new();
         Ok(Updated { added, renewed })
     }
 }
