@@ -8,7 +8,7 @@
 //! On a surface the centre of the smallest circle around two or three of the points, or a point of the line through it along the mean normal, is
 //! such a `y` for nearly every simplex, and the directions away from it bound nearly every triple that is none: nothing is solved. Otherwise
 //! the solver runs until one side is proved. If the value is within `ε` of the scale it is computed from the values of the
-//! faces, as for a [`Complex`](crate::Complex): so the decision is that of the complex, also in ties.
+//! faces: so a simplex is there if and only if its value is at most the scale, also in ties.
 
 use crate::filtration::{TOLERANCE, pair_lower_bound, search};
 use crate::problem::{Goal, Oriented, Problem};

@@ -1,17 +1,14 @@
 //! Construction of the nerve, dimension by dimension, from scratch or around the points that changed.
 //!
-//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation; a closed-form lower bound rejects nearly
-//!    all pairs that are not edges, and the solver computes the values of the others.
+//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation.
 //! 2. **Triangles.** Triples of mutually joined vertices, **tetrahedra** quadruples whose four triangles exist: by Helly no larger
 //!    simplex carries information.
-//! 3. **Facet shortcut.** If the cylinder opposite the latest facet contains the minimiser of that facet, the simplex has exactly the
-//!    value of the facet, and no problem is solved. This holds for more than nine tetrahedra in ten and half of the triangles.
 //!
-//! A value below that of a facet can only be due to rounding, so the larger of the two is taken, and the value of the facet whenever the
-//! certified bracket contains it: the filtration is exactly monotone, and ties are exact.
+//! Whether the cylinders of such a candidate meet within the largest scale is decided without the value at which they first do (module `decision`): for
+//! nearly all by a point. The values of new simplices stay missing until they are asked for (modules `values` and `valuation`).
 //!
 //! A value depends only on the cylinders of its own simplex, taken in the order of their indices. So after a change the simplices without a
-//! changed vertex keep their values, those with one are computed again, and the result is bit for bit that of a new
+//! changed vertex keep what is known of them, those with one are decided again, and the result is bit for bit that of a new
 //! build. A new build is the case in which every vertex has changed.
 
 use crate::cylinder::Cylinder;
