@@ -84,7 +84,7 @@ impl Complex {
     ///
     /// # Complexity
     /// `O(n log n)` for the neighbours, and a test of a few points for nearly every pair, triple and quadruple of mutual neighbours. All values: one small
-    /// convex problem for each edge, half of the triangles and a tenth of the tetrahedra, three to four times as long as the build.
+    /// convex problem for each edge, half of the triangles and a tenth of the tetrahedra, about three times as long as the build.
     ///
     /// Empty clouds, single points and duplicates are valid.
     ///
@@ -201,14 +201,8 @@ impl Complex {
     pub fn tetrahedron_values(&self) -> &[f64] {
         let complete = |tetrahedra: &mut Attained| {
             let (s, of_facets) = (&self.skeleton, self.triangles_attained());
-            self.valuate(|v| {
-                v.complete(
-                    &s.tetrahedra,
-                    &s.tetrahedron_triangles,
-                    of_facets,
-                    tetrahedra,
-                )
-            });
+            let facets = &s.tetrahedron_triangles;
+            self.valuate(|v| v.complete(&s.tetrahedra, facets, of_facets, tetrahedra));
         };
         &self.values.tetrahedra.all(complete).values
     }
