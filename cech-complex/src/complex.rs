@@ -284,6 +284,8 @@ impl Complex {
     /// # Ok::<(), cech_complex::Error>(())
     /// ```
     pub fn barcode(&self) -> &Barcode {
+        // Beforehand: with feature `rayon` a task that computes values may take up another that asks for the barcode.
+        self.tetrahedron_values();
         self.barcode.get_or_init(|| persistence::barcode(self))
     }
 

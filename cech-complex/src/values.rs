@@ -4,7 +4,7 @@
 //! *some* common point of its cylinders instead of the minimiser.
 
 use nalgebra::Vector3;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 /// Values of the simplices of one dimension and the points where they are attained.
 #[derive(Debug, Clone, Default)]
@@ -25,8 +25,8 @@ impl Attained {
 /// Values of one dimension, of which some may be missing until all are asked for.
 #[derive(Debug, Default)]
 pub(crate) struct Deferred {
-    /// Until then. Emptied when `all` is about to be set.
-    some: Mutex<Option<Attained>>,
+    /// Until then. Emptied after `all` has been set.
+    some: Mutex<Attained>,
     all: OnceLock<Attained>,
 }
 
@@ -41,51 +41,47 @@ pub(crate) struct Values {
 impl Deferred {
     pub(crate) fn new(some: Attained) -> Self {
         Self {
-            some: Mutex::new(Some(some)),
+            some: Mutex::new(some),
             all: OnceLock::new(),
         }
     }
 
-    fn known(all: Attained) -> Self {
-        Self {
-            some: Mutex::new(None),
-            all: OnceLock::from(all),
-        }
-    }
-
-    /// All values; the first call lets `complete` compute those that are missing. Other threads wait for it.
+    /// All values; `complete` computes those that are missing.
+    ///
+    /// Nothing is locked meanwhile: with feature `rayon` this thread may take up another task that asks for the same values, and would wait for
+    /// itself. So threads that ask at once may compute them twice; the first result is kept.
     pub(crate) fn all(&self, complete: impl FnOnce(&mut Attained)) -> &Attained {
-        self.all.get_or_init(|| {
-            let mut some = self.some.lock().unwrap_or_else(PoisonError::into_inner);
-            if let Some(attained) = some.as_mut() {
-                complete(attained);
-            }
-            some.take().unwrap_or_default()
-        })
+        if let Some(all) = self.all.get() {
+            return all;
+        }
+        let mut attained = self.some().clone();
+        complete(&mut attained);
+        let all = self.all.get_or_init(|| attained);
+        *self.some() = Attained::default();
+        all
     }
 
     /// The values so far.
     pub(crate) fn so_far(&mut self) -> &Attained {
-        static NONE: Attained = Attained {
-            values: Vec::new(),
-            points: Vec::new(),
-        };
         let some = self.some.get_mut().unwrap_or_else(PoisonError::into_inner);
-        self.all.get().or(some.as_ref()).unwrap_or(&NONE)
+        self.all.get().unwrap_or(some)
+    }
+
+    fn some(&self) -> MutexGuard<'_, Attained> {
+        self.some.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Clone for Deferred {
     /// Missing values are missing in the clone too.
     fn clone(&self) -> Self {
-        if let Some(all) = self.all.get() {
-            return Self::known(all.clone());
-        }
-        let some = self.some.lock().unwrap_or_else(PoisonError::into_inner);
-        match some.clone() {
-            Some(some) => Self::new(some),
-            // Another thread has just completed them.
-            None => Self::known(self.all.wait().clone()),
+        let some = self.some();
+        match self.all.get() {
+            Some(all) => Self {
+                some: Mutex::default(),
+                all: OnceLock::from(all.clone()),
+            },
+            None => Self::new(some.clone()),
         }
     }
 }
