@@ -1,4 +1,4 @@
-//! Nerve, reduction, Betti numbers alone, vertex kinds, loops and updates of ε-nets of a torus, three sizes; throughput in simplices.
+//! Nerve, values, barcode, Betti numbers with and without the complex, vertex kinds, loops and updates of ε-nets of a torus, three sizes; throughput in simplices.
 #![allow(missing_docs, clippy::unwrap_used, reason = "a bench may panic")]
 
 use cech_complex::manifolds::{Manifold, OrientedCloud};
@@ -27,11 +27,26 @@ fn surfaces(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("build", count), |b| {
             b.iter(|| build(&cloud));
         });
-        group.bench_function(BenchmarkId::new("reduce", count), |b| {
-            // A clone of a complex whose barcode has not been asked for has none either.
-            b.iter_batched(
+        // A clone of a complex that has not been asked knows neither values nor barcode.
+        group.bench_function(BenchmarkId::new("betti", count), |b| {
+            b.iter_batched_ref(
                 || complex.clone(),
                 |fresh| fresh.betti(1.0),
+                BatchSize::LargeInput,
+            );
+        });
+        group.bench_function(BenchmarkId::new("values", count), |b| {
+            b.iter_batched_ref(
+                || complex.clone(),
+                |fresh| fresh.tetrahedron_values().len(),
+                BatchSize::LargeInput,
+            );
+        });
+        complex.tetrahedron_values();
+        group.bench_function(BenchmarkId::new("barcode", count), |b| {
+            b.iter_batched_ref(
+                || complex.clone(),
+                |fresh| fresh.barcode().bars().len(),
                 BatchSize::LargeInput,
             );
         });
@@ -52,7 +67,7 @@ fn surfaces(c: &mut Criterion) {
 }
 
 /// Five points in a hundred are added: the last ones of the net, scattered evenly, or the last ones by angle, a patch such as a camera
-/// uncovers. Throughput in added points.
+/// uncovers. Values of the others are known before. Throughput in added points.
 fn updates(c: &mut Criterion) {
     let mut group = c.benchmark_group("torus_update");
     group.sample_size(10);
@@ -69,6 +84,7 @@ fn updates(c: &mut Criterion) {
             before.points = old.iter().map(|&i| cloud.points[i]).collect();
             before.normals = old.iter().map(|&i| cloud.normals[i]).collect();
             let complex = build(&before);
+            complex.tetrahedron_values();
             let add = |&i: &usize| Change::Add {
                 point: cloud.points[i],
                 normal: cloud.normals[i],
@@ -79,6 +95,26 @@ fn updates(c: &mut Criterion) {
                 b.iter_batched_ref(
                     || complex.clone(),
                     |complex| complex.update(&changes).unwrap(),
+                    BatchSize::LargeInput,
+                );
+            });
+            group.bench_function(BenchmarkId::new(format!("{name}, betti"), count), |b| {
+                b.iter_batched_ref(
+                    || complex.clone(),
+                    |complex| {
+                        complex.update(&changes).unwrap();
+                        complex.betti(1.0)
+                    },
+                    BatchSize::LargeInput,
+                );
+            });
+            group.bench_function(BenchmarkId::new(format!("{name}, values"), count), |b| {
+                b.iter_batched_ref(
+                    || complex.clone(),
+                    |complex| {
+                        complex.update(&changes).unwrap();
+                        complex.tetrahedron_values().len()
+                    },
                     BatchSize::LargeInput,
                 );
             });

@@ -15,9 +15,10 @@ use crate::sweep::{Cell, NONE, Sweep};
 use crate::union_find::UnionFind;
 use crate::valuation::Valuation;
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
-use nalgebra::{Point3, UnitVector3};
+use nalgebra::{Point3, UnitVector3, Vector3};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashMap, HashSet};
+use std::hash::Hash;
 
 /// Betti numbers `β₀, β₁, β₂` at scale `options.max_scale`: what [`Complex::betti`](crate::Complex::betti) gives there, without building the
 /// complex.
@@ -45,7 +46,17 @@ pub fn betti_numbers(
     options: &Options,
 ) -> Result<[usize; 3], Error> {
     Vertices::of_cloud(points, normals, options, |vertices| {
-        sweep(vertices, cylinder, options).map(|sweep| ranks(sweep, points.len()))
+        sweep(vertices, cylinder, options).map(|mut sweep| {
+            let edges = std::mem::take(&mut sweep.critical_edges);
+            let triangles = std::mem::take(&mut sweep.critical_triangles);
+            let later = sweep.later();
+            ranks(
+                &Cofaces { sweep, later },
+                edges,
+                triangles,
+                vertices.present,
+            )
+        })
     })?
 }
 
@@ -55,17 +66,7 @@ fn sweep<'a>(
     cylinder: Cylinder,
     options: &'a Options,
 ) -> Result<Sweep<'a>, Error> {
-    let extent = |axis: usize| {
-        let along = || vertices.cloud.iter().map(|o| o.point[axis]);
-        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
-    };
-    let axis = (1..3).fold(0, |longest, axis| {
-        if extent(axis) > extent(longest) {
-            axis
-        } else {
-            longest
-        }
-    });
+    let axis = longest_axis(|| vertices.cloud.iter().map(|o| &o.point));
     let mut names: Vec<u32> = (0..vertices.cloud.len() as u32).collect();
     let place = |v: &u32| vertices.cloud[*v as usize].point[axis];
     names.sort_by(|a, b| place(a).total_cmp(&place(b)));
@@ -106,47 +107,91 @@ fn sweep<'a>(
     Sweep::new(decisions, near, count)
 }
 
-/// Betti numbers from a sweep.
-fn ranks(mut sweep: Sweep, vertices: usize) -> [usize; 3] {
-    let mut edges = std::mem::take(&mut sweep.critical_edges);
-    let mut triangles = std::mem::take(&mut sweep.critical_triangles);
+/// The axis along which points extend farthest.
+pub(crate) fn longest_axis<'a, I>(points: impl Fn() -> I) -> usize
+where
+    I: Iterator<Item = &'a Vector3<f64>>,
+{
+    let extent = |axis: usize| {
+        let along = || points().map(|point| point[axis]);
+        along().fold(f64::NEG_INFINITY, f64::max) - along().fold(f64::INFINITY, f64::min)
+    };
+    let longer = |longest, axis| {
+        if extent(axis) > extent(longest) {
+            axis
+        } else {
+            longest
+        }
+    };
+    (1..3).fold(0, longer)
+}
+
+/// A complex whose simplices are matched, each with its first coface if it is the last facet of that.
+pub(crate) trait Matching {
+    /// A simplex. Those of one dimension are ordered.
+    type Cell: Copy + Ord + Hash;
+
+    /// Both vertices of an edge.
+    fn ends(&self, edge: Self::Cell) -> [u32; 2];
+
+    /// Triangles that contain an edge, in order.
+    fn cofaces_of_edge(&self, edge: Self::Cell) -> impl Iterator<Item = Self::Cell>;
+
+    /// Tetrahedra that contain a triangle, in order.
+    fn cofaces_of_triangle(&self, triangle: Self::Cell) -> impl Iterator<Item = Self::Cell>;
+
+    /// The edge with which a triangle is matched.
+    fn matched_edge(&self, triangle: Self::Cell) -> Option<Self::Cell>;
+
+    /// The triangle with which a tetrahedron is matched.
+    fn matched_triangle(&self, tetrahedron: Self::Cell) -> Option<Self::Cell>;
+}
+
+/// Betti numbers of the complex on the vertices that are `present`, from the edges that are not matched with a triangle and the triangles
+/// that are matched neither with an edge nor with a tetrahedron.
+pub(crate) fn ranks<M: Matching>(
+    matching: &M,
+    mut edges: Vec<M::Cell>,
+    mut triangles: Vec<M::Cell>,
+    present: &[bool],
+) -> [usize; 3] {
     edges.sort_unstable();
-    let mut sets = UnionFind::new(vertices);
+    let mut sets = UnionFind::new(present.len());
     // A matched edge closes a triangle whose other edges are earlier, so it joins nothing.
     let before = edges.len();
-    edges.retain(|&[a, b, ..]| sets.union(a, b).is_none());
+    edges.retain(|&edge| {
+        let [a, b] = matching.ends(edge);
+        sets.union(a, b).is_none()
+    });
+    let vertices = present.iter().filter(|present| **present).count();
     let components = vertices - (before - edges.len());
-    let cofaces = Cofaces {
-        later: sweep.later(),
-        sweep,
-    };
     let (loops, ends) = reduce(
         edges,
-        |edge| cofaces.of_edge(edge),
-        |triangle| cofaces.matched_edge(triangle),
+        |edge| matching.cofaces_of_edge(edge),
+        |triangle| matching.matched_edge(triangle),
     );
-    let ends: HashSet<Cell> = ends.into_iter().collect();
+    let ends: HashSet<M::Cell> = ends.into_iter().collect();
     triangles.retain(|triangle| !ends.contains(triangle));
     triangles.sort_unstable();
     let (cavities, _) = reduce(
         triangles,
-        |triangle| cofaces.of_triangle(triangle),
-        |tetrahedron| cofaces.matched_triangle(tetrahedron),
+        |triangle| matching.cofaces_of_triangle(triangle),
+        |tetrahedron| matching.matched_triangle(tetrahedron),
     );
     [components, loops, cavities]
 }
 
 /// Reduces the coboundaries of the columns, given in ascending order. Returns how many become zero, and the pivots of the others.
-fn reduce<I: Iterator<Item = Cell>>(
-    columns: Vec<Cell>,
-    cofaces: impl Fn(Cell) -> I,
-    matched: impl Fn(Cell) -> Option<Cell>,
-) -> (usize, Vec<Cell>) {
+fn reduce<C: Copy + Ord + Hash, I: Iterator<Item = C>>(
+    columns: Vec<C>,
+    cofaces: impl Fn(C) -> I,
+    matched: impl Fn(C) -> Option<C>,
+) -> (usize, Vec<C>) {
     let mut zero = 0;
     // By pivot: columns as they are, and the later rows of columns that were changed.
-    let mut holders: HashMap<Cell, Cell> = HashMap::new();
-    let mut reduced: HashMap<Cell, Vec<Cell>> = HashMap::new();
-    let holder = |holders: &HashMap<Cell, Cell>, pivot| {
+    let mut holders: HashMap<C, C> = HashMap::new();
+    let mut reduced: HashMap<C, Vec<C>> = HashMap::new();
+    let holder = |holders: &HashMap<C, C>, pivot| {
         let known = holders.get(&pivot).copied();
         known.or_else(|| matched(pivot))
     };
@@ -196,9 +241,14 @@ struct Cofaces<'a> {
     later: (Vec<u32>, Vec<u32>),
 }
 
-impl Cofaces<'_> {
-    /// Cofaces of an edge, in order.
-    fn of_edge(&self, [b, c, ..]: Cell) -> impl Iterator<Item = Cell> {
+impl Matching for Cofaces<'_> {
+    type Cell = Cell;
+
+    fn ends(&self, [a, b, ..]: Cell) -> [u32; 2] {
+        [a, b]
+    }
+
+    fn cofaces_of_edge(&self, [b, c, ..]: Cell) -> impl Iterator<Item = Cell> {
         let between = after(self.sweep.earlier(c), b);
         let later = &self.later.1[run(&self.later.0, c)];
         (self.sweep.apexes([b, c]).iter().map(move |&w| [w, b, c]))
@@ -208,8 +258,7 @@ impl Cofaces<'_> {
             .map(|[a, b, c]| [a, b, c, NONE])
     }
 
-    /// Cofaces of a triangle, in order.
-    fn of_triangle(&self, [a, b, c, _]: Cell) -> impl Iterator<Item = Cell> {
+    fn cofaces_of_triangle(&self, [a, b, c, _]: Cell) -> impl Iterator<Item = Cell> {
         let between = after(self.sweep.earlier(c), b);
         let later = &self.later.1[run(&self.later.0, c)];
         let before = self.sweep.apexes([b, c]).iter().filter(move |&&w| w != a);
@@ -220,12 +269,10 @@ impl Cofaces<'_> {
             .filter(|&tetrahedron| self.sweep.has_tetrahedron(tetrahedron))
     }
 
-    /// The edge with which a triangle is matched.
     fn matched_edge(&self, [a, b, c, _]: Cell) -> Option<Cell> {
         (self.sweep.match_of_edge([b, c]) == Some(a)).then_some([b, c, NONE, NONE])
     }
 
-    /// The triangle with which a tetrahedron is matched.
     fn matched_triangle(&self, [a, b, c, d]: Cell) -> Option<Cell> {
         (self.sweep.match_of_triangle([b, c, d]) == Some(a)).then_some([b, c, d, NONE])
     }

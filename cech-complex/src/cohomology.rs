@@ -82,7 +82,7 @@ impl Coboundary {
         }
     }
 
-    fn column(&self, column: u32) -> &[u32] {
+    pub(crate) fn column(&self, column: u32) -> &[u32] {
         &self.rows[crate::skeleton::run(&self.offsets, column)]
     }
 

@@ -147,7 +147,9 @@ impl Complex {
     pub fn cut<S: AsRef<[u32]>>(&mut self, simplices: &[S]) -> Result<Removed, Error> {
         let marks = self.marks(simplices)?;
         let before = self.counts();
-        let skeleton = self.skeleton.without(&marks, self.points.len());
+        let (skeleton, values) = self
+            .skeleton
+            .without(&marks, &mut self.values, self.points.len());
         let adjacency = Adjacency::new(&skeleton.edges, self.points.len());
         let stays = |v: u32| {
             let lost_all = adjacency.neighbours(v).is_empty() && !self.neighbours(v).is_empty();
@@ -156,8 +158,9 @@ impl Complex {
         let present: Vec<bool> = (0..self.points.len() as u32).map(stays).collect();
         let removed = (0..present.len()).filter(|&v| self.present[v] && !present[v]);
         let vertices = removed.map(|v| v as u32).collect();
-        self.skeleton = skeleton;
+        (self.skeleton, self.values) = (skeleton, values);
         (self.adjacency, self.present, self.barcode) = (adjacency, present, OnceLock::new());
+        self.whole = OnceLock::new();
         let after = self.counts();
         let [_, edges, triangles, tetrahedra] = std::array::from_fn(|d| before[d] - after[d]);
         Ok(Removed {

@@ -8,11 +8,12 @@
 //! On a surface the centre of the smallest circle around two or three of the points, or a point of the line through it along the mean normal, is
 //! such a `y` for nearly every simplex, and the directions away from it bound nearly every triple that is none: nothing is solved. Otherwise
 //! the solver runs until one side is proved. If the value is within `ε` of the scale it is computed from the values of the
-//! faces, as for a [`Complex`](crate::Complex): so the decision is that of the complex, also in ties.
+//! faces: so a simplex is there if and only if its value is at most the scale, also in ties.
 
 use crate::filtration::{TOLERANCE, pair_lower_bound, search};
 use crate::problem::{Goal, Oriented, Problem};
 use crate::valuation::{Candidate, Valuation, Valued};
+use crate::values::Attained;
 use nalgebra::Vector3;
 
 /// `ε`: ten times the widest bracket of a value (nearly parallel stacked cylinders), whose upper end the complex takes for the value.
@@ -25,6 +26,8 @@ pub(crate) struct Decisions<'a> {
     names: Vec<u32>,
     valuation: Valuation<'a>,
     scale: f64,
+    /// A scale clearly within it.
+    inner: f64,
     /// Half-height and squared radius of the cylinders that are clearly within `scale`.
     half_height: f64,
     squared_radius: f64,
@@ -46,6 +49,11 @@ impl Meeting {
             Self::At(point) => Some(point),
             Self::Barely => None,
         }
+    }
+
+    /// The same, NaN instead of none.
+    pub(crate) fn point_or_nan(self) -> Vector3<f64> {
+        self.point().unwrap_or(Vector3::repeat(f64::NAN))
     }
 }
 
@@ -89,6 +97,7 @@ impl<'a> Decisions<'a> {
             cloud: names.iter().map(|&v| valuation.cloud[v as usize]).collect(),
             names,
             scale,
+            inner,
             half_height: inner * valuation.cylinder.half_height(),
             squared_radius: (inner * valuation.cylinder.radius()).powi(2),
             valuation,
@@ -100,16 +109,16 @@ impl<'a> Decisions<'a> {
     }
 
     /// Whether two cylinders meet and may be joined.
-    pub(crate) fn edge(&self, edge: [u32; 2]) -> bool {
+    pub(crate) fn edge(&self, edge: [u32; 2]) -> Option<Meeting> {
         let cylinders = edge.map(|v| self.cloud[v as usize]);
         let [a, b] = &cylinders;
         if !self.joinable(edge[0], edge[1]) {
-            return false;
+            return None;
         }
         match self.prove(&cylinders, (a.point + b.point) / 2.0) {
-            Ok(_) => true,
-            Err(_) if self.excludes(pair_lower_bound(a, b, self.valuation.cylinder)) => false,
-            Err(y) => self.search(edge, &cylinders, &y).is_some(),
+            Ok(y) => Some(Meeting::At(y)),
+            Err(_) if self.excludes(pair_lower_bound(a, b, self.valuation.cylinder)) => None,
+            Err(y) => self.search(edge, &cylinders, &y),
         }
     }
 
@@ -126,7 +135,7 @@ impl<'a> Decisions<'a> {
 
     /// Whether four cylinders of which any three form a triangle meet. If their points were in a plane, the smallest circle around them
     /// would be the largest of those around three.
-    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4]) -> bool {
+    pub(crate) fn tetrahedron(&self, tetrahedron: [u32; 4]) -> Option<Meeting> {
         let cylinders = tetrahedron.map(|v| self.cloud[v as usize]);
         let [a, b, c, d] = cylinders.map(|o| o.point);
         let mut largest = Circle::around([a, b, c]);
@@ -137,8 +146,32 @@ impl<'a> Decisions<'a> {
             }
         }
         match self.prove(&cylinders, largest.centre) {
-            Ok(_) => true,
-            Err(y) => self.search(tetrahedron, &cylinders, &y).is_some(),
+            Ok(y) => Some(Meeting::At(y)),
+            Err(y) => self.search(tetrahedron, &cylinders, &y),
+        }
+    }
+
+    /// Whether the cylinders of a triangle or tetrahedron meet, all of whose facets do, given values and points of these: usually a common point
+    /// of a facet lies in the opposite cylinder too.
+    pub(crate) fn coface<const N: usize>(
+        &self,
+        Candidate { vertices, facets }: &Candidate<N>,
+        of_facets: &Attained,
+    ) -> Option<Meeting> {
+        for (f, facet) in facets.map(|facet| facet as usize).into_iter().enumerate() {
+            let (value, y) = (of_facets.values[facet], of_facets.points[facet]);
+            // Where the value is missing, the point is clearly in all cylinders of the facet.
+            let clear = value.is_nan() || value <= self.inner;
+            // Facet `f` leaves out the vertex `N − 1 − f`.
+            if clear && self.contains(vertices[N - 1 - f], &y) {
+                return Some(Meeting::At(y));
+            }
+        }
+
+        match *vertices.as_slice() {
+            [i, j, k] => self.triangle([i, j, k]),
+            [i, j, k, l] => self.tetrahedron([i, j, k, l]),
+            _ => None,
         }
     }
 
@@ -240,7 +273,7 @@ impl<'a> Decisions<'a> {
         let goal = Goal {
             tolerance: TOLERANCE,
             cutoff: self.scale * (1.0 + CLEAR),
-            enough: self.scale * (1.0 - CLEAR),
+            enough: self.inner,
         };
         let found = search(cylinders, self.valuation.cylinder, Some(start), goal);
         if found.value <= goal.enough {

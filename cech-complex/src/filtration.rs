@@ -111,12 +111,10 @@ pub(crate) fn check_cloud(
                 normal: normal.into_inner(),
             });
         }
-        Ok(Oriented {
-            point: point.coords,
-            normal: normal.normalize(),
-        })
+        Ok(())
     };
-    points.iter().zip(normals).enumerate().map(check).collect()
+    points.iter().zip(normals).enumerate().try_for_each(check)?;
+    Ok(orient(points, normals))
 }
 
 /// Lower bound of a pair from three fixed directions, without any iteration: `L(w) = |w·(q − p)|/(h_1(w) + h_2(w))`.
@@ -133,6 +131,15 @@ pub(crate) fn pair_lower_bound(a: &Oriented, b: &Oriented, cylinder: Cylinder) -
         }
     };
     bound(&a.normal).max(bound(&b.normal)).max(bound(&between))
+}
+
+/// The cylinders of a cloud that has been checked.
+pub(crate) fn orient(points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> Vec<Oriented> {
+    let oriented = |(point, normal): (&Point3<f64>, &UnitVector3<f64>)| Oriented {
+        point: point.coords,
+        normal: normal.normalize(),
+    };
+    points.iter().zip(normals).map(oriented).collect()
 }
 
 /// Solves one simplex. `guess` is a point near the minimiser; a lower bound above `cutoff` ends the search early.

@@ -19,6 +19,7 @@ mod local_homology;
 mod loops;
 #[cfg(feature = "manifolds")]
 pub mod manifolds;
+mod matching;
 mod nerve;
 mod net;
 mod optimality;
@@ -33,6 +34,7 @@ mod sweep;
 mod union_find;
 mod update;
 mod valuation;
+mod values;
 
 pub use betti::betti_numbers;
 pub use complex::Complex;

@@ -178,7 +178,7 @@ impl Complex {
             .zip(self.adjacency.edges(v))
         {
             let d = self.points[neighbour as usize] - self.points[v as usize];
-            if self.skeleton.edge_values[edge as usize] > SCALE || d.norm() > radius {
+            if !self.edge_within(edge as usize, SCALE) || d.norm() > radius {
                 continue;
             }
             if self.normals[neighbour as usize].dot(&normal) < SAME_WAY {
@@ -203,7 +203,7 @@ impl Complex {
         };
         let range = run(&skeleton.triangle_runs, first);
         let found = skeleton.triangles[range.clone()].binary_search(&vertices);
-        found.is_ok_and(|offset| skeleton.triangle_values[range.start + offset] <= SCALE)
+        found.is_ok_and(|offset| self.triangle_within(range.start + offset, SCALE))
     }
 }
 
@@ -237,9 +237,8 @@ impl<'a> Surroundings<'a> {
     }
 
     fn kind(&mut self, v: u32, radius: f64, closed: &[bool]) -> VertexKind {
-        let values = &self.complex.skeleton.edge_values;
         let edges = self.complex.adjacency.edges(v);
-        if edges.iter().all(|&e| values[e as usize] > SCALE) {
+        if !(edges.iter()).any(|&e| self.complex.edge_within(e as usize, SCALE)) {
             return VertexKind::Isolated;
         }
         if closed[v as usize] {
@@ -274,8 +273,11 @@ impl<'a> Surroundings<'a> {
 
     fn ball(&mut self, v: u32, radius: f64, scale: f64) {
         let complex = self.complex;
-        let weight =
-            |e: u32| (complex.skeleton.edge_values[e as usize] <= scale).then(|| complex.length(e));
+        let weight = |e: u32| {
+            complex
+                .edge_within(e as usize, scale)
+                .then(|| complex.length(e))
+        };
         self.paths.run(complex, &[v], radius, weight);
     }
 
@@ -347,10 +349,11 @@ impl<'a> Surroundings<'a> {
                 star[dimension].push((zone, cell as u32));
             }
         };
-        let up_to_scale = |values: &'a [f64]| move |cell: &usize| values[*cell] <= scale;
-        let edge_counts = up_to_scale(&skeleton.edge_values);
-        let triangle_counts = up_to_scale(&skeleton.triangle_values);
-        let tetrahedron_counts = up_to_scale(&skeleton.tetrahedron_values);
+        let complex = self.complex;
+        let edge_counts = |edge: &usize| complex.edge_within(*edge, scale);
+        let triangle_counts = |triangle: &usize| complex.triangle_within(*triangle, scale);
+        let tetrahedron_counts =
+            |tetrahedron: &usize| complex.tetrahedron_within(*tetrahedron, scale);
         for &a in &near {
             let in_a = zone(a);
             keep(0, in_a, a as usize);

@@ -96,7 +96,7 @@ impl Complex {
     /// Marks the strips of boundary vertices without one of `loops` along them, and the neighbours of these strips.
     fn broken_strips(&self, kinds: &[VertexKind], loops: &[BoundaryLoop]) -> Vec<bool> {
         let at_boundary = |v: u32| kinds[v as usize] == VertexKind::Boundary;
-        let edges = self.skeleton.edges.iter().zip(&self.skeleton.edge_values);
+        let edges = self.edges().iter().zip(self.edge_values());
         let near: Vec<[u32; 2]> = edges
             .filter(|(_, value)| **value <= SCALE)
             .map(|(edge, _)| *edge)

@@ -1,32 +1,28 @@
 //! Construction of the nerve, dimension by dimension, from scratch or around the points that changed.
 //!
-//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation; a closed-form lower bound rejects nearly
-//!    all pairs that are not edges, and the solver computes the values of the others.
+//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation.
 //! 2. **Triangles.** Triples of mutually joined vertices, **tetrahedra** quadruples whose four triangles exist: by Helly no larger
 //!    simplex carries information.
-//! 3. **Facet shortcut.** If the cylinder opposite the latest facet contains the minimiser of that facet, the simplex has exactly the
-//!    value of the facet, and no problem is solved. This holds for more than nine tetrahedra in ten and half of the triangles.
 //!
-//! A value below that of a facet can only be due to rounding, so the larger of the two is taken, and the value of the facet whenever the
-//! certified bracket contains it: the filtration is exactly monotone, and ties are exact.
+//! Whether the cylinders of such a candidate meet within the largest scale is decided without the value at which they first do (module `decision`): for
+//! nearly all by a point. The values of new simplices stay missing until they are asked for (modules `values` and `valuation`).
 //!
 //! A value depends only on the cylinders of its own simplex, taken in the order of their indices. So after a change the simplices without a
-//! changed vertex keep their values, those with one are computed again, and the result is bit for bit that of a new
+//! changed vertex keep what is known of them, those with one are decided again, and the result is bit for bit that of a new
 //! build. A new build is the case in which every vertex has changed.
 
 use crate::cylinder::Cylinder;
+use crate::decision::{Decisions, Meeting};
 use crate::error::Error;
 use crate::filtration::check_cloud;
 use crate::options::Options;
 use crate::problem::Oriented;
 use crate::size;
 use crate::skeleton::{Layer, Skeleton, run};
-use crate::valuation::{Candidate, Facets, Valuation};
+use crate::valuation::{BATCH, Candidate, Valuation, map};
+use crate::values::{Attained, Deferred, Values};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use nalgebra::{Point3, UnitVector3};
-
-/// Number of candidates per batch: enough to share among threads, few enough to stop soon after the limit.
-const BATCH: usize = 1 << 12;
 
 /// Number of standard errors at which an estimate is taken for certain.
 const CERTAIN: f64 = 4.0;
@@ -83,25 +79,31 @@ impl Vertices<'_> {
 /// Data of all stages.
 struct Builder<'a> {
     vertices: &'a Vertices<'a>,
-    valuation: Valuation<'a>,
+    decisions: Decisions<'a>,
+    cylinder: Cylinder,
+    options: &'a Options,
     total: usize,
 }
 
-/// The filtered 3-skeleton of the nerve of the vertices that are present, given the skeleton `old` of an earlier state. Also says how
-/// many simplices of dimension 1, 2, 3 contain a changed vertex.
+/// The 3-skeleton of the nerve of the vertices that are present, given an earlier state, with the values that are known from there. Also says
+/// how many simplices of dimension 1, 2, 3 contain a changed vertex.
 pub(crate) fn build(
     vertices: &Vertices,
-    old: &Skeleton,
+    (old, values): (&Skeleton, &mut Values),
     cylinder: Cylinder,
     options: &Options,
-) -> Result<(Skeleton, [usize; 3]), Error> {
+) -> Result<(Skeleton, Values, [usize; 3]), Error> {
+    let valuation = Valuation {
+        cloud: vertices.cloud,
+        cylinder,
+        options,
+    };
+    let names = (0..vertices.cloud.len() as u32).collect();
     let mut builder = Builder {
         vertices,
-        valuation: Valuation {
-            cloud: vertices.cloud,
-            cylinder,
-            options,
-        },
+        decisions: Decisions::new(names, valuation),
+        cylinder,
+        options,
         total: 0,
     };
     builder.count(vertices.present.iter().filter(|p| **p).count())?;
@@ -109,34 +111,43 @@ pub(crate) fn build(
 
     let fresh = builder.edges()?;
     let untouched = |edge: usize| vertices.untouched(&old.edges[edge]);
-    let (edges, kept, names) = old.edge_layer().merge(fresh, |vertex| vertex, untouched);
+    let layer = old.edge_layer(values.edges.so_far());
+    let (edges, kept, names) = layer.merge(fresh, |vertex| vertex, untouched);
     builder.count(kept)?;
     let found_edges = edges.len() - kept;
-    skeleton.set_edges(edges, vertices.cloud.len());
+    let edges = skeleton.set_edges(edges, vertices.cloud.len());
     builder.foresee(&skeleton)?;
     let affected = builder.affected(&skeleton);
 
-    let fresh = builder.triangles(&skeleton, &affected)?;
+    let fresh = builder.triangles(&skeleton, &edges, &affected)?;
     let name = |edge: u32| names[edge as usize];
-    let (triangles, kept, names) = old.triangle_layer().merge(fresh, name, |_| true);
+    let layer = old.triangle_layer(values.triangles.so_far());
+    let (triangles, kept, names) = layer.merge(fresh, name, |_| true);
     builder.count(kept)?;
     let found_triangles = triangles.len() - kept;
-    skeleton.set_triangles(triangles);
+    let triangles = skeleton.set_triangles(triangles);
 
-    let fresh = builder.tetrahedra(&skeleton, &affected)?;
+    let fresh = builder.tetrahedra(&skeleton, &triangles, &affected)?;
     let name = |triangle: u32| names[triangle as usize];
-    let (tetrahedra, kept, _) = old.tetrahedron_layer().merge(fresh, name, |_| true);
+    let layer = old.tetrahedron_layer(values.tetrahedra.so_far());
+    let (tetrahedra, kept, _) = layer.merge(fresh, name, |_| true);
     builder.count(kept)?;
     let found_tetrahedra = tetrahedra.len() - kept;
-    skeleton.set_tetrahedra(tetrahedra);
-    Ok((skeleton, [found_edges, found_triangles, found_tetrahedra]))
+    let tetrahedra = skeleton.set_tetrahedra(tetrahedra);
+    let values = Values {
+        edges: Deferred::new(edges),
+        triangles: Deferred::new(triangles),
+        tetrahedra: Deferred::new(tetrahedra),
+    };
+    let found = [found_edges, found_triangles, found_tetrahedra];
+    Ok((skeleton, values, found))
 }
 
 impl Builder<'_> {
     /// Adds to the number of simplices; an error above the limit.
     fn count(&mut self, more: usize) -> Result<(), Error> {
         self.total += more;
-        let limit = self.valuation.options.max_simplices;
+        let limit = self.options.max_simplices;
         if self.total > limit {
             return Err(self.too_many(self.total));
         }
@@ -144,8 +155,7 @@ impl Builder<'_> {
     }
 
     fn too_many(&self, count: usize) -> Error {
-        self.vertices
-            .too_many(count, self.valuation.cylinder, self.valuation.options)
+        self.vertices.too_many(count, self.cylinder, self.options)
     }
 
     /// Rejects a complex that will be too large before its triangles and tetrahedra are searched. The test is made only if the degrees of the
@@ -156,17 +166,12 @@ impl Builder<'_> {
             degrees[vertex as usize] += 1.0;
         }
         let most = |d: &f64| d * (d - 1.0) / 6.0 + d * (d - 1.0) * (d - 2.0).max(0.0) / 24.0;
-        let limit = self.valuation.options.max_simplices as f64;
+        let limit = self.options.max_simplices as f64;
         if self.total as f64 + degrees.iter().map(most).sum::<f64>() <= limit {
             return Ok(());
         }
-        let size = size::estimate(
-            self.vertices,
-            self.valuation.cylinder,
-            self.valuation.options,
-        );
-        let least =
-            size.simplices(self.valuation.options.max_scale) - CERTAIN * size.standard_error();
+        let size = size::estimate(self.vertices, self.cylinder, self.options);
+        let least = size.simplices(self.options.max_scale) - CERTAIN * size.standard_error();
         if least > limit {
             return Err(self.too_many(least as usize));
         }
@@ -194,7 +199,7 @@ impl Builder<'_> {
         // The tree fails only on input that was rejected before.
         let tree = ImmutableKdTree::<f64, 3>::new_from_slice(&coordinates)
             .map_err(|_| self.too_many(self.total))?;
-        let reach = 2.0 * self.valuation.cylinder.circumradius() * self.valuation.options.max_scale;
+        let reach = 2.0 * self.cylinder.circumradius() * self.options.max_scale;
         // A little more than the exact bound, so that rounding in the tree loses no pair.
         let squared = reach * reach * (1.0 + 1e-9);
         let mut pairs = Vec::new();
@@ -211,23 +216,23 @@ impl Builder<'_> {
             pairs.extend(taken.map(|j| [i.min(j), i.max(j)]));
             pairs[start..].sort_unstable();
             if pairs.len() >= BATCH {
-                self.value_edges(&pairs, &mut layer)?;
+                self.decide_edges(&pairs, &mut layer)?;
                 pairs.clear();
             }
         }
-        self.value_edges(&pairs, &mut layer)?;
+        self.decide_edges(&pairs, &mut layer)?;
         layer.sort();
         Ok(layer)
     }
 
-    fn value_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
+    fn decide_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
         // In a dense cluster a vertex may have more neighbours than the limit allows edges.
         for pairs in pairs.chunks(BATCH) {
-            let valued = map(pairs, |pair| self.valuation.edge(*pair));
-            for (pair, valued) in pairs.iter().zip(valued) {
-                if let Some((value, minimiser)) = valued {
+            let decided = map(pairs, |pair| self.decisions.edge(*pair));
+            for (pair, decided) in pairs.iter().zip(decided) {
+                if let Some(meeting) = decided {
                     self.count(1)?;
-                    layer.push(*pair, *pair, value, Some(minimiser));
+                    layer.push(*pair, *pair, f64::NAN, Some(meeting.point_or_nan()));
                 }
             }
         }
@@ -245,9 +250,14 @@ impl Builder<'_> {
     }
 
     /// All triangles with a changed vertex, in order.
-    fn triangles(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<3>, Error> {
+    fn triangles(
+        &mut self,
+        skeleton: &Skeleton,
+        facets: &Attained,
+        affected: &[u32],
+    ) -> Result<Layer<3>, Error> {
         let mut layer = Layer::default();
-        let facets = (&skeleton.edge_values[..], &skeleton.edge_points[..]);
+        let decide = |on: &Decisions, candidate: &Candidate<3>| on.coface(candidate, facets);
         let mut batch: Vec<Candidate<3>> = Vec::new();
         // Edge from the current first vertex to a given one.
         let mut edge_to = vec![u32::MAX; self.vertices.cloud.len()];
@@ -273,28 +283,28 @@ impl Builder<'_> {
                 edge_to[skeleton.edges[e][1] as usize] = u32::MAX;
             }
             if batch.len() >= BATCH {
-                self.value_simplices(&batch, facets, &mut layer)?;
+                self.decide_simplices(&batch, &mut layer, decide)?;
                 batch.clear();
             }
         }
-        self.value_simplices(&batch, facets, &mut layer)?;
+        self.decide_simplices(&batch, &mut layer, decide)?;
         Ok(layer)
     }
 
-    fn value_simplices<const N: usize>(
+    fn decide_simplices<const N: usize>(
         &mut self,
         batch: &[Candidate<N>],
-        facets: Facets<'_>,
         layer: &mut Layer<N>,
+        decide: impl Fn(&Decisions, &Candidate<N>) -> Option<Meeting> + Sync + Send,
     ) -> Result<(), Error> {
         for batch in batch.chunks(BATCH) {
-            let valued = map(batch, |candidate| self.valuation.simplex(candidate, facets));
-            for (candidate, valued) in batch.iter().zip(valued) {
-                if let Some((value, minimiser)) = valued {
+            let decided = map(batch, |candidate| decide(&self.decisions, candidate));
+            for (candidate, decided) in batch.iter().zip(decided) {
+                if let Some(meeting) = decided {
                     self.count(1)?;
                     // Nothing stands on a tetrahedron.
-                    let minimiser = (N < 4).then_some(minimiser);
-                    layer.push(candidate.vertices, candidate.facets, value, minimiser);
+                    let point = (N < 4).then(|| meeting.point_or_nan());
+                    layer.push(candidate.vertices, candidate.facets, f64::NAN, point);
                 }
             }
         }
@@ -302,22 +312,27 @@ impl Builder<'_> {
     }
 
     /// All tetrahedra with a changed vertex, in order.
-    fn tetrahedra(&mut self, skeleton: &Skeleton, affected: &[u32]) -> Result<Layer<4>, Error> {
+    fn tetrahedra(
+        &mut self,
+        skeleton: &Skeleton,
+        facets: &Attained,
+        affected: &[u32],
+    ) -> Result<Layer<4>, Error> {
         let mut layer = Layer::default();
-        let facets = (&skeleton.triangle_values[..], &skeleton.triangle_points[..]);
+        let decide = |on: &Decisions, candidate: &Candidate<4>| on.coface(candidate, facets);
         let mut batch: Vec<Candidate<4>> = Vec::new();
         for &i in affected {
             for ij in run(&skeleton.edge_runs, i) {
                 for ijk in run(&skeleton.triangle_runs, ij as u32) {
                     self.push_tetrahedra(skeleton, ijk, &mut batch);
                     if batch.len() >= BATCH {
-                        self.value_simplices(&batch, facets, &mut layer)?;
+                        self.decide_simplices(&batch, &mut layer, decide)?;
                         batch.clear();
                     }
                 }
             }
         }
-        self.value_simplices(&batch, facets, &mut layer)?;
+        self.decide_simplices(&batch, &mut layer, decide)?;
         Ok(layer)
     }
 
@@ -353,17 +368,4 @@ impl Builder<'_> {
             }
         }
     }
-}
-
-/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
-#[cfg(not(feature = "rayon"))]
-fn map<T, R>(items: &[T], f: impl Fn(&T) -> R) -> Vec<R> {
-    items.iter().map(f).collect()
-}
-
-/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
-#[cfg(feature = "rayon")]
-fn map<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
-    use rayon::prelude::*;
-    items.par_iter().map(f).collect()
 }

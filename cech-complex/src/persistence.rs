@@ -1,7 +1,7 @@
 //! Persistent homology of the complex in dimensions 0, 1 and 2 over Z/2.
 
 use crate::cohomology::{Coboundary, NONE, reduce};
-use crate::skeleton::Skeleton;
+use crate::complex::Complex;
 use crate::union_find::UnionFind;
 
 /// A homology class with its birth and death.
@@ -113,36 +113,39 @@ impl Order {
     }
 }
 
-/// The barcode of a skeleton whose vertices are those marked `present`.
-pub(crate) fn barcode(skeleton: &Skeleton, present: &[bool]) -> Barcode {
-    let edges = Order::new(&skeleton.edge_values);
-    let triangles = Order::new(&skeleton.triangle_values);
+/// The barcode of a complex.
+pub(crate) fn barcode(complex: &Complex) -> Barcode {
+    let skeleton = &complex.skeleton;
+    let (edge_values, triangle_values) = (complex.edge_values(), complex.triangle_values());
+    let tetrahedron_values = complex.tetrahedron_values();
+    let edges = Order::new(edge_values);
+    let triangles = Order::new(triangle_values);
     let mut barcode = Barcode::default();
 
-    let joins = components(skeleton, present, &edges, &mut barcode);
+    let joins = components(complex, &edges, &mut barcode);
     let d1 = Coboundary::ranked(&edges, &triangles, &skeleton.triangle_edges);
     let loops = reduce(&d1, |edge| joins[edge as usize]);
     drop(d1);
-    let columns = (&edges, &skeleton.edge_values[..]);
+    let columns = (&edges, edge_values);
     record(
         1,
         &loops,
         columns,
-        (&triangles, &skeleton.triangle_values),
+        (&triangles, triangle_values),
         &mut barcode,
     );
 
-    let tetrahedra = Order::new(&skeleton.tetrahedron_values);
+    let tetrahedra = Order::new(tetrahedron_values);
     let d2 = Coboundary::ranked(&triangles, &tetrahedra, &skeleton.tetrahedron_triangles);
     let cavities = reduce(&d2, |triangle| {
         loops.column_of_row[triangle as usize] != NONE
     });
-    let columns = (&triangles, &skeleton.triangle_values[..]);
+    let columns = (&triangles, triangle_values);
     record(
         2,
         &cavities,
         columns,
-        (&tetrahedra, &skeleton.tetrahedron_values),
+        (&tetrahedra, tetrahedron_values),
         &mut barcode,
     );
 
@@ -159,19 +162,15 @@ pub(crate) fn barcode(skeleton: &Skeleton, present: &[bool]) -> Barcode {
 }
 
 /// Bars of dimension 0; returns, by rank, which edges join two components.
-fn components(
-    skeleton: &Skeleton,
-    present: &[bool],
-    edges: &Order,
-    barcode: &mut Barcode,
-) -> Vec<bool> {
+fn components(complex: &Complex, edges: &Order, barcode: &mut Barcode) -> Vec<bool> {
+    let (present, values) = (&complex.present, complex.edge_values());
     let mut sets = UnionFind::new(present.len());
     let mut joins = vec![false; edges.at.len()];
     for (rank, &edge) in edges.at.iter().enumerate() {
-        let [a, b] = skeleton.edges[edge as usize];
+        let [a, b] = complex.edges()[edge as usize];
         if let Some(vertex) = sets.union(a, b) {
             joins[rank] = true;
-            let death = skeleton.edge_values[edge as usize];
+            let death = values[edge as usize];
             let death_simplex = Some(edge);
             barcode.push(Bar {
                 dimension: 0,

@@ -42,22 +42,22 @@ impl Part {
     /// The simplices up to `scale` all of whose vertices are `wanted`, in filtration order.
     pub(crate) fn new(complex: &Complex, scale: f64, wanted: impl Fn(u32) -> bool) -> Self {
         let skeleton = &complex.skeleton;
-        let edges: Vec<u32> = Order::new(&skeleton.edge_values)
+        let edges: Vec<u32> = Order::new(complex.edge_values())
             .at
             .into_iter()
             .filter(|&e| {
                 let [a, b] = skeleton.edges[e as usize];
-                skeleton.edge_values[e as usize] <= scale && wanted(a) && wanted(b)
+                complex.edge_values()[e as usize] <= scale && wanted(a) && wanted(b)
             })
             .collect();
         let mut position = vec![NONE; skeleton.edges.len()];
         for (p, &edge) in edges.iter().enumerate() {
             position[edge as usize] = p as u32;
         }
-        let triangles = Order::new(&skeleton.triangle_values)
+        let triangles = Order::new(complex.triangle_values())
             .at
             .into_iter()
-            .filter(|&t| skeleton.triangle_values[t as usize] <= scale)
+            .filter(|&t| complex.triangle_values()[t as usize] <= scale)
             .map(|t| skeleton.triangle_edges[t as usize].map(|e| position[e as usize]))
             .filter(|facets| !facets.contains(&NONE))
             .collect();

@@ -1,9 +1,10 @@
-//! Tables of the 3-skeleton: simplices in lexicographic order, their values, and their facets.
+//! Tables of the 3-skeleton: simplices in lexicographic order and their facets.
 //!
 //! Vertices of a simplex ascend, and so do the simplices of a dimension, so the edges that start at a vertex are contiguous, as
 //! are the triangles that start with an edge and the tetrahedra that start with a triangle. Three offset tables turn this
 //! into constant-time look-up downward; facets are stored by index.
 
+use crate::values::{Attained, Deferred, Values};
 use nalgebra::Vector3;
 
 /// Offsets of runs: `runs[i]..runs[i + 1]` are the items whose (ascending) key is `i`.
@@ -34,74 +35,66 @@ pub(crate) struct Marks {
     pub(crate) tetrahedra: Vec<bool>,
 }
 
-/// Simplices of dimension 1 to 3 with values, facets and offsets.
+/// Simplices of dimension 1 to 3 with facets and offsets.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Skeleton {
     pub(crate) edges: Vec<[u32; 2]>,
-    pub(crate) edge_values: Vec<f64>,
-    /// Minimiser of every edge: the initial guess for its cofaces, also in later updates.
-    pub(crate) edge_points: Vec<Vector3<f64>>,
     pub(crate) edge_runs: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Edges `01`, `02`, `12` of a triangle.
     pub(crate) triangle_edges: Vec<[u32; 3]>,
-    pub(crate) triangle_values: Vec<f64>,
-    pub(crate) triangle_points: Vec<Vector3<f64>>,
     pub(crate) triangle_runs: Vec<u32>,
     pub(crate) tetrahedra: Vec<[u32; 4]>,
     /// Triangles `012`, `013`, `023`, `123` of a tetrahedron.
     pub(crate) tetrahedron_triangles: Vec<[u32; 4]>,
-    pub(crate) tetrahedron_values: Vec<f64>,
     pub(crate) tetrahedron_runs: Vec<u32>,
 }
 
 impl Skeleton {
-    pub(crate) fn set_edges(&mut self, mut edges: Layer<2>, vertices: usize) {
+    /// Each of these three sets the simplices of one dimension and returns their values.
+    pub(crate) fn set_edges(&mut self, mut edges: Layer<2>, vertices: usize) -> Attained {
         edges.shrink();
         self.edge_runs = runs(edges.simplices.iter().map(|e| e[0]), vertices);
-        (self.edges, self.edge_values) = (edges.simplices, edges.values);
-        self.edge_points = edges.points;
+        self.edges = edges.simplices;
+        edges.attained
     }
 
-    pub(crate) fn set_triangles(&mut self, mut triangles: Layer<3>) {
+    pub(crate) fn set_triangles(&mut self, mut triangles: Layer<3>) -> Attained {
         triangles.shrink();
         self.triangle_runs = runs(triangles.facets.iter().map(|t| t[0]), self.edges.len());
         (self.triangles, self.triangle_edges) = (triangles.simplices, triangles.facets);
-        (self.triangle_values, self.triangle_points) = (triangles.values, triangles.points);
+        triangles.attained
     }
 
-    pub(crate) fn set_tetrahedra(&mut self, mut tetrahedra: Layer<4>) {
+    pub(crate) fn set_tetrahedra(&mut self, mut tetrahedra: Layer<4>) -> Attained {
         tetrahedra.shrink();
         let first_facets = tetrahedra.facets.iter().map(|t| t[0]);
         self.tetrahedron_runs = runs(first_facets, self.triangles.len());
         (self.tetrahedra, self.tetrahedron_triangles) = (tetrahedra.simplices, tetrahedra.facets);
-        self.tetrahedron_values = tetrahedra.values;
+        tetrahedra.attained
     }
 
-    pub(crate) fn edge_layer(&self) -> LayerRef<'_, 2> {
+    pub(crate) fn edge_layer<'a>(&'a self, attained: &'a Attained) -> LayerRef<'a, 2> {
         LayerRef {
             simplices: &self.edges,
             facets: &self.edges,
-            values: &self.edge_values,
-            points: &self.edge_points,
+            attained,
         }
     }
 
-    pub(crate) fn triangle_layer(&self) -> LayerRef<'_, 3> {
+    pub(crate) fn triangle_layer<'a>(&'a self, attained: &'a Attained) -> LayerRef<'a, 3> {
         LayerRef {
             simplices: &self.triangles,
             facets: &self.triangle_edges,
-            values: &self.triangle_values,
-            points: &self.triangle_points,
+            attained,
         }
     }
 
-    pub(crate) fn tetrahedron_layer(&self) -> LayerRef<'_, 4> {
+    pub(crate) fn tetrahedron_layer<'a>(&'a self, attained: &'a Attained) -> LayerRef<'a, 4> {
         LayerRef {
             simplices: &self.tetrahedra,
             facets: &self.tetrahedron_triangles,
-            values: &self.tetrahedron_values,
-            points: &[],
+            attained,
         }
     }
 
@@ -113,21 +106,34 @@ impl Skeleton {
         Some((range.start + offset) as u32)
     }
 
-    /// The part that remains when the marked simplices are removed with all their cofaces; order is kept.
-    pub(crate) fn without(&self, marks: &Marks, vertices: usize) -> Self {
+    /// The part that remains when the marked simplices are removed with all their cofaces, and its values; order is kept.
+    pub(crate) fn without(
+        &self,
+        marks: &Marks,
+        values: &mut Values,
+        vertices: usize,
+    ) -> (Self, Values) {
         let mut rest = Self::default();
         let keep = |edge: usize| !marks.edges[edge];
-        let (edges, _, names) = self.edge_layer().merge(Layer::default(), |v| v, keep);
-        rest.set_edges(edges, vertices);
+        let layer = self.edge_layer(values.edges.so_far());
+        let (edges, _, names) = layer.merge(Layer::default(), |v| v, keep);
+        let edges = rest.set_edges(edges, vertices);
         let name = |edge: u32| names[edge as usize];
         let keep = |triangle: usize| !marks.triangles[triangle];
-        let (triangles, _, names) = self.triangle_layer().merge(Layer::default(), name, keep);
-        rest.set_triangles(triangles);
+        let layer = self.triangle_layer(values.triangles.so_far());
+        let (triangles, _, names) = layer.merge(Layer::default(), name, keep);
+        let triangles = rest.set_triangles(triangles);
         let name = |triangle: u32| names[triangle as usize];
         let keep = |tetrahedron: usize| !marks.tetrahedra[tetrahedron];
-        let (tetrahedra, ..) = self.tetrahedron_layer().merge(Layer::default(), name, keep);
-        rest.set_tetrahedra(tetrahedra);
-        rest
+        let layer = self.tetrahedron_layer(values.tetrahedra.so_far());
+        let (tetrahedra, ..) = layer.merge(Layer::default(), name, keep);
+        let tetrahedra = rest.set_tetrahedra(tetrahedra);
+        let values = Values {
+            edges: Deferred::new(edges),
+            triangles: Deferred::new(triangles),
+            tetrahedra: Deferred::new(tetrahedra),
+        };
+        (rest, values)
     }
 }
 
@@ -137,9 +143,7 @@ pub(crate) struct Layer<const N: usize> {
     simplices: Vec<[u32; N]>,
     /// Indices of the facets in the layer below (of an edge: its vertices).
     facets: Vec<[u32; N]>,
-    values: Vec<f64>,
-    /// Minimisers; none for tetrahedra, which have no cofaces.
-    points: Vec<Vector3<f64>>,
+    attained: Attained,
 }
 
 impl<const N: usize> Layer<N> {
@@ -156,13 +160,12 @@ impl<const N: usize> Layer<N> {
     ) {
         self.simplices.push(simplex);
         self.facets.push(facets);
-        self.values.push(value);
-        self.points.extend(point);
+        self.attained.push(value, point);
     }
 
     fn push_from(&mut self, other: &LayerRef<N>, i: usize, facets: [u32; N]) {
-        let (simplex, point) = (other.simplices[i], other.points.get(i).copied());
-        self.push(simplex, facets, other.values[i], point);
+        let (value, point) = (other.attained.values[i], other.attained.points.get(i));
+        self.push(other.simplices[i], facets, value, point.copied());
     }
 
     /// Sorts the simplices lexicographically.
@@ -172,7 +175,7 @@ impl<const N: usize> Layer<N> {
         }
         let mut order: Vec<usize> = (0..self.len()).collect();
         order.sort_unstable_by_key(|&i| self.simplices[i]);
-        let mut sorted = Self::with_capacity(self.len(), !self.points.is_empty());
+        let mut sorted = Self::with_capacity(self.len(), !self.attained.points.is_empty());
         for i in order {
             sorted.push_from(&self.view(), i, self.facets[i]);
         }
@@ -183,8 +186,10 @@ impl<const N: usize> Layer<N> {
         Self {
             simplices: Vec::with_capacity(count),
             facets: Vec::with_capacity(count),
-            values: Vec::with_capacity(count),
-            points: Vec::with_capacity(if points { count } else { 0 }),
+            attained: Attained {
+                values: Vec::with_capacity(count),
+                points: Vec::with_capacity(if points { count } else { 0 }),
+            },
         }
     }
 
@@ -192,16 +197,15 @@ impl<const N: usize> Layer<N> {
     fn shrink(&mut self) {
         self.simplices.shrink_to_fit();
         self.facets.shrink_to_fit();
-        self.values.shrink_to_fit();
-        self.points.shrink_to_fit();
+        self.attained.values.shrink_to_fit();
+        self.attained.points.shrink_to_fit();
     }
 
     fn view(&self) -> LayerRef<'_, N> {
         LayerRef {
             simplices: &self.simplices,
             facets: &self.facets,
-            values: &self.values,
-            points: &self.points,
+            attained: &self.attained,
         }
     }
 }
@@ -210,8 +214,7 @@ impl<const N: usize> Layer<N> {
 pub(crate) struct LayerRef<'a, const N: usize> {
     simplices: &'a [[u32; N]],
     facets: &'a [[u32; N]],
-    values: &'a [f64],
-    points: &'a [Vector3<f64>],
+    attained: &'a Attained,
 }
 
 impl<const N: usize> LayerRef<'_, N> {
@@ -227,7 +230,8 @@ impl<const N: usize> LayerRef<'_, N> {
         if count == 0 {
             return (fresh, 0, Vec::new());
         }
-        let mut merged = Layer::with_capacity(count + fresh.len(), !self.points.is_empty());
+        let mut merged =
+            Layer::with_capacity(count + fresh.len(), !self.attained.points.is_empty());
         let (mut names, mut kept) = (vec![NONE; count], 0);
         let mut next = 0;
         for i in 0..count {

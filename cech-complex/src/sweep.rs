@@ -65,7 +65,7 @@ impl<'a> Sweep<'a> {
         for c in 0..vertices as u32 {
             found.clear();
             near(c, &mut found);
-            found.retain(|&b| b < c && sweep.decisions.edge([b, c]));
+            found.retain(|&b| b < c && sweep.decisions.edge([b, c]).is_some());
             found.sort_unstable();
             count(1 + found.len())?;
             sweep.earlier.extend_from_slice(&found);
@@ -135,7 +135,7 @@ impl<'a> Sweep<'a> {
             || candidates.iter().any(|&w| {
                 self.has_triangle([w, a, b])
                     && self.has_triangle([w, a, c])
-                    && self.decisions.tetrahedron([w, a, b, c])
+                    && self.decisions.tetrahedron([w, a, b, c]).is_some()
             })
     }
 
@@ -159,7 +159,7 @@ impl<'a> Sweep<'a> {
     pub(crate) fn has_tetrahedron(&self, [a, b, c, d]: [u32; 4]) -> bool {
         let mut triangles = [[b, c, d], [a, c, d], [a, b, d], [a, b, c]].into_iter();
         triangles.all(|triangle| self.has_triangle(triangle))
-            && self.decisions.tetrahedron([a, b, c, d])
+            && self.decisions.tetrahedron([a, b, c, d]).is_some()
     }
 
     /// Earlier neighbours of a vertex, ascending.

@@ -1,10 +1,11 @@
-//! Updates of a complex: points are added, moved and removed, and only the simplices that contain one of them are computed again.
+//! Updates of a complex: points are added, moved and removed, and only the simplices that contain one of them are decided again.
 //!
 //! ```text
 //! CČC(P′) = { σ ∈ CČC(P) : σ has no changed vertex }  ∪  { σ : σ has one and f(σ) ≤ max_scale }
 //! ```
 //!
-//! A value depends only on the cylinders of its own simplex, so the union is identical, bit for bit, to a new build of `P′`.
+//! A value depends only on the cylinders of its own simplex, so the union is identical, bit for bit, to a new build of `P′`. Known values of the
+//! first part are kept; the others are computed when they are asked for.
 
 use crate::complex::{Adjacency, Complex};
 use crate::error::Error;
@@ -61,7 +62,8 @@ impl Complex {
     /// [`Error::TooManySimplices`] by the options of the build. The complex is then unchanged.
     ///
     /// # Complexity
-    /// The convex problems of the simplices around the changed vertices, and one pass that copies the others.
+    /// A test of a few points for nearly every simplex around the changed vertices, and one pass that copies the others. Values of the former are computed
+    /// when they are asked for.
     ///
     /// ```
     /// use cech_complex::nalgebra::{Point3, Vector3};
@@ -113,12 +115,14 @@ impl Complex {
             present: &present,
             changed: &changed,
         };
-        let (skeleton, renewed) =
-            nerve::build(&vertices, &self.skeleton, self.cylinder, &self.options)?;
+        let old = (&self.skeleton, &mut self.values);
+        let (skeleton, values, renewed) =
+            nerve::build(&vertices, old, self.cylinder, &self.options)?;
         let added = first..points.len() as u32;
         self.adjacency = Adjacency::new(&skeleton.edges, points.len());
         (self.points, self.normals, self.present) = (points, normals, present);
-        (self.skeleton, self.barcode) = (skeleton, OnceLock::new());
+        (self.skeleton, self.values, self.barcode) = (skeleton, values, OnceLock::new());
+        self.whole = OnceLock::new();
         Ok(Updated { added, renewed })
     }
 }

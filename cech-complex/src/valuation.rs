@@ -3,6 +3,8 @@
 //! **Facet shortcut.** If the cylinder opposite the latest facet contains the minimiser of that facet, the simplex has exactly the value of
 //! the facet: nothing to solve. This settles more than nine tetrahedra in ten and half of the triangles.
 //!
+//! Values are computed dimension by dimension, those of the facets first, and only where they are missing (module `values`).
+//!
 //! A value below that of a facet can only be rounding, so the larger of the two is taken, and the value of the facet whenever the
 //! certified bracket contains it: monotone to the last bit, and equal to the last bit where the truth is a tie.
 
@@ -10,7 +12,11 @@ use crate::cylinder::{Cylinder, gauge};
 use crate::filtration::{pair_lower_bound, solve};
 use crate::options::Options;
 use crate::problem::Oriented;
+use crate::values::Attained;
 use nalgebra::Vector3;
+
+/// Number of simplices per batch: enough to share among threads, few enough to stop soon after a limit.
+pub(crate) const BATCH: usize = 1 << 12;
 
 /// A value and a point where it is attained.
 pub(crate) type Valued = (f64, Vector3<f64>);
@@ -42,16 +48,52 @@ impl Valuation<'_> {
         if pair_lower_bound(&a, &b, self.cylinder) > cutoff {
             return None;
         }
-        let solved = solve(&[a, b], self.cylinder, None, cutoff);
-        (solved.value <= cutoff).then_some((solved.value, solved.minimiser.coords))
+        Some(self.edge_value([i, j])).filter(|valued| valued.0 <= cutoff)
     }
 
-    /// Value of a triangle or tetrahedron from the values and minimisers of its facets.
+    /// Value of a pair that is an edge.
+    fn edge_value(&self, edge: [u32; 2]) -> Valued {
+        let pair = edge.map(|v| self.cloud[v as usize]);
+        let solved = solve(&pair, self.cylinder, None, self.options.max_scale);
+        (solved.value, solved.minimiser.coords)
+    }
+
+    /// Value of a triangle or tetrahedron from those of its facets, if it is a simplex.
     pub fn simplex<const N: usize>(
         &self,
         candidate: &Candidate<N>,
-        (facet_values, facet_points): Facets<'_>,
+        facets: Facets<'_>,
     ) -> Option<Valued> {
+        let valued = self.simplex_value(candidate, facets);
+        Some(valued).filter(|valued| valued.0 <= self.options.max_scale)
+    }
+
+    /// Computes the values that are missing among those of the edges.
+    pub fn complete_edges(&self, edges: &[[u32; 2]], attained: &mut Attained) {
+        complete(attained, |e| self.edge_value(edges[e]));
+    }
+
+    /// The same for triangles or tetrahedra, given their facets and all values of these.
+    pub fn complete<const N: usize>(
+        &self,
+        simplices: &[[u32; N]],
+        facets: &[[u32; N]],
+        of_facets: &Attained,
+        attained: &mut Attained,
+    ) {
+        let of_facets = (&of_facets.values[..], &of_facets.points[..]);
+        complete(attained, |s| {
+            let (vertices, facets) = (simplices[s], facets[s]);
+            self.simplex_value(&Candidate { vertices, facets }, of_facets)
+        });
+    }
+
+    /// Value of a triangle or tetrahedron from the values and minimisers of its facets.
+    fn simplex_value<const N: usize>(
+        &self,
+        candidate: &Candidate<N>,
+        (facet_values, facet_points): Facets<'_>,
+    ) -> Valued {
         let mut latest = 0;
         for f in 1..N {
             if facet_values[candidate.facets[f] as usize]
@@ -72,7 +114,7 @@ impl Valuation<'_> {
             radius,
         ) <= floor;
         if inside {
-            return Some((floor, minimiser));
+            return (floor, minimiser);
         }
         let cutoff = self.options.max_scale;
         let simplex = candidate.vertices.map(|v| self.cloud[v as usize]);
@@ -86,7 +128,25 @@ impl Valuation<'_> {
         } else {
             solved.value
         };
-        (value <= cutoff).then_some((value, solved.minimiser.coords))
+        (value, solved.minimiser.coords)
+    }
+}
+
+/// Computes the missing values.
+fn complete(attained: &mut Attained, value: impl Fn(usize) -> Valued + Sync + Send) {
+    let all = 0..attained.values.len();
+    let missing: Vec<u32> = all
+        .filter(|&i| attained.values[i].is_nan())
+        .map(|i| i as u32)
+        .collect();
+    for batch in missing.chunks(BATCH) {
+        let valued = map(batch, |&i| value(i as usize));
+        for (&i, (value, minimiser)) in batch.iter().zip(valued) {
+            attained.values[i as usize] = value;
+            if let Some(point) = attained.points.get_mut(i as usize) {
+                *point = minimiser;
+            }
+        }
     }
 }
 
@@ -104,4 +164,17 @@ fn triple_start(a: &Oriented, b: &Oriented, c: &Oriented, facet: Vector3<f64>) -
     } else {
         facet
     }
+}
+
+/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
+#[cfg(not(feature = "rayon"))]
+pub(crate) fn map<T, R>(items: &[T], f: impl Fn(&T) -> R) -> Vec<R> {
+    items.iter().map(f).collect()
+}
+
+/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
+#[cfg(feature = "rayon")]
+pub(crate) fn map<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
+    use rayon::prelude::*;
+    items.par_iter().map(f).collect()
 }

@@ -11,7 +11,10 @@ type Cloud = (Vec<Point3<f64>>, Vec<UnitVector3<f64>>);
 fn both((points, normals): &Cloud, cylinder: Cylinder, options: &Options) -> [[usize; 3]; 2] {
     let complex = Complex::build(points, normals, cylinder, options).unwrap();
     let fast = betti_numbers(points, normals, cylinder, options).unwrap();
-    [fast, complex.betti(options.max_scale)]
+    // Before and after values are computed.
+    let (scale, without) = (options.max_scale, complex.betti(options.max_scale));
+    assert_eq!(without, complex.barcode().rank(scale, scale));
+    [fast, without]
 }
 
 /// Unit normals of any direction; points free, or on a grid of the given spacing, so that duplicates, lines, planes and exact ties occur.

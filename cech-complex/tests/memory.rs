@@ -24,6 +24,7 @@ fn a_simplex_takes_at_most_a_hundred_bytes_at_the_peak() {
             Complex::build(&cloud.points, &cloud.normals, cylinder, &Options::default()).unwrap();
         let build = HEAP.peak_usage() - before;
         assert_eq!(complex.betti(1.0), [1, 2, 1]);
+        assert_eq!(complex.barcode().rank(1.0, 1.0), [1, 2, 1]);
         let all = HEAP.peak_usage() - before;
         let simplices: usize = complex.counts().iter().sum();
         assert!(

@@ -63,3 +63,25 @@ fn the_number_of_threads_does_not_matter() {
         assert_eq!(pool.install(|| digest(&sheet())), DIGEST);
     }
 }
+
+/// A task that computes values may take up another one, which asks for the same.
+#[cfg(feature = "rayon")]
+#[test]
+fn tasks_of_one_pool_may_ask_for_the_same_values() {
+    use rayon::prelude::*;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(3)
+        .build()
+        .unwrap();
+    for round in 0..5 {
+        let complex = sheet();
+        let ask = |task: usize| match (task + round) % 3 {
+            0 => complex.barcode().bars().len(),
+            1 => complex.tetrahedron_values().len(),
+            _ => complex.edge_values().len(),
+        };
+        let answers: Vec<usize> = pool.install(|| (0..30).into_par_iter().map(ask).collect());
+        assert!(answers.iter().all(|count| *count > 0));
+        assert_eq!(digest(&complex), DIGEST);
+    }
+}
