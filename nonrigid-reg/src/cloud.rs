@@ -7,11 +7,11 @@
 //! boundary      neighbours seen along n, sorted by angle: a gap wider than the bound means that the surface ends there
 //! ```
 
+use gpwrm::Neighbour;
 use gpwrm::mls::tangents;
-use gpwrm::{Neighbour, Tree};
 use nalgebra::{Matrix3, Point3, Unit, UnitVector3, Vector3};
 
-use crate::each::each;
+use crate::boxes::Boxes;
 use crate::error::{Error, check_length, check_normals, check_points, check_range};
 
 /// A cloud of oriented points, borrowed.
@@ -60,19 +60,15 @@ pub fn estimate_normals(
     check_points("point", points)?;
     check_points("viewpoint", std::slice::from_ref(viewpoint))?;
     check_range("k", k as f64, k >= 3, "at least 3")?;
-    let Ok(tree) = Tree::new(points) else {
-        return Ok(Vec::new());
-    };
-    let normal = |p: &Point3<f64>| {
-        let near = tree.nearest_n(p, k.min(points.len()));
-        let toward = viewpoint - p;
-        let n = smallest_direction(points, &near);
+    let normal = |i: usize, near: &[Neighbour]| {
+        let toward = viewpoint - points[i];
+        let n = smallest_direction(points, near);
         let oriented = n.map(|n| if n.dot(&toward) < 0.0 { -n } else { n });
         oriented
             .or_else(|| Unit::try_new(toward, 1e-12))
             .unwrap_or_else(Vector3::z_axis)
     };
-    Ok(points.iter().map(normal).collect())
+    Ok(Boxes::new(points).of_all(k, normal))
 }
 
 /// Direction of smallest spread; `None` if the points coincide.
@@ -223,26 +219,22 @@ pub fn boundary_points(cloud: &Cloud, k: usize, angle: f64) -> Result<Vec<bool>,
         angle > 0.0 && angle < full,
         "between 0 and 2π",
     )?;
-    let Ok(tree) = Tree::new(cloud.points) else {
-        return Ok(Vec::new());
-    };
-    let ends = |i: usize| {
-        let near = tree.nearest_n(&cloud.points[i], (k + 1).min(cloud.points.len()));
-        is_boundary(cloud, &near, i, angle)
-    };
-    Ok((0..cloud.points.len()).map(ends).collect())
+    let ends = |i: usize, near: &[Neighbour]| is_boundary(cloud, near, i, angle);
+    Ok(Boxes::new(cloud.points).of_all(k + 1, ends))
 }
 
 /// Whether point `i`, whose neighbours are `near`, lies on the boundary.
 pub(crate) fn is_boundary(cloud: &Cloud, near: &[Neighbour], i: usize, angle: f64) -> bool {
     let (p, n) = (cloud.points[i], cloud.normals[i]);
     let (s, t) = tangents(&n);
-    let mut directions: Vec<f64> = near
-        .iter()
-        .filter(|other| other.index != i)
+    let others = near.iter().filter(|other| other.index != i);
+    let flat = others
         .map(|other| cloud.points[other.index] - p)
-        .map(|d| d.dot(&t).atan2(d.dot(&s)))
-        .collect();
+        .map(|d| [d.dot(&s), d.dot(&t)]);
+    if is_surrounded(flat.clone(), angle) {
+        return false;
+    }
+    let mut directions: Vec<f64> = flat.map(|[x, y]| y.atan2(x)).collect();
     directions.sort_by(f64::total_cmp);
     let (Some(first), Some(last)) = (directions.first(), directions.last()) else {
         return true;
@@ -253,6 +245,37 @@ pub(crate) fn is_boundary(cloud: &Cloud, near: &[Neighbour], i: usize, angle: f6
         .map(|pair| pair[1] - pair[0])
         .fold(around, f64::max);
     widest > angle
+}
+
+/// Whether the sectors of 15° in which there are directions already show that no gap is wider than `angle`: this decides most points, without angles.
+fn is_surrounded(directions: impl Iterator<Item = [f64; 2]>, angle: f64) -> bool {
+    const SECTOR: f64 = std::f64::consts::PI / 12.0;
+    let tangents = [SECTOR.tan(), (2.0 * SECTOR).tan()];
+    let mut full = 0_u32;
+    for [x, y] in directions {
+        let (least, most) = (x.abs().min(y.abs()), x.abs().max(y.abs()));
+        let third = tangents.iter().filter(|t| least > *t * most).count();
+        let of_quarter = if y.abs() > x.abs() { 5 - third } else { third };
+        let sector = match (x < 0.0, y < 0.0) {
+            (false, false) => of_quarter,
+            (true, false) => 11 - of_quarter,
+            (true, true) => 12 + of_quarter,
+            (false, true) => 23 - of_quarter,
+        };
+        full |= 1 << sector;
+    }
+    // A gap spans the empty sectors and less than the two at its ends, up to rounding.
+    let gap = angle / SECTOR - 2.0 - 1e-9;
+    let (mut run, mut longest) = (0, 0);
+    for sector in 0..48 {
+        run = if full >> (sector % 24) & 1 == 1 {
+            0
+        } else {
+            run + 1
+        };
+        longest = longest.max(run);
+    }
+    full != 0 && f64::from(longest) <= gap
 }
 
 /// Point `i` with the noise across the surface reduced: moved along its normal to the mean height given by its neighbours `near`,
@@ -283,11 +306,33 @@ pub(crate) fn denoised(cloud: &Cloud, i: usize, near: &[Neighbour]) -> Point3<f6
 
 /// All points with the noise across the surface reduced, by their `k` nearest.
 pub(crate) fn denoise(cloud: &Cloud, k: usize) -> Vec<Point3<f64>> {
-    let Some(tree) = Tree::new(cloud.points).ok().filter(|_| k > 0) else {
+    if k == 0 {
         return cloud.points.to_vec();
-    };
-    let count = (k + 1).min(cloud.points.len());
-    each(cloud.points.len(), |i| {
-        denoised(cloud, i, &tree.nearest_n(&cloud.points[i], count))
-    })
+    }
+    let clean = |i: usize, near: &[Neighbour]| denoised(cloud, i, near);
+    Boxes::new(cloud.points).of_all(k + 1, clean)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// Directions on the borders of sectors too, where rounding decides.
+        #[test]
+        fn surrounded_points_have_no_wide_gap(
+            sixths in prop::collection::vec((0..24_u32, 0..2_u32, 0.0..1.0_f64), 1..40), angle in 0.3..6.0_f64,
+        ) {
+            let turns = sixths.iter().map(|&(k, beside, share)| (f64::from(k) + f64::from(beside) * share) * std::f64::consts::PI / 12.0);
+            let flat: Vec<[f64; 2]> = turns.map(|turn: f64| [turn.cos(), turn.sin()]).collect();
+            let mut directions: Vec<f64> = flat.iter().map(|[x, y]| y.atan2(*x)).collect();
+            directions.sort_by(f64::total_cmp);
+            let around = directions[0] + std::f64::consts::TAU - directions[directions.len() - 1];
+            let widest = directions.windows(2).map(|pair| pair[1] - pair[0]).fold(around, f64::max);
+            prop_assert!(!is_surrounded(flat.iter().copied(), angle) || widest <= angle);
+            // Three sectors less than the angle are always enough.
+            prop_assert!(is_surrounded(flat.iter().copied(), angle) || widest > angle - 0.79);
+        }
+    }
 }

@@ -29,7 +29,7 @@ pub struct ClosestPoint {
 
 impl Correspondence for ClosestPoint {
     fn find(&self, probe: &Probe, target: &Target, reach: f64) -> Option<usize> {
-        let (index, squared) = target.nearest(&probe.position)?;
+        let (index, squared) = target.nearest_to(probe)?;
         let compatible = probe.normal.dot(&target.normals()[index]) > self.normal_cosine;
         (squared < reach * reach && compatible).then_some(index)
     }

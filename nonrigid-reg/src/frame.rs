@@ -168,8 +168,9 @@ impl Frame<'_> {
             // An index out of range, which a caller's implementation may return, is no match.
             hit.filter(|&q| q < count).map(|q| (probe, q))
         });
-        let mut weigh = |(probe, q): (Probe, usize)| {
-            let place = target.place(q);
+        target.prepare(hits.iter().map(|hit| hit.map(|(_, q)| q)));
+        let weigh = |(probe, q): (Probe, usize)| {
+            let place = target.place(q)?;
             let pair = Pair {
                 probe,
                 target: q,
@@ -180,9 +181,7 @@ impl Frame<'_> {
             let weight = rejection.weight(&pair, iteration);
             (weight > 0.0).then(|| (pair, weight.min(1.0)))
         };
-        hits.into_iter()
-            .map(|hit| hit.and_then(&mut weigh))
-            .collect::<Vec<_>>()
+        hits.into_iter().map(|hit| hit.and_then(weigh)).collect()
     }
 
     fn probe(&self, i: usize, state: &State) -> Probe {

@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 
 mod align;
+mod boxes;
 mod cloud;
 mod defaults;
 mod each;

@@ -204,7 +204,7 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         };
         input.check(&self.options)?;
         self.kept.model = Some(self.take_model(&input)?);
-        self.kept.target = Some(self.take_target(target)?);
+        self.kept.target = Some(self.take_target(target));
         let (result, met) = self.follow(&input, None)?;
         let free = landmarks.is_empty() && features.is_empty() && initial.is_none();
         if free && self.is_poor(source, &result, met) {
@@ -316,12 +316,10 @@ impl<C: Correspondence, R: Residual, J: Rejection, T: Termination> Registrar<C, 
         }
     }
 
-    fn take_target(&mut self, target: &Cloud) -> Result<Target, Error> {
+    fn take_target(&mut self, target: &Cloud) -> Target {
         let kept = self.kept.target.take();
-        match kept.filter(|kept| kept.is_of(target)) {
-            Some(kept) => Ok(kept),
-            None => Target::new(target, &self.options),
-        }
+        kept.filter(|kept| kept.is_of(target))
+            .unwrap_or_else(|| Target::new(target, &self.options))
     }
 
     /// Iterates from the start to the report; also gives the share of source points with a match at the start.

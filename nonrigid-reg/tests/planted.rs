@@ -3,8 +3,8 @@
 
 mod shapes;
 
-use nalgebra::{Rotation3, Vector3};
-use nonrigid_reg::{Feature, Landmark, Options, Registrar, Status, register};
+use nalgebra::{Point3, Rotation3, Vector3};
+use nonrigid_reg::{Feature, Landmark, Options, Registrar, Status, estimate_normals, register};
 use shapes::{bend, bent, mean_error, potato, seen};
 
 fn grips(points: &[nalgebra::Point3<f64>], size: f64) -> Vec<Landmark> {
@@ -233,4 +233,26 @@ fn a_prediction_is_taken_as_the_start() {
     let error = mean_error(&result.displacements, |_| far);
     // The prediction itself is 3 mm off.
     assert!(error < 0.001, "{error}");
+}
+
+/// A dome on the grid of a camera without noise, its depth in steps as a camera stores it: many points are equally far, and a choice among them that
+/// follows the rows of the image tilts the mean normal by 0.001. All distances are exact in binary, and the grid equals its reflections, so that
+/// only rounding remains.
+#[test]
+fn normals_on_a_grid_of_pixels_lean_to_no_side() {
+    let (half, pitch, radius) = (40, 1.0 / 1024.0, 0.08);
+    let side = 2 * half + 1;
+    let at = |k: i32| f64::from(k - half) * pitch;
+    let dome: Vec<Point3<f64>> = (0..side * side)
+        .map(|k| {
+            let (x, y) = (at(k % side), at(k / side));
+            let height = -(x * x + y * y) / (2.0 * radius);
+            Point3::new(x, y, (height / pitch).round() * pitch)
+        })
+        .collect();
+    let normals = estimate_normals(&dome, 16, &Point3::new(0.0, 0.0, 1.0)).unwrap();
+    let mean: Vector3<f64> =
+        normals.iter().map(|n| n.into_inner()).sum::<Vector3<f64>>() / normals.len() as f64;
+    assert!(mean.x.abs() < 1e-6 && mean.y.abs() < 1e-6, "{mean}");
+    assert!(mean.z > 0.9);
 }

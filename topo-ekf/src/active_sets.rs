@@ -27,7 +27,7 @@ const ROUNDS: usize = 40;
 /// Rounds in which the next set is predicted by relaxation. After them only the primal-dual active set is used, which is known to terminate.
 const PREDICTED: usize = 3;
 /// While the set of the plane still changes, forces are computed only to this share of the largest gap.
-const COARSE: f64 = 1e-1;
+const COARSE: f64 = 3e-1;
 /// Most passes. Usually one suffices; gaps of metres take two or three.
 const PASSES: usize = 20;
 /// Change of the remaining gaps, m, below which the passes have converged: the rows are then infeasible.

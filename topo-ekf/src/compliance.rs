@@ -10,15 +10,13 @@
 //! Those of one factor are computed together ([`crate::selected_inverse`]), a few more by a solve each: sheets in contact share vertices among many
 //! rows, resting vertices have no column along the normal, and another linearisation needs no new solve.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 
 use crate::Error;
 use crate::plane_contact::PlaneContact;
 use crate::rows::Stack;
+use crate::selected_inverse::Workspace;
 use crate::system::{Factor, System};
-
-/// Sine of the angle to the normal below which the model treats a row as parallel to the normal.
-const TILT: f64 = 0.3;
 
 /// The operator for the present set of vertices on the plane.
 pub(crate) struct Compliance<'a> {
@@ -50,157 +48,101 @@ impl Compliance<'_> {
         let count = influence.vertices.len();
         let terms = Terms::new(self.stack, of, influence);
         let mut entries = DMatrix::zeros(of.len(), new);
-        let (mut normal, mut along) = (vec![0.0; count], vec![[0.0; 2]; count]);
+        let mut moved = vec![[0.0; 3]; count];
         for l in 0..new {
-            normal.fill(0.0);
-            for &(slot, a) in terms.normal(old + l) {
-                for (sum, s) in normal.iter_mut().zip(column_of(&influence.free, slot)) {
-                    *sum += a * s;
-                }
-            }
-            along.fill([0.0; 2]);
-            for &(slot, [x, y]) in terms.along(old + l) {
-                for (sum, s) in along.iter_mut().zip(column_of(&influence.full, slot)) {
-                    sum[0] += x * s;
-                    sum[1] += y * s;
-                }
-            }
+            influence.move_by(terms.row(old + l), &mut moved);
             let column = &mut entries.as_mut_slice()[of.len() * l..];
             for (k, entry) in column[..=old + l].iter_mut().enumerate() {
-                let tilted = terms.along(k).iter();
-                let level = tilted.map(|&(w, [x, y])| x * along[w][0] + y * along[w][1]);
-                let upright = terms.normal(k).iter().map(|&(w, a)| a * normal[w]);
-                *entry = level.sum::<f64>() + upright.sum::<f64>();
-            }
-        }
-        Ok(entries)
-    }
-
-    /// Entries of `S⁻¹` (of the free vertices, along the normal) in the rows `of` and the columns `new`, which are a subset of them.
-    fn inverse(&mut self, of: &[u32], new: &[u32], normal: bool) -> Result<DMatrix<f64>, Error> {
-        // A resting vertex does not move along the normal under any force.
-        let moves = |v: u32| !(normal && self.table.rests(v));
-        let moving: Vec<usize> = (0..new.len()).filter(|&l| moves(new[l])).collect();
-        let chosen: Vec<u32> = moving.iter().map(|&l| new[l]).collect();
-        let factor = self.table.factor_along(self.factor, normal);
-        let mut entries = DMatrix::zeros(of.len(), new.len());
-        if of.len() == new.len() {
-            let found = self.system.selected_inverse(factor, &chosen)?;
-            for (column, &l) in found.column_iter().zip(&moving) {
-                for (value, &k) in column.iter().zip(&moving) {
-                    entries[(k, l)] = *value;
-                }
-            }
-            return Ok(entries);
-        }
-        let size = self.system.pattern.size();
-        let mut block = vec![0.0; size * chosen.len()];
-        for (column, &v) in block.chunks_exact_mut(size).zip(&chosen) {
-            column[v as usize] = 1.0;
-        }
-        self.system.solve(factor, &mut block);
-        for (column, &l) in block.chunks_exact(size).zip(&moving) {
-            for (k, &v) in of.iter().enumerate() {
-                entries[(k, l)] = column[v as usize];
+                let part = |&(w, a): &(usize, Vector3<f64>)| {
+                    let [x, y, z] = moved[w];
+                    a.x * x + a.y * y + a.z * z
+                };
+                *entry = terms.row(k).iter().map(part).sum();
             }
         }
         Ok(entries)
     }
 }
 
-/// A column as a slice: iterators of matrices are several times slower.
-fn column_of(matrix: &DMatrix<f64>, column: usize) -> &[f64] {
-    let height = matrix.nrows();
-    &matrix.as_slice()[height * column..height * (column + 1)]
-}
-
-/// Rows by the index of their vertices in the model: components along the normal, and those along the plane that the model does not omit.
+/// Rows by the index of their vertices in the model.
 struct Terms {
-    normal: Vec<(usize, f64)>,
-    along: Vec<(usize, [f64; 2])>,
-    /// The first of both for each row, and one past the last.
-    starts: Vec<[usize; 2]>,
+    terms: Vec<(usize, Vector3<f64>)>,
+    /// The first for each row, and one past the last.
+    starts: Vec<usize>,
 }
 
 impl Terms {
     fn new(stack: &Stack, rows: &[usize], influence: &Influence) -> Self {
-        let mut terms = Self {
-            normal: vec![],
-            along: vec![],
-            starts: vec![[0; 2]],
-        };
+        let (mut terms, mut starts) = (vec![], vec![0]);
         for &row in rows {
-            for &(v, a) in stack.row(row) {
-                let slot = influence.slots[v as usize] as usize;
-                terms.normal.push((slot, a.z));
-                if influence.tilted[slot] {
-                    terms.along.push((slot, [a.x, a.y]));
-                }
-            }
-            terms.starts.push([terms.normal.len(), terms.along.len()]);
+            let slot = |v: u32| influence.slots[v as usize] as usize;
+            terms.extend(stack.row(row).iter().map(|&(v, a)| (slot(v), a)));
+            starts.push(terms.len());
         }
-        terms
+        Self { terms, starts }
     }
 
-    fn normal(&self, row: usize) -> &[(usize, f64)] {
-        &self.normal[self.starts[row][0]..self.starts[row + 1][0]]
-    }
-
-    fn along(&self, row: usize) -> &[(usize, [f64; 2])] {
-        &self.along[self.starts[row][1]..self.starts[row + 1][1]]
+    fn row(&self, row: usize) -> &[(usize, Vector3<f64>)] {
+        &self.terms[self.starts[row]..self.starts[row + 1]]
     }
 }
 
-/// Entries of `S⁻¹` and `S_free⁻¹` among the vertices of the included rows.
+/// Entries of `S⁻¹` and `S_free⁻¹` among the vertices of the included rows. The memory is kept from frame to frame.
+#[derive(Default)]
 pub(crate) struct Influence {
     vertices: Vec<u32>,
     /// Index of each vertex among them, `u32::MAX` for those in no row.
     slots: Vec<u32>,
-    /// Both with room for more vertices.
-    full: DMatrix<f64>,
-    free: DMatrix<f64>,
-    /// Vertices on which a row has a component along the plane of more than [`TILT`]; for the others the model omits `full`.
-    tilted: Vec<bool>,
+    full: Square,
+    free: Square,
     /// Resting vertices for which `free` was computed.
     resting: Vec<bool>,
+    work: Workspace,
 }
 
 impl Influence {
-    pub fn new(size: usize) -> Self {
-        Self {
-            vertices: vec![],
-            slots: vec![u32::MAX; size],
-            full: DMatrix::zeros(0, 0),
-            free: DMatrix::zeros(0, 0),
-            tilted: vec![],
-            resting: vec![],
-        }
+    /// Without vertices, for a metric of this size.
+    pub fn emptied(mut self, size: usize) -> Self {
+        self.vertices.clear();
+        self.slots.clear();
+        self.slots.resize(size, u32::MAX);
+        self
     }
 
-    /// Renews a model that no longer helps: for the present set of the plane, or, if it was made for that, with the omitted components along the plane.
-    pub fn renew(&mut self, compliance: &mut Compliance) -> Result<(), Error> {
-        if self.resting != compliance.table.set() {
-            self.free = compliance.inverse(&self.vertices, &self.vertices, true)?;
-            self.resting = compliance.table.set().to_vec();
-        } else if self.tilted.contains(&false) {
-            self.tilted.fill(true);
-            self.full = compliance.inverse(&self.vertices, &self.vertices, false)?;
+    /// Whether it was computed for another set of resting vertices.
+    pub fn outdated(&self, table: &PlaneContact) -> bool {
+        !self.vertices.is_empty() && self.resting != table.set()
+    }
+
+    /// Renews an outdated model.
+    pub fn renew(&mut self, compliance: &Compliance) -> Result<(), Error> {
+        if self.outdated(compliance.table) {
+            self.fill(compliance, true)?;
+            compliance.table.set().clone_into(&mut self.resting);
         }
         Ok(())
+    }
+
+    /// Displacements of the vertices under a unit force of a row.
+    fn move_by(&self, row: &[(usize, Vector3<f64>)], moved: &mut [[f64; 3]]) {
+        moved.fill([0.0; 3]);
+        for &(slot, a) in row {
+            let columns = self.full.column(slot).iter().zip(self.free.column(slot));
+            for (m, (full, free)) in moved.iter_mut().zip(columns) {
+                m[0] += a.x * full;
+                m[1] += a.y * full;
+                m[2] += a.z * free;
+            }
+        }
     }
 
     fn learn(&mut self, compliance: &mut Compliance, rows: &[usize]) -> Result<(), Error> {
         let old = self.vertices.len();
         for &k in rows {
-            for &(v, a) in compliance.stack.row(k) {
-                let tilted = a.xy().norm() > TILT * a.norm();
-                let slot = self.slots[v as usize] as usize;
-                if slot >= self.vertices.len() {
+            for &(v, _) in compliance.stack.row(k) {
+                if self.slots[v as usize] == u32::MAX {
                     self.slots[v as usize] = self.vertices.len() as u32;
                     self.vertices.push(v);
-                    self.tilted.push(tilted);
-                } else if slot >= old {
-                    self.tilted[slot] |= tilted;
                 }
             }
         }
@@ -208,46 +150,94 @@ impl Influence {
             return Ok(());
         }
         if old == 0 {
-            self.resting = compliance.table.set().to_vec();
+            compliance.table.set().clone_into(&mut self.resting);
+            self.fill(compliance, false)?;
+            return self.fill(compliance, true);
         }
-        let all: Vec<usize> = (0..self.vertices.len()).collect();
-        self.extend(compliance, &all, old, true)?;
-        // Omitted on both sides or on none: the model stays symmetric and positive.
-        let tilted: Vec<usize> = all.into_iter().filter(|&k| self.tilted[k]).collect();
-        self.extend(compliance, &tilted, old, false)
+        self.extend(compliance, old, false);
+        self.extend(compliance, old, true);
+        Ok(())
     }
 
-    /// Adds entries among the vertices `of` for those from index `old` on.
-    fn extend(
-        &mut self,
-        compliance: &mut Compliance,
-        of: &[usize],
-        old: usize,
-        normal: bool,
-    ) -> Result<(), Error> {
-        let new = &of[of.partition_point(|&k| k < old)..];
-        let named = |at: &[usize]| at.iter().map(|&k| self.vertices[k]).collect::<Vec<_>>();
-        let columns = compliance.inverse(&named(of), &named(new), normal)?;
+    /// Computes all entries, of the free vertices along the normal.
+    fn fill(&mut self, compliance: &Compliance, normal: bool) -> Result<(), Error> {
+        // A resting vertex does not move along the normal under any force.
+        let moves = |v: u32| !(normal && compliance.table.rests(v));
         let count = self.vertices.len();
+        let moving: Vec<usize> = (0..count).filter(|&k| moves(self.vertices[k])).collect();
+        let chosen: Vec<u32> = moving.iter().map(|&k| self.vertices[k]).collect();
         let known = if normal {
             &mut self.free
         } else {
             &mut self.full
         };
-        if known.ncols() < count {
-            // A few vertices are added time and again: with room for them the model is copied once or twice.
-            let room = count + count / 8;
-            *known = std::mem::take(known).resize(room, room, 0.0);
+        known.clear(count);
+        let factor = compliance.table.factor_along(compliance.factor, normal);
+        let put = |k: usize, l: usize, value| known.set(moving[k], moving[l], value);
+        let system = &compliance.system;
+        system.each_selected(factor, &chosen, &mut self.work, put)
+    }
+
+    /// Adds the entries of the vertices from index `old` on, by a solve for each.
+    fn extend(&mut self, compliance: &mut Compliance, old: usize, normal: bool) {
+        let moves = |v: u32| !(normal && compliance.table.rests(v));
+        let count = self.vertices.len();
+        let moving: Vec<usize> = (old..count).filter(|&k| moves(self.vertices[k])).collect();
+        let size = compliance.system.pattern.size();
+        let mut block = vec![0.0; size * moving.len()];
+        for (column, &l) in block.chunks_exact_mut(size).zip(&moving) {
+            column[self.vertices[l] as usize] = 1.0;
         }
-        let all_new = of.len() == new.len();
-        for (column, &l) in columns.column_iter().zip(new) {
-            for (value, &k) in column.iter().zip(of) {
-                known[(k, l)] = *value;
-                if !all_new {
-                    known[(l, k)] = *value;
+        let factor = compliance.table.factor_along(compliance.factor, normal);
+        compliance.system.solve(factor, &mut block);
+        let known = if normal {
+            &mut self.free
+        } else {
+            &mut self.full
+        };
+        known.widen(old, count);
+        for (column, &l) in block.chunks_exact(size).zip(&moving) {
+            for (k, &v) in self.vertices.iter().enumerate() {
+                if moves(v) {
+                    known.set(k, l, column[v as usize]);
+                    known.set(l, k, column[v as usize]);
                 }
             }
         }
-        Ok(())
+    }
+}
+
+/// A square matrix with room for more rows and columns: a few are added time and again.
+#[derive(Default)]
+struct Square {
+    room: usize,
+    values: Vec<f64>,
+}
+
+impl Square {
+    /// Zeros.
+    fn clear(&mut self, count: usize) {
+        self.room = count + count / 8;
+        self.values.clear();
+        self.values.resize(self.room * self.room, 0.0);
+    }
+
+    /// Makes room for `count` rows and columns, of which the first `old` are in use; the others are zero.
+    fn widen(&mut self, old: usize, count: usize) {
+        if count > self.room {
+            let before = std::mem::take(self);
+            self.clear(count);
+            for l in 0..old {
+                self.values[self.room * l..][..old].copy_from_slice(&before.column(l)[..old]);
+            }
+        }
+    }
+
+    fn set(&mut self, row: usize, column: usize, value: f64) {
+        self.values[self.room * column + row] = value;
+    }
+
+    fn column(&self, column: usize) -> &[f64] {
+        &self.values[self.room * column..self.room * (column + 1)]
     }
 }

@@ -5,7 +5,6 @@ use std::collections::HashSet;
 use nalgebra::Point3;
 
 use crate::Error;
-use crate::compliance::Influence;
 use crate::contact::Surface;
 use crate::filter::{Filter, Update};
 use crate::observation::{Frame, Plane};
@@ -117,7 +116,8 @@ impl Filter {
         let (values, factor) = metric.parts();
         let mut contacts = self.watch(surface, &self.expected(estimate));
         let mut warm = self.warm.clone();
-        let mut influence = Influence::new(estimate.len());
+        // Only its memory is used again; lost after an error, it is made again.
+        let mut influence = std::mem::take(&mut self.influence).emptied(estimate.len());
         let mut work = Work::default();
         loop {
             let rows: Vec<_> = fixed.iter().chain(&contacts).cloned().collect();
@@ -134,6 +134,7 @@ impl Filter {
             let again = self.watch(surface, &projected.positions);
             let left = lack(&again, &projected.positions);
             if left <= FEASIBLE || work.linearisations == LINEARISATIONS {
+                self.influence = influence;
                 return Ok(Settled {
                     projected,
                     left,

@@ -39,7 +39,8 @@ pub(crate) struct Surface {
     near: Vec<u32>,
     /// Search tree over the prisms of all triangles; built once and updated before every search.
     tree: Bvh,
-    candidates: Candidates,
+    /// Those of the last two searches, the one used last in front: an unconstrained estimate and a projected one alternate in every frame.
+    candidates: [Candidates; 2],
 }
 
 /// Pairs of a vertex and a triangle far along the surface that were near each other, with a margin; these are all, until something moves farther.
@@ -102,7 +103,7 @@ impl Surface {
             starts,
             near,
             tree: Bvh::new(),
-            candidates: Candidates::default(),
+            candidates: Default::default(),
         }
     }
 
@@ -129,7 +130,7 @@ impl Surface {
         let facets: Vec<_> = self.triangles.iter().map(|t| Facet::new(t, now)).collect();
         self.search(&facets, now, reach);
         let rows = self.corners.iter().enumerate().filter_map(|(at, &v)| {
-            let near = self.candidates.of(at).iter().filter_map(|&t| {
+            let near = self.candidates[0].of(at).iter().filter_map(|&t| {
                 let foot = facets[t as usize].as_ref()?.over(&now[v as usize]);
                 let triangle = &self.triangles[t as usize];
                 Self::pair(v, triangle, before, foot, asked, reach)
@@ -159,7 +160,12 @@ impl Surface {
             .collect();
         let places: Vec<_> = self.corners.iter().map(|&v| now[v as usize]).collect();
         let margin = MARGIN * reach;
-        if self.candidates.cover(&prisms, &places, margin) {
+        let covers = |c: &Candidates| c.cover(&prisms, &places, margin);
+        if covers(&self.candidates[0]) {
+            return;
+        }
+        self.candidates.swap(0, 1);
+        if covers(&self.candidates[0]) {
             return;
         }
         let prisms: Vec<Aabb> = prisms.iter().map(|p| p.loosened(margin)).collect();
@@ -173,7 +179,7 @@ impl Surface {
             triangles[first..].sort_unstable();
             starts.push(triangles.len());
         }
-        self.candidates = Candidates {
+        self.candidates[0] = Candidates {
             prisms,
             places,
             starts,

@@ -9,16 +9,17 @@
 //!
 //! `M` holds entries of `G` from when each row was included, possibly with another set of resting vertices or before the last linearisation.
 //! The gradient and the length of the step are exact, so an old model costs steps but no accuracy: the objective falls in every step, and where it no
-//! longer does the result is optimal for the exact `G`. A step is one sparse solve, where a new dense `G` would need a solve for each row and round. A
-//! model that no longer helps is renewed for the present set of resting vertices or, if it was made for that, completed ([`crate::compliance`]).
+//! longer does the result is optimal for the exact `G`. While the set of resting vertices still changes, forces are needed only roughly, and an old model
+//! is enough; for the final tolerance a model of another set is renewed first ([`crate::compliance`]).
 
 use nalgebra::DMatrix;
 
 use crate::Error;
 use crate::compliance::{Compliance, Influence};
 use crate::pivots::minimise;
+use crate::problem::ROW_DEPTH;
 
-/// Steps with a model before it is renewed or completed.
+/// Steps with a model before it is renewed.
 const PATIENCE: usize = 3;
 /// Most steps in all.
 const STEPS: usize = 60;
@@ -67,6 +68,14 @@ impl Dual<'_> {
         let (mut products, mut age) = (1, 0);
         let mut settled = false;
         while products <= STEPS {
+            if self.holds(&forces, &gradient) {
+                settled = true;
+                break;
+            }
+            if age == 0 && self.tolerance <= ROW_DEPTH && influence.outdated(compliance.table) {
+                // A few exact steps are cheaper than many with a model of another set.
+                model.renew(&forces, &gradient, influence, compliance)?;
+            }
             model.admit(
                 &self.lacking(&forces, &gradient, model),
                 influence,
@@ -118,6 +127,14 @@ impl Dual<'_> {
             *p += soft * v;
         }
         (shift, product)
+    }
+
+    /// Whether active rows are closed and the others open, within the tolerance; needs no model, unlike [`Self::defect`], which also allows small forces on
+    /// open rows.
+    fn holds(&self, forces: &[f64], gradient: &[f64]) -> bool {
+        let violated = |(f, q): (&f64, &f64)| if *f > 0.0 { q.abs() } else { -q };
+        let rows = forces.iter().zip(gradient);
+        rows.map(violated).all(|v| v <= self.tolerance)
     }
 
     /// Rows that are active or should be, and are not included.

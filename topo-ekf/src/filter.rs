@@ -13,6 +13,7 @@
 
 use nalgebra::{Point3, Rotation3};
 
+use crate::compliance::Influence;
 use crate::constrain::Constrained;
 use crate::contact::Surface;
 use crate::graph::Graph;
@@ -59,6 +60,7 @@ pub struct Filter {
     pub(crate) seen: Vec<bool>,
     pub(crate) warm: Warm,
     pub(crate) surface: Surface,
+    pub(crate) influence: Influence,
     /// Data for the statistics of the last step.
     pub(crate) last: Option<Prior>,
 }
@@ -127,6 +129,7 @@ impl Filter {
             seen: vec![false; rest.len()],
             warm: Warm::default(),
             surface: Surface::default(),
+            influence: Influence::default(),
             last: None,
         })
     }
@@ -306,6 +309,7 @@ impl Filter {
             origin: prediction.positions,
         });
         self.estimate = update.relaxed.positions;
+        self.system.recycle(update.factor);
     }
 
     /// Predicts the state at this frame.

@@ -187,6 +187,7 @@ fn spread_turns(
     let values = system.pattern.assemble(&diagonal, &graph.edges, |_| stiff);
     let factor = system.factorise(&values)?;
     system.solve(&factor, &mut rhs);
+    system.recycle(factor);
     Ok(columns::read(&rhs))
 }
 
@@ -224,6 +225,7 @@ fn place(
     let values = system.pattern.assemble(&diagonal, &graph.edges, |_| stiff);
     let factor = system.factorise(&values)?;
     system.solve(&factor, &mut rhs);
+    system.recycle(factor);
     Ok(carried
         .iter()
         .zip(columns::read(&rhs))

@@ -122,14 +122,19 @@ impl Pattern {
     }
 }
 
-/// Off-diagonal entries of both triangles, row after row, from the columns of the lower one.
+/// Off-diagonal entries of both triangles, row after row, from the columns of the lower one; in every row those of later vertices first. A sweep in
+/// ascending order then needs the vertex that it has just moved last, and need not wait for it.
 fn by_rows(starts: &[usize], rows: &[usize]) -> (Vec<usize>, Vec<(u32, u32)>) {
     let size = starts.len() - 1;
     let mut lists: Vec<Vec<(u32, u32)>> = vec![vec![]; size];
     for column in 0..size {
         for at in starts[column] + 1..starts[column + 1] {
-            lists[rows[at]].push((column as u32, at as u32));
             lists[column].push((rows[at] as u32, at as u32));
+        }
+    }
+    for column in 0..size {
+        for at in starts[column] + 1..starts[column + 1] {
+            lists[rows[at]].push((column as u32, at as u32));
         }
     }
     let mut ends = vec![0];

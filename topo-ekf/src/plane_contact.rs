@@ -96,13 +96,20 @@ impl PlaneContact {
     pub fn refactor(&mut self, values: &[f64], system: &mut System) -> Result<(), Error> {
         if self.factored != self.struck {
             self.factored.clone_from(&self.struck);
-            self.free = None;
+            self.release(system);
             if self.struck.contains(&true) {
                 self.factorisations += 1;
                 self.free = Some(system.factorise(&system.pattern.strike(values, &self.struck))?);
             }
         }
         Ok(())
+    }
+
+    /// Gives the memory of the factor back.
+    pub fn release(&mut self, system: &mut System) {
+        if let Some(free) = self.free.take() {
+            system.recycle(free);
+        }
     }
 
     /// Removes the normal component of resting vertices from a block.
@@ -157,10 +164,16 @@ impl PlaneContact {
     pub fn predict_set(&mut self, values: &[f64], pattern: &Pattern, shift: &[f64], push: &[f64]) {
         let size = self.struck.len();
         let (mut risen, pushed) = (shift[2 * size..].to_vec(), &push[2 * size..]);
+        // A vertex waits for the one before it, and would wait for a division too.
+        let softness: Vec<f64> = pattern
+            .diagonal
+            .iter()
+            .map(|&at| 1.0 / values[at])
+            .collect();
         for _ in 0..SWEEPS {
             for i in 0..size {
                 let rest = pushed[i] - pattern.pull(values, &risen, i);
-                let step = rest / values[pattern.diagonal[i]] - risen[i];
+                let step = rest * softness[i] - risen[i];
                 risen[i] = (risen[i] + OVER * step).max(-self.heights[i]);
                 self.struck[i] = risen[i] <= -self.heights[i];
             }

@@ -87,6 +87,7 @@ impl Problem<'_> {
         let mut search =
             ActiveSets::new(self, stack, gaps, PlaneContact::new(heights, struck), warm);
         search.run(system, influence)?;
+        search.table.release(system);
         Ok(self.finish(&basis, &search))
     }
 

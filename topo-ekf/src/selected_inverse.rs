@@ -12,20 +12,36 @@
 use faer::linalg::matmul::{matmul, triangular};
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::sparse::linalg::cholesky::supernodal::{SupernodalLltRef, SymbolicSupernodalCholesky};
-use faer::{Accum, Mat, MatMut, Par};
+use faer::{Accum, MatMut, Par};
 
 use crate::marginal::block_of;
 
-/// `(S⁻¹)_CC`, lower triangle, for ascending indices in the order of the factor.
-pub(crate) fn selected_inverse(
+/// Memory for repeated use: fresh memory of this size would take as long to be mapped as the entries to be computed.
+#[derive(Default)]
+pub(crate) struct Workspace {
+    columns: Vec<f64>,
+    update: Vec<f64>,
+    product: Vec<f64>,
+}
+
+/// `(S⁻¹)_CC`, lower triangle by columns, for ascending indices in the order of the factor.
+pub(crate) fn selected_inverse<'a>(
     symbolic: &SymbolicSupernodalCholesky<usize>,
     factor: &[f64],
     places: &[usize],
-) -> Mat<f64> {
+    work: &'a mut Workspace,
+) -> &'a [f64] {
+    let count = places.len();
+    let Workspace {
+        columns,
+        update,
+        product,
+    } = work;
     let llt = SupernodalLltRef::new(symbolic, factor);
-    let mut columns = Columns::new(symbolic, &llt, places);
-    let mut product = Mat::zeros(places.len(), places.len());
-    let mut update = vec![];
+    let mut columns = Columns::new(symbolic, &llt, places, columns);
+    product.clear();
+    product.resize(count * count, 0.0);
+    let mut square = MatMut::from_column_major_slice_mut(product, count, count);
     for s in 0..symbolic.n_supernodes() {
         let (first, end) = columns.ranges[s];
         if first >= end {
@@ -38,7 +54,7 @@ pub(crate) fn selected_inverse(
         let mut own = MatMut::from_column_major_slice_mut(own, width, end - first);
         solve_lower_triangular_in_place(top, own.as_mut(), Par::Seq);
         update.resize(below.nrows() * (end - first), 0.0);
-        let mut out = MatMut::from_column_major_slice_mut(&mut update, below.nrows(), end - first);
+        let mut out = MatMut::from_column_major_slice_mut(update, below.nrows(), end - first);
         matmul(
             out.as_mut(),
             Accum::Replace,
@@ -47,9 +63,9 @@ pub(crate) fn selected_inverse(
             -1.0,
             Par::Seq,
         );
-        later.add(node.pattern(), &update, first);
+        later.add(node.pattern(), update, first);
         triangular::matmul(
-            product
+            square
                 .as_mut()
                 .submatrix_mut(first, first, end - first, end - first),
             triangular::BlockStructure::TriangularLower,
@@ -73,7 +89,7 @@ struct Columns<'a> {
     /// The first and one past the last non-zero column in a block; empty where there is none.
     ranges: Vec<(usize, usize)>,
     starts: Vec<usize>,
-    values: Vec<f64>,
+    values: &'a mut Vec<f64>,
 }
 
 impl<'a> Columns<'a> {
@@ -81,6 +97,7 @@ impl<'a> Columns<'a> {
         symbolic: &'a SymbolicSupernodalCholesky<usize>,
         llt: &SupernodalLltRef<usize, f64>,
         places: &[usize],
+        values: &'a mut Vec<f64>,
     ) -> Self {
         let block = block_of(symbolic);
         let (begin, end) = (symbolic.supernode_begin(), symbolic.supernode_end());
@@ -100,7 +117,8 @@ impl<'a> Columns<'a> {
             }
             starts.push(starts[s] + (end[s] - begin[s]) * range.1.saturating_sub(range.0));
         }
-        let mut values = vec![0.0; starts[begin.len()]];
+        values.clear();
+        values.resize(starts[begin.len()], 0.0);
         for (k, &place) in places.iter().enumerate() {
             let s = block[place];
             values[starts[s] + (k - ranges[s].0) * (end[s] - begin[s]) + place - begin[s]] = 1.0;

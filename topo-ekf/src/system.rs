@@ -29,7 +29,7 @@ use crate::Error;
 use crate::marginal::selected_diagonal;
 use crate::order::dissect;
 use crate::pattern::Pattern;
-use crate::selected_inverse::selected_inverse;
+use crate::selected_inverse::{Workspace, selected_inverse};
 
 /// Most columns of one solve; more are solved in slices of this width.
 const WIDTH: usize = 64;
@@ -80,6 +80,8 @@ pub(crate) struct System {
     symbolic: SymbolicCholesky<usize>,
     permuted: Permuted,
     memory: MemBuffer,
+    /// Memory of factors that are no longer needed.
+    spare: Vec<Vec<f64>>,
 }
 
 /// Numeric Cholesky factor belonging to the [`System`] that made it.
@@ -100,6 +102,7 @@ impl System {
             symbolic,
             permuted,
             memory,
+            spare: vec![],
         })
     }
 
@@ -111,7 +114,13 @@ impl System {
             &self.permuted,
             values,
             MemStack::new(&mut self.memory),
+            self.spare.pop(),
         )
+    }
+
+    /// Keeps the memory of a factor for the next one.
+    pub fn recycle(&mut self, factor: Factor) {
+        self.spare.push(factor.0);
     }
 
     /// Diagonal of the inverse of the matrix with these lower-triangle values.
@@ -119,7 +128,13 @@ impl System {
         let (blocks, order) = parts(&self.symbolic)?;
         let mut memory =
             MemBuffer::try_new(numeric_scratch(blocks)).map_err(|_| Error::Factorisation)?;
-        let factor = numeric(blocks, &self.permuted, values, MemStack::new(&mut memory))?;
+        let factor = numeric(
+            blocks,
+            &self.permuted,
+            values,
+            MemStack::new(&mut memory),
+            None,
+        )?;
         let mut variances = vec![0.0; self.pattern.size()];
         let diagonal = selected_diagonal(blocks, &factor.0);
         for (&vertex, z) in order.arrays().0.iter().zip(diagonal) {
@@ -134,6 +149,20 @@ impl System {
         factor: &Factor,
         vertices: &[u32],
     ) -> Result<DMatrix<f64>, Error> {
+        let mut entries = DMatrix::zeros(vertices.len(), vertices.len());
+        let put = |k, l, value| entries[(k, l)] = value;
+        self.each_selected(factor, vertices, &mut Workspace::default(), put)?;
+        Ok(entries)
+    }
+
+    /// Hands all entries of `S⁻¹` among some vertices, each of which occurs once, to `put`, with their indices in the list.
+    pub fn each_selected(
+        &self,
+        factor: &Factor,
+        vertices: &[u32],
+        work: &mut Workspace,
+        mut put: impl FnMut(usize, usize, f64),
+    ) -> Result<(), Error> {
         let (blocks, order) = parts(&self.symbolic)?;
         let place = order.arrays().1;
         let mut sorted: Vec<usize> = (0..vertices.len()).collect();
@@ -142,15 +171,18 @@ impl System {
             .iter()
             .map(|&k| place[vertices[k] as usize])
             .collect();
-        let lower = selected_inverse(blocks, &factor.0, &places);
-        let mut entries = DMatrix::zeros(vertices.len(), vertices.len());
-        for (l, &column) in sorted.iter().enumerate() {
-            for (k, &row) in sorted.iter().enumerate().skip(l) {
-                entries[(row, column)] = lower[(k, l)];
-                entries[(column, row)] = lower[(k, l)];
+        let lower = selected_inverse(blocks, &factor.0, &places, work);
+        for (l, (&column, values)) in sorted
+            .iter()
+            .zip(lower.chunks_exact(vertices.len().max(1)))
+            .enumerate()
+        {
+            for (&row, &value) in sorted[l..].iter().zip(&values[l..]) {
+                put(row, column, value);
+                put(column, row, value);
             }
         }
-        Ok(entries)
+        Ok(())
     }
 
     /// [`System::solve`] for the matrix with these lower-triangle values, with its own memory.
@@ -159,7 +191,7 @@ impl System {
         let scratch = numeric_scratch(blocks).or(self.solve_scratch());
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| Error::Factorisation)?;
         let stack = MemStack::new(&mut memory);
-        let factor = numeric(blocks, &self.permuted, values, stack)?;
+        let factor = numeric(blocks, &self.permuted, values, stack, None)?;
         self.solve_in(&factor, rhs, stack);
         Ok(())
     }
@@ -191,11 +223,13 @@ fn numeric(
     permuted: &Permuted,
     values: &[f64],
     stack: &mut MemStack,
+    spare: Option<Vec<f64>>,
 ) -> Result<Factor, Error> {
     let (size, starts, rows) = (blocks.nrows(), &permuted.starts, &permuted.rows);
     let ordered: Vec<f64> = permuted.from.iter().map(|&at| values[at]).collect();
     let pattern = SymbolicSparseColMatRef::new_checked(size, size, starts, None, rows);
-    let mut factor = vec![0.0; blocks.len_val()];
+    // Old entries are overwritten.
+    let mut factor = spare.unwrap_or_else(|| vec![0.0; blocks.len_val()]);
     factorize_supernodal_numeric_llt(
         &mut factor,
         SparseColMatRef::new(pattern, &ordered),
