@@ -2,7 +2,7 @@
 //!
 //! The scenes of the simulated cell, thrown onto the table in random orientations; the truth is the pose they were thrown in.
 #![cfg(feature = "sim")]
-#![allow(missing_docs, clippy::unwrap_used)]
+#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout)]
 
 use explore_loop::canonical::{CanonicalModel, NewVertex};
 use explore_loop::cell::sim::Scene;

@@ -133,8 +133,12 @@ pub fn rigid_alignments(source: &Cloud, target: &Cloud) -> Result<Vec<Alignment>
         (score(&coarse_source, &coarse_target, &pose), pose)
     });
     let fine = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
-    let starts = distinct(found, &coarse_source).into_iter().take(REFINED);
-    Ok(refined(&fine, starts.map(|(_, pose)| pose).collect()))
+    let mut starts: Vec<_> = distinct(found, &coarse_source)
+        .into_iter()
+        .map(|(_, pose)| pose)
+        .collect();
+    starts.truncate(REFINED);
+    Ok(refined(&fine, &starts))
 }
 
 /// The rigid motions nearest to these `starts` that fit well, best first; those that become the same are given once. For starts that the caller knows
@@ -167,10 +171,10 @@ pub fn refine_rigid(
     check_cloud("source", source)?;
     check_cloud("target", target)?;
     let fine = (Thin::new(source, FINE)?, Thin::new(target, 4 * FINE)?);
-    Ok(refined(&fine, starts.to_vec()))
+    Ok(refined(&fine, starts))
 }
 
-fn refined((source, target): &(Thin, Thin), starts: Vec<Isometry3<f64>>) -> Vec<Alignment> {
+fn refined((source, target): &(Thin, Thin), starts: &[Isometry3<f64>]) -> Vec<Alignment> {
     let extent = source.spread.max(target.spread);
     let gates: Vec<f64> = (0..REFINING)
         .map(|k| extent * (0.15 * 0.85_f64.powi(k)).max(0.04))

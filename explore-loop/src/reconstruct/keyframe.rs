@@ -63,6 +63,12 @@ impl Keyframes {
         &mut self.kept
     }
 
+    /// Keeps the marked keyframes.
+    pub fn retain(&mut self, keep: &[bool]) {
+        let mut kept = keep.iter();
+        self.kept.retain(|_| kept.next().is_none_or(|keep| *keep));
+    }
+
     /// Extends the poses to a lattice that has grown.
     pub fn extend(&mut self, lattice: &Lattice) {
         for keyframe in &mut self.kept {

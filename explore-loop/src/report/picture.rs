@@ -3,7 +3,7 @@
 //! A picture of the model after every manipulation shows at once what numbers hide: doubled sheets, misplaced layers, holes.
 //! Views are orthographic along ±x, ±y, ±z of the given points, in one image of 3 × 2 panels.
 
-pub use super::colour::Rgb;
+use super::colour::Rgb;
 use nalgebra::{Point3, Vector3};
 use std::io;
 use std::path::Path;
