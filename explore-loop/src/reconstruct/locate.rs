@@ -46,7 +46,46 @@ pub struct Located {
 /// Places where the body may be, in the order of their agreement with a frame; empty without a model or without a cloud.
 ///
 /// # Complexity
-/// Two searches for rigid alignments, some tenths of a second in all.
+/// Two searches for rigid alignments, and 600 poses that are compared with the frame: about a second in all for a thousand vertices and 5,000 points.
+///
+/// ```
+/// use explore_loop::canonical::{CanonicalModel, NewVertex};
+/// use explore_loop::cell::{Observation, Plane};
+/// use explore_loop::nalgebra::{Isometry3, Point3, UnitVector3, Vector3};
+/// use explore_loop::reconstruct::locate::locate;
+/// use explore_loop::visibility::facing;
+///
+/// // An egg, all of which is known, on a table half a metre under the camera.
+/// let axes = Vector3::new(0.06, 0.045, 0.03);
+/// let golden = std::f64::consts::PI * (3.0 - 5_f64.sqrt());
+/// let on_ball = |k: i32| {
+///     let z = 1.0 - (2.0 * f64::from(k) + 1.0) / 1200.0;
+///     let (sin, cos) = (golden * f64::from(k)).sin_cos();
+///     Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+/// };
+/// let normal = |k: i32| UnitVector3::new_normalize(on_ball(k).component_div(&axes));
+/// let point = |k: i32| Point3::from(on_ball(k).component_mul(&axes)) + Vector3::z() * 0.47;
+/// let mut model = CanonicalModel::default();
+/// (0..1200).for_each(|k| model.push(NewVertex::new(point(k), normal(k)), 0));
+///
+/// // It has slipped, and lies 5 cm away, turned by a radian.
+/// let slipped = Isometry3::new(Vector3::new(0.05, 0.0, 0.0), Vector3::z());
+/// let moved = |k: i32| (slipped * point(k), slipped.rotation * normal(k));
+/// let faces = |(p, n): &(Point3<f64>, UnitVector3<f64>)| facing(p, n, &Point3::origin()) > 0.1;
+/// let seen = Observation {
+///     stamp: 0.0,
+///     camera: None,
+///     points: (0..1200).map(moved).filter(faces).map(|(p, _)| p).collect(),
+///     colours: None,
+///     features: None,
+///     arms: Vec::new(),
+/// };
+/// let table = Plane { normal: -Vector3::z_axis(), offset: 0.5 };
+/// let places = locate(&model, &seen, &table, 0.005);
+/// let centre = Point3::new(0.0, 0.0, 0.47);
+/// assert!(places[0].agreement > 0.9);
+/// assert!((places[0].found_from_lost * centre - slipped * centre).norm() < 0.003);
+/// ```
 pub fn locate(
     model: &CanonicalModel,
     seen: &Observation,
@@ -159,9 +198,7 @@ impl Frame {
         let hovers = heights.fold(f64::INFINITY, f64::min).max(0.0) / (HOVERS * self.spacing);
         supported / f64::max(all, 1.0) / (1.0 + hovers * hovers)
     }
-}
 
-impl Frame {
     /// Motions of the model after which it lies on the table within the outline of the cloud: of all rotations those that agree best.
     fn resting(&self, points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> Vec<Isometry3<f64>> {
         let mut poses: Vec<(f64, Isometry3<f64>)> = (0..ROTATIONS)

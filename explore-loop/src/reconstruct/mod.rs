@@ -19,6 +19,7 @@
 //! | `track` | what is the body's pose? |
 //! | `grow` | which points extend it, and where are they at rest? |
 //! | `keyframe` | which frames are kept? |
+//! | `locate` | where is a lost body? |
 //! | `relocate` | how does a lost body continue after it was found again? |
 //! | `fuse` | what rest shape do all of them give? |
 //! | `uncertainty` | how accurately is each position known? |
