@@ -2,6 +2,9 @@
 
 #![allow(clippy::print_stdout, reason = "the figures that the docs name")]
 
+mod common;
+
+use common::observation;
 use explore_loop::baseline::{DynamicFusion, DynamicFusionOptions};
 use explore_loop::cell::{Observation, Plane};
 use explore_loop::nalgebra::{Point3, Rotation3, Vector3};
@@ -70,14 +73,7 @@ fn seen(
             points.push(now);
         }
     }
-    Observation {
-        stamp: 0.0,
-        camera: None,
-        points,
-        colours: None,
-        features: None,
-        arms: Vec::new(),
-    }
+    observation(points)
 }
 
 fn table() -> Plane {

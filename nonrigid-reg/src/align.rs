@@ -256,25 +256,36 @@ fn starts(source: &Thin, target: &Thin) -> Vec<Isometry3<f64>> {
         Isometry3::from_parts(Translation3::from(shift), turn)
     };
     let mut starts = vec![Isometry3::identity(), about(UnitQuaternion::identity())];
-    starts.extend((0..TURNS).map(|k| about(spiral_turn(k))));
+    starts.extend(even_rotations(TURNS).map(about));
     starts
 }
 
-/// Rotation `k` of [`TURNS`], spread evenly over all rotations.
-fn spiral_turn(k: usize) -> UnitQuaternion<f64> {
+/// `count` rotations, spread evenly over all of them: super-Fibonacci spirals (Alexa 2022).
+///
+/// ```
+/// use nonrigid_reg::even_rotations;
+/// use nonrigid_reg::nalgebra::{UnitQuaternion, Vector3};
+/// let rotations: Vec<_> = even_rotations(200).collect();
+/// // Any rotation is near one of them.
+/// let any = UnitQuaternion::from_scaled_axis(Vector3::new(0.3, -2.0, 1.1));
+/// assert!(rotations.iter().any(|near| near.angle_to(&any) < 0.7));
+/// ```
+pub fn even_rotations(count: usize) -> impl Iterator<Item = UnitQuaternion<f64>> {
     // √2, and the positive root of x⁴ = x + 4: Alexa's choice.
     let (phi, psi) = (std::f64::consts::SQRT_2, 1.533_751_168_755_204_3);
-    let s = k as f64 + 0.5;
-    let t = s / TURNS as f64;
-    let (r, other) = (t.sqrt(), (1.0 - t).sqrt());
-    let turn = std::f64::consts::TAU * s;
-    let (a, b) = (turn / phi, turn / psi);
-    UnitQuaternion::from_quaternion(Quaternion::new(
-        other * b.cos(),
-        r * a.sin(),
-        r * a.cos(),
-        other * b.sin(),
-    ))
+    (0..count).map(move |k| {
+        let s = k as f64 + 0.5;
+        let t = s / count as f64;
+        let (r, other) = (t.sqrt(), (1.0 - t).sqrt());
+        let turn = std::f64::consts::TAU * s;
+        let (a, b) = (turn / phi, turn / psi);
+        UnitQuaternion::from_quaternion(Quaternion::new(
+            other * b.cos(),
+            r * a.sin(),
+            r * a.cos(),
+            other * b.sin(),
+        ))
+    })
 }
 
 /// Match of a source point: moved point, index of the target point, squared distance.

@@ -21,7 +21,7 @@ mod system;
 mod target;
 mod traits;
 
-pub use align::{Alignment, align_rigid, refine_rigid, rigid_alignments};
+pub use align::{Alignment, align_rigid, even_rotations, refine_rigid, rigid_alignments};
 pub use cloud::{Cloud, Downsampled, boundary_points, estimate_normals, voxel_downsample};
 pub use defaults::{AnnealedTukey, ClosestPoint, PointToPlane, Settled};
 pub use error::Error;

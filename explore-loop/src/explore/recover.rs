@@ -11,7 +11,8 @@ use crate::Error;
 use crate::reconstruct::locate::locate;
 use nalgebra::Isometry3;
 
-/// Least agreement of a place where the body may be, and the number of places that are tried.
+/// Least agreement of a place where the body may be (a body that shows a side never seen agrees less with all wrong ones, test `locate`), and the
+/// number of places that are tried.
 const FOUND: f64 = 0.5;
 const PLACES: usize = 3;
 

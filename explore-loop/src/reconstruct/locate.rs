@@ -15,8 +15,11 @@
 use crate::canonical::{CanonicalModel, graph, tangent};
 use crate::cell::{Observation, Plane};
 use crate::visibility::{DepthGrid, facing};
-use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion, UnitVector3, Vector3};
-use nonrigid_reg::{Alignment, Cloud, estimate_normals, refine_rigid, rigid_alignments};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, UnitVector3, Vector3};
+use nonrigid_reg::{
+    Alignment, Cloud, estimate_normals, even_rotations, refine_rigid, rigid_alignments,
+    voxel_downsample,
+};
 
 /// A vertex counts as seen lately if it was seen within this many frames before the last sight of the body.
 const LATELY: u32 = 5;
@@ -93,15 +96,12 @@ pub fn locate(
     spacing: f64,
 ) -> Vec<Located> {
     let normals: Vec<UnitVector3<f64>> = (0..model.len()).map(|i| model.live_normal(i)).collect();
-    let (Some(frame), Ok(seen_normals)) = (
-        Frame::new(seen, table, spacing),
-        estimate_normals(&seen.points, NEIGHBOURS, &seen.eye()),
-    ) else {
+    let Some(frame) = Frame::new(seen, table, spacing) else {
         return Vec::new();
     };
     let cloud = Cloud {
         points: &seen.points,
-        normals: &seen_normals,
+        normals: &frame.normals,
     };
     let body = Cloud {
         points: model.live(),
@@ -152,6 +152,8 @@ pub fn agreement(
 struct Frame {
     depth: DepthGrid,
     eye: Point3<f64>,
+    /// Normals of the cloud.
+    normals: Vec<UnitVector3<f64>>,
     /// The cloud, thinned to the spacing of the model.
     places: Vec<Point3<f64>>,
     table: Plane,
@@ -160,10 +162,13 @@ struct Frame {
 
 impl Frame {
     fn new(seen: &Observation, table: &Plane, spacing: f64) -> Option<Self> {
+        let normals = estimate_normals(&seen.points, NEIGHBOURS, &seen.eye()).ok()?;
+        let thinned = voxel_downsample(&seen.points, &normals, spacing).ok()?;
         Some(Self {
             depth: DepthGrid::new(&seen.points, 0.6 * spacing, &seen.fixed_from_camera())?,
             eye: seen.eye(),
-            places: thinned(&seen.points, spacing),
+            normals,
+            places: thinned.points,
             table: *table,
             spacing,
         })
@@ -201,9 +206,9 @@ impl Frame {
 
     /// Motions of the model after which it lies on the table within the outline of the cloud: of all rotations those that agree best.
     fn resting(&self, points: &[Point3<f64>], normals: &[UnitVector3<f64>]) -> Vec<Isometry3<f64>> {
-        let mut poses: Vec<(f64, Isometry3<f64>)> = (0..ROTATIONS)
-            .map(|k| {
-                let pose = self.laid(points, rotation(k));
+        let mut poses: Vec<(f64, Isometry3<f64>)> = even_rotations(ROTATIONS)
+            .map(|turn| {
+                let pose = self.laid(points, turn);
                 (self.agreement(points, normals, &pose), pose)
             })
             .collect();
@@ -233,28 +238,4 @@ fn middle(points: &[Point3<f64>], normal: &UnitVector3<f64>) -> Vector3<f64> {
         middle += axis * (0.5 * (low + high));
     }
     middle
-}
-
-/// Rotation `k` of [`ROTATIONS`], spread evenly over all rotations: Shoemake's map of an additive recurrence in three dimensions.
-fn rotation(k: usize) -> UnitQuaternion<f64> {
-    // Powers of the inverse of the root of x⁴ = x + 1.
-    let [u, v, w] = [0.819_172_513_396, 0.671_043_606_704, 0.549_700_477_902]
-        .map(|step: f64| (0.5 + step * (k + 1) as f64).fract());
-    let (a, b) = (std::f64::consts::TAU * v, std::f64::consts::TAU * w);
-    let (r, other) = (u.sqrt(), (1.0 - u).sqrt());
-    UnitQuaternion::from_quaternion(Quaternion::new(
-        r * b.cos(),
-        other * a.sin(),
-        other * a.cos(),
-        r * b.sin(),
-    ))
-}
-
-/// One point for each cube of the size of the spacing: the first in it.
-fn thinned(points: &[Point3<f64>], spacing: f64) -> Vec<Point3<f64>> {
-    let mut taken = std::collections::BTreeSet::new();
-    let cube = |p: &Point3<f64>| [p.x, p.y, p.z].map(|x| (x / spacing).floor() as i64);
-    let mut kept = points.to_vec();
-    kept.retain(|p| taken.insert(cube(p)));
-    kept
 }

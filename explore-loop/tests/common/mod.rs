@@ -2,10 +2,23 @@
 #![allow(missing_docs, dead_code, clippy::unwrap_used)]
 
 use explore_loop::canonical::{CanonicalModel, NewVertex};
+use explore_loop::cell::Observation;
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 use proptest::prelude::*;
 
 pub type Normal = UnitVector3<f64>;
+
+/// A frame with these points of the object and nothing else.
+pub fn observation(points: Vec<Point3<f64>>) -> Observation {
+    Observation {
+        stamp: 0.0,
+        camera: None,
+        points,
+        colours: None,
+        features: None,
+        arms: Vec::new(),
+    }
+}
 
 /// Fibonacci points on an ellipsoid, with exact normals.
 pub fn ellipsoid(count: usize, axes: [f64; 3]) -> (Vec<Point3<f64>>, Vec<Normal>) {
