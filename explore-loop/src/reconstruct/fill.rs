@@ -2,10 +2,12 @@
 //!
 //! ```text
 //! column     top: the seen surface;  bottom: the table, rounded up toward the outline
-//! outline    the surface turns under at height z; the hidden side is assumed to mirror the seen one there, and not to be blunter than a circle:
-//!            bottom(d) = min( 2 z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
-//! later      steep surface that comes into view has material behind it; of a vertical wall, z is the height at which it turns under, and
-//!            sides that were not seen yet are assumed to be like most of the seen ones
+//! outline    the seen surface ends at height b, and turns under at height z; the hidden side is assumed to mirror the seen one there, and not to be
+//!            blunter than a circle:
+//!            bottom(d) = min( b + z − top,  z − √(z² − (z − d)²) ) ≥ 0     at distance d < z inside of it,    0 farther in
+//!            z = b, unless a vertical wall has come into view below b: then z is as far down as it was seen, and sides that were not seen yet
+//!            are assumed to be like most of the seen ones
+//! later      steep surface that comes into view has material behind it
 //! cell       fill = share of its volume that lies in columns
 //! feet       columns whose bottom is on the table, each carrying its own weight
 //! ```
@@ -280,19 +282,24 @@ impl Local {
     }
 }
 
-/// Columns at the outline, and the heights at which the surface turns under there, as far down as it was seen, metres.
-fn rim(
-    tops: &BTreeMap<[i32; 2], f64>,
-    later: &Local,
-    pitch: f64,
-    spacing: f64,
-) -> Vec<([i32; 2], f64)> {
+/// A column at the outline.
+#[derive(Clone, Copy)]
+struct Side {
+    key: [i32; 2],
+    /// Height of the boundary of the first view, metres.
+    boundary: f64,
+    /// Height at which the side turns under, as far down as it was seen, metres: the same, except for a wall.
+    turn: f64,
+}
+
+/// Columns at the outline, with the sides below them.
+fn rim(tops: &BTreeMap<[i32; 2], f64>, later: &Local, pitch: f64, spacing: f64) -> Vec<Side> {
     const BESIDE: [[i32; 2]; 4] = [[1, 0], [-1, 0], [0, 1], [0, -1]];
     let ends = |key: &[i32; 2]| {
         let out = |d: &[i32; 2]| !tops.contains_key(&[key[0] + d[0], key[1] + d[1]]);
         BESIDE.iter().any(out)
     };
-    let mut outline: Vec<([i32; 2], f64)> = tops
+    let outline: Vec<([i32; 2], f64)> = tops
         .iter()
         .filter(|(key, _)| ends(key))
         .map(|(key, top)| (*key, *top))
@@ -311,35 +318,117 @@ fn rim(
     } else {
         known[known.len() / 2]
     };
-    for ((_, top), turned) in outline.iter_mut().zip(turned) {
-        *top *= turned.unwrap_or(typical);
-    }
-    let smooth = |(key, _): &([i32; 2], f64)| {
-        let beside: Vec<f64> = outline
+    let sides: Vec<Side> = std::iter::zip(outline, turned)
+        .map(|((key, boundary), turned)| Side {
+            key,
+            boundary,
+            turn: boundary * turned.unwrap_or(typical),
+        })
+        .collect();
+    let smooth = |side: &Side| {
+        let beside: Vec<&Side> = sides
             .iter()
-            .filter(|(k, _)| (k[0] - key[0]).abs() <= 2 && (k[1] - key[1]).abs() <= 2)
-            .map(|(_, top)| *top)
+            .filter(|s| (0..2).all(|a| (s.key[a] - side.key[a]).abs() <= 2))
             .collect();
-        (
-            *key,
-            beside.iter().sum::<f64>() / beside.len().max(1) as f64,
-        )
+        let mean = |of: &dyn Fn(&Side) -> f64| {
+            beside.iter().map(|s| of(s)).sum::<f64>() / beside.len().max(1) as f64
+        };
+        Side {
+            key: side.key,
+            boundary: mean(&|s| s.boundary),
+            turn: mean(&|s| s.turn),
+        }
     };
-    outline.iter().map(smooth).collect()
+    sides.iter().map(smooth).collect()
 }
 
 /// Height of the bottom of a column, metres.
-fn rounded(key: [i32; 2], top: f64, rim: &[([i32; 2], f64)], pitch: f64) -> f64 {
-    let nearest = rim
-        .iter()
-        .map(|(k, height)| ((k[0] - key[0]).pow(2) + (k[1] - key[1]).pow(2), height))
-        .min_by_key(|(squared, _)| *squared);
-    let Some((squared, height)) = nearest else {
+fn rounded(key: [i32; 2], top: f64, rim: &[Side], pitch: f64) -> f64 {
+    let squared = |side: &Side| {
+        let [x, y] = [0, 1].map(|a| side.key[a] - key[a]);
+        x * x + y * y
+    };
+    let Some(side) = rim.iter().min_by_key(|side| squared(side)) else {
         return 0.0;
     };
-    let inside = f64::from(squared).sqrt() * pitch;
+    let (height, inside) = (side.turn, f64::from(squared(side)).sqrt() * pitch);
     let left = (height - inside).max(0.0);
     let round = height - (height * height - left * left).max(0.0).sqrt();
-    let mirrored = (2.0 * height - top).max(0.0);
+    let mirrored = (side.boundary + height - top).max(0.0);
     round.min(mirrored)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Vector3};
+
+    const HALF: [f64; 2] = [0.06, 0.08];
+    const HEIGHT: f64 = 0.06;
+    const ROUNDING: f64 = 0.015;
+
+    /// The surface of a box with rounded edges that stands on the table, where `keep` accepts position and normal.
+    fn surface(
+        keep: impl Fn(&Point3<f64>, &Vector3<f64>) -> bool,
+    ) -> (Vec<Point3<f64>>, Vec<UnitVector3<f64>>) {
+        let core = Vector3::new(HALF[0], HALF[1], 0.5 * HEIGHT).map(|half| half - ROUNDING);
+        let middle = Point3::new(0.0, 0.0, 0.5 * HEIGHT);
+        // Points of a fine grid within a band around the surface, projected onto it.
+        let grid = |half: f64| (-60..=60).map(move |k| half * f64::from(k) / 59.0);
+        let points = grid(HALF[0])
+            .flat_map(|x| grid(HALF[1]).map(move |y| (x, y)))
+            .flat_map(|(x, y)| grid(0.5 * HEIGHT).map(move |z| Vector3::new(x, y, z)))
+            .filter_map(|p| {
+                let beyond = (p.abs() - core).sup(&Vector3::zeros());
+                let off = beyond.norm() - ROUNDING;
+                let normal = beyond.component_mul(&p.map(f64::signum));
+                let normal = normal.try_normalize(1e-9)?;
+                let at = middle + p - normal * off;
+                (off.abs() < 0.0007 && keep(&at, &normal)).then_some((at, normal))
+            });
+        points
+            .map(|(at, normal)| (at, UnitVector3::new_unchecked(normal)))
+            .unzip()
+    }
+
+    /// Seen from above a box may be a cushion; once one of its walls was seen, it is a box with rounded edges on all sides.
+    #[test]
+    fn the_hidden_edges_of_a_box_are_as_round_as_the_seen_ones() {
+        let lattice = Lattice::new(0.013, Point3::origin(), Rotation3::identity());
+        let first = surface(|_, n| n.z > 0.1);
+        let wall = surface(|_, n| n.x > 0.8 && n.z < 0.1);
+        fn seen((points, normals): &(Vec<Point3<f64>>, Vec<UnitVector3<f64>>)) -> Seen<'_> {
+            Seen { points, normals }
+        }
+        let filled = |later: Seen<'_>| Columns::under(seen(&first), later, &lattice, 0.005);
+        let cushion = filled(Seen::NOTHING);
+        let box_like = filled(seen(&wall));
+        let pitch = 0.013 / f64::from(ALONG);
+        // Height of the underside over the middle of a column, where it is rounded.
+        let underside = |key: &[i32; 2]| {
+            let middle = key.map(|k| (f64::from(k) + 0.5) * pitch);
+            let beyond = [0, 1].map(|a| (middle[a].abs() - (HALF[a] - ROUNDING)).max(0.0));
+            let beyond = beyond[0].hypot(beyond[1]);
+            (beyond > 0.0 && beyond < 0.95 * ROUNDING)
+                .then(|| ROUNDING - (ROUNDING * ROUNDING - beyond * beyond).sqrt())
+        };
+        let error = |columns: &Columns| {
+            let rounded = columns.spans().iter();
+            let errors: Vec<f64> = rounded
+                .filter_map(|(key, s)| underside(key).map(|z| (0.013 * s[0][0] - z).abs()))
+                .collect();
+            errors.iter().sum::<f64>() / errors.len() as f64
+        };
+        let sharp = Columns {
+            size: 0.013,
+            spans: box_like
+                .spans()
+                .iter()
+                .map(|(key, s)| (*key, vec![[0.0, s[0][1]]]))
+                .collect(),
+        };
+        assert!(error(&sharp) > 0.003, "{}", error(&sharp));
+        assert!(error(&cushion) > 0.01, "{}", error(&cushion));
+        assert!(error(&box_like) < 0.0015, "{}", error(&box_like));
+    }
 }
