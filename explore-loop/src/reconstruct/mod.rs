@@ -68,9 +68,9 @@ const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
 const DECIDE_EARLY: f64 = 0.1;
 /// Largest ratio of the innovation of the hollow hypothesis to that of the solid one for a hollow body. During a lift the ratio may fall to
-/// 0.6 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`. At the end of a lift it is 0.5 to 0.76 for hollow
-/// bodies and at least 0.9 for solid ones.
-const HOLLOW_BELOW: f64 = 0.8;
+/// 0.5 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`. At the end of a lift it was 0.50 to 0.79 for hollow
+/// bodies and 0.94 or more for solid ones.
+const HOLLOW_BELOW: f64 = 0.85;
 /// Ratios that decide before the end of a manipulation: hollow below the first, solid above the second.
 const CLEARLY: [f64; 2] = [0.4, 1.5];
 /// Share of the visible vertices below which the solid body begins to lose what the camera sees; a hollow one that predicts better then replaces it at
