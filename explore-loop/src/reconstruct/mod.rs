@@ -67,15 +67,16 @@ const LOST_SHARE: f64 = 0.3;
 const DECIDE_FRAMES: usize = 12;
 const DECIDE_MOTION: f64 = 0.035;
 const DECIDE_EARLY: f64 = 0.1;
-/// Largest ratio of the innovation of the hollow hypothesis to that of the solid one for a hollow body. During a lift the ratio may fall to
-/// 0.5 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`. At the end of a lift it was 0.50 to 0.79 for hollow
-/// bodies and 0.94 or more for solid ones.
-const HOLLOW_BELOW: f64 = 0.85;
+/// Largest ratio of the innovation of the hollow hypothesis to that of the solid one for a hollow body at the end of a manipulation. During a lift the ratio
+/// may fall to 0.5 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`. With 0.85 rigid bodies that slip in
+/// the jaws are taken for hollow.
+const HOLLOW_BELOW: f64 = 0.7;
+/// The same while the solid body loses what the camera sees: the share of the visible vertices that are matched is below the second. A hollow body that predicts
+/// better then replaces it at once.
+const HOLLOW_WHILE_LOSING: f64 = 0.8;
+const LOSING: f64 = 0.95;
 /// Ratios that decide before the end of a manipulation: hollow below the first, solid above the second.
 const CLEARLY: [f64; 2] = [0.4, 1.5];
-/// Share of the visible vertices below which the solid body begins to lose what the camera sees; a hollow one that predicts better then replaces it at
-/// once.
-const LOSING: f64 = 0.95;
 
 /// Builds the canonical model frame by frame.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -378,13 +379,12 @@ impl Reconstructor {
         let held = track.held_frames();
         let enough = held >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
         let [hollow, solid] = CLEARLY;
-        let losing = track.share < LOSING && ratio < HOLLOW_BELOW;
-        let early =
-            track.carried() >= DECIDE_EARLY && (losing || !(hollow..solid).contains(&ratio));
-        if !(end || enough && early) {
+        let losing = track.share < LOSING && ratio < HOLLOW_WHILE_LOSING;
+        let clear = track.carried() >= DECIDE_EARLY && !(hollow..solid).contains(&ratio);
+        if !(end || enough && (losing || clear)) {
             return;
         }
-        let better = enough && ratio < HOLLOW_BELOW;
+        let better = enough && (losing || ratio < HOLLOW_BELOW);
         if let Some(rival) = self.rival.take().filter(|_| better) {
             let old = std::mem::replace(track, rival);
             track.renamed_after(&old);

@@ -25,7 +25,7 @@ pub struct BodyOptions {
     pub motion_sigma: f64,
     /// Share of the last frame's motion that is expected to continue. Default 0.8.
     pub momentum: f64,
-    /// Standard deviation of a gripped point, metres. Default 0.5 mm. Larger ones let the body sag at its grips, and it is then taken to be stiffer than it is.
+    /// Standard deviation of a gripped point, metres.
     pub grip_sigma: f64,
     /// Standard deviation of a point that touches the table, along the normal of the table, metres.
     pub contact_sigma: f64,
@@ -77,7 +77,7 @@ impl Default for BodyOptions {
             poisson_ratio: 0.4,
             motion_sigma: 0.02,
             momentum: 0.8,
-            grip_sigma: 0.0005,
+            grip_sigma: 0.001,
             contact_sigma: 0.5e-3,
             stick_sigma: 0.3e-3,
             friction: 1.0,
