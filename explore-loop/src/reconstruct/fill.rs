@@ -391,15 +391,16 @@ mod tests {
             .unzip()
     }
 
+    fn seen((points, normals): &(Vec<Point3<f64>>, Vec<UnitVector3<f64>>)) -> Seen<'_> {
+        Seen { points, normals }
+    }
+
     /// Seen from above a box may be a cushion; once one of its walls was seen, it is a box with rounded edges on all sides.
     #[test]
     fn the_hidden_edges_of_a_box_are_as_round_as_the_seen_ones() {
         let lattice = Lattice::new(0.013, Point3::origin(), Rotation3::identity());
         let first = surface(|_, n| n.z > 0.1);
         let wall = surface(|_, n| n.x > 0.8 && n.z < 0.1);
-        fn seen((points, normals): &(Vec<Point3<f64>>, Vec<UnitVector3<f64>>)) -> Seen<'_> {
-            Seen { points, normals }
-        }
         let filled = |later: Seen<'_>| Columns::under(seen(&first), later, &lattice, 0.005);
         let cushion = filled(Seen::NOTHING);
         let box_like = filled(seen(&wall));
