@@ -17,6 +17,7 @@
 //! | `recognise` | which colour features were in the frame before? |
 //! | `landmark` | which points of the material are they? |
 //! | `track` | what is the body's pose? |
+//! | `hollow` | is it solid or hollow? |
 //! | `grow` | which points extend it, and where are they at rest? |
 //! | `keyframe` | which frames are kept? |
 //! | `locate` | where is a lost body? |
@@ -30,6 +31,7 @@ use crate::Error;
 use crate::canonical::CanonicalModel;
 use crate::cell::{ArmState, Observation, Plane};
 use crate::visibility::{DepthGrid, visible};
+use hollow::Evidence;
 pub use options::{ColourFeatures, Material, ReconstructOptions};
 use recognise::{Before, Recognised};
 pub use report::{Constraints, FrameParts, FrameReport};
@@ -42,6 +44,7 @@ use view::FrameView;
 mod fill;
 mod fuse;
 mod grow;
+mod hollow;
 mod keyframe;
 mod landmark;
 pub mod locate;
@@ -61,22 +64,6 @@ const STILL: usize = 3;
 /// Residual above which the body counts as lost in this frame, metres, and the least share of it that must be seen.
 const LOST: f64 = 0.004;
 const LOST_SHARE: f64 = 0.3;
-
-/// Number of held frames and amount of motion, metres, after which the hypotheses are compared at the end of a manipulation; and the motion from which they
-/// may be compared before it.
-const DECIDE_FRAMES: usize = 12;
-const DECIDE_MOTION: f64 = 0.035;
-const DECIDE_EARLY: f64 = 0.1;
-/// Largest ratio of the innovation of the hollow hypothesis to that of the solid one for a hollow body at the end of a manipulation. During a lift the ratio
-/// may fall to 0.5 for a solid body whose underside is not known yet; `frames.csv` of a run has it in `hollow_over_solid`. With 0.85 rigid bodies that slip in
-/// the jaws are taken for hollow.
-const HOLLOW_BELOW: f64 = 0.7;
-/// The same while the solid body loses what the camera sees: the share of the visible vertices that are matched is below the second. A hollow body that predicts
-/// better then replaces it at once.
-const HOLLOW_WHILE_LOSING: f64 = 0.8;
-const LOSING: f64 = 0.95;
-/// Ratios that decide before the end of a manipulation: hollow below the first, solid above the second.
-const CLEARLY: [f64; 2] = [0.4, 1.5];
 
 /// Builds the canonical model frame by frame.
 #[derive(serde::Serialize, serde::Deserialize)]
@@ -367,8 +354,7 @@ impl Reconstructor {
         ratio.is_finite().then_some(ratio)
     }
 
-    /// Keeps the hypothesis that predicted the frames better from grips, table and weight alone: at the `end` of a manipulation, or earlier if one
-    /// is clearly better, or if the solid one begins to lose the body and the hollow one is better.
+    /// Keeps one of the hypotheses, solid or hollow, as soon as it is known which is right; at the `end` of a manipulation at the latest.
     fn decide(&mut self, track: &mut Track, end: bool) {
         let Some(ratio) = self.hollow_over_solid(track) else {
             if end {
@@ -376,16 +362,17 @@ impl Reconstructor {
             }
             return;
         };
-        let held = track.held_frames();
-        let enough = held >= DECIDE_FRAMES && track.carried() >= DECIDE_MOTION;
-        let [hollow, solid] = CLEARLY;
-        let losing = track.share < LOSING && ratio < HOLLOW_WHILE_LOSING;
-        let clear = track.carried() >= DECIDE_EARLY && !(hollow..solid).contains(&ratio);
-        if !(end || enough && (losing || clear)) {
+        let evidence = Evidence {
+            ratio,
+            share: track.share,
+            held: track.held_frames(),
+            carried: track.carried(),
+            end,
+        };
+        let Some(hollow) = evidence.is_hollow() else {
             return;
-        }
-        let better = enough && (losing || ratio < HOLLOW_BELOW);
-        if let Some(rival) = self.rival.take().filter(|_| better) {
+        };
+        if let Some(rival) = self.rival.take().filter(|_| hollow) {
             let old = std::mem::replace(track, rival);
             track.renamed_after(&old);
         }
