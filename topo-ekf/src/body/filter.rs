@@ -10,7 +10,7 @@
 //! It is an iterated extended Kalman filter whose prior is the energy of the whole deformation from rest, so that the rest shape is never
 //! lost: sliding of the surface along itself must strain the body, which resists it.
 //!
-//! Contact with the table is in `touch`, constraints of the pose in `constrain`, weight and its estimate in `weigh`, uncertainties in
+//! Contact with the table is in `touch`, the force of grips in `grip`, constraints of the pose in `constrain`, weight and its estimate in `weigh`, uncertainties in
 //! `certainty`, the limits of a plausible frame in `plausible`, a body that was found elsewhere in `relocate`, changes of the material in `edit`, data
 //! kept from one step to the next in `equations`.
 //!
@@ -34,6 +34,7 @@ mod certainty;
 mod constrain;
 mod edit;
 mod equations;
+mod grip;
 mod plausible;
 mod relocate;
 mod touch;
@@ -188,9 +189,14 @@ impl BodyFilter {
 
     /// Estimated weight of the whole body, in units of the energy per metre: `stiffness · h³ · γ` times the mass of the cells.
     pub fn weight(&self) -> f64 {
+        self.weight_at(self.weight.value())
+    }
+
+    /// Weight of the whole body if its weight over stiffness is `gamma`.
+    fn weight_at(&self, gamma: f64) -> f64 {
         let cells = 0..self.lattice.cells().len() as u32;
         let mass: f64 = cells.map(|c| self.lattice.mass(c)).sum();
-        self.cell_weight() * mass
+        self.cell_weight(gamma) * mass
     }
 
     /// The force of the grips of a frame in weights of the body: one upwards when they carry all of it. Of a stiff body, which does not sag and
@@ -428,9 +434,12 @@ impl BodyFilter {
         weight: f64,
     ) -> Result<(f64, Solved), Error> {
         let mut rows = observed;
-        let grip = self.options.grip_sigma.powi(-2);
-        let grips = setting.frame.grips.iter();
-        rows.extend(grips.map(|(at, target)| Row::point(*at, *target, grip)));
+        let grips = setting.frame.grips;
+        let law = self.grip_law(grips.len());
+        rows.extend(grips.iter().map(|(at, target)| {
+            let off = target - pose.position(&self.lattice, at);
+            Row::point(*at, *target, law.weight(off.norm()))
+        }));
         self.touch(setting, pose, &mut rows);
         let acting = Acting {
             stiffness,

@@ -25,8 +25,14 @@ pub struct BodyOptions {
     pub motion_sigma: f64,
     /// Share of the last frame's motion that is expected to continue. Default 0.8.
     pub momentum: f64,
-    /// Standard deviation of a gripped point, metres.
+    /// Standard deviation of a gripped point while the grips pull with no more than [`Self::firm_pull`], metres. Default 0.25 mm: they carry
+    /// a body without giving.
     pub grip_sigma: f64,
+    /// The same for what they pull beyond that, metres; at least `grip_sigma`. Default 1 mm: a grip that slips does not overrule the data.
+    pub slip_sigma: f64,
+    /// Pull up to which grips hold firmly, in weights of the body, distributed over all gripped points. The weight is at least half of what
+    /// was assumed before anything was lifted. Default 1: the weight of the body; infinite for grips that never slip.
+    pub firm_pull: f64,
     /// Standard deviation of a point that touches the table, along the normal of the table, metres.
     pub contact_sigma: f64,
     /// Standard deviation of a point that touches the table, along the table, metres per frame: friction.
@@ -77,7 +83,9 @@ impl Default for BodyOptions {
             poisson_ratio: 0.4,
             motion_sigma: 0.02,
             momentum: 0.8,
-            grip_sigma: 0.001,
+            grip_sigma: 0.25e-3,
+            slip_sigma: 1e-3,
+            firm_pull: 1.0,
             contact_sigma: 0.5e-3,
             stick_sigma: 0.3e-3,
             friction: 1.0,
@@ -102,6 +110,7 @@ impl BodyOptions {
             ("stiffness", self.stiffness),
             ("motion_sigma", self.motion_sigma),
             ("grip_sigma", self.grip_sigma),
+            ("slip_sigma", self.slip_sigma),
             ("contact_sigma", self.contact_sigma),
             ("stick_sigma", self.stick_sigma),
             ("release_stiffness", self.release_stiffness),
@@ -125,6 +134,20 @@ impl BodyOptions {
             ),
             ("momentum", self.momentum, 0.0, 1.0, "between 0 and 1"),
             ("friction", self.friction, 0.0, f64::INFINITY, "at least 0"),
+            (
+                "firm_pull",
+                self.firm_pull,
+                0.0,
+                f64::INFINITY,
+                "at least 0",
+            ),
+            (
+                "slip_sigma",
+                self.slip_sigma,
+                self.grip_sigma,
+                f64::INFINITY,
+                "at least grip_sigma",
+            ),
             ("touch", self.touch, 0.0, 1.0, "between 0 and 1"),
             ("tolerance", self.tolerance, 0.0, 1.0, "between 0 and 1"),
             (

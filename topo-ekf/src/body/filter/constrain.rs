@@ -79,7 +79,6 @@ impl BodyFilter {
         report: &mut BodyReport,
     ) -> Result<(), Error> {
         let contact = self.options.contact_sigma.powi(-2);
-        let grip = self.options.grip_sigma.powi(-2);
         let halves = self.halves(frame, elastic.frame());
         let pressed = self.touching(frame).map(|at| {
             let here = self.state.pose.position(&self.lattice, at);
@@ -88,9 +87,12 @@ impl BodyFilter {
         let borne = contact * pressed.sum::<f64>();
         let table = self.options.table != Table::Absent;
         report.table_force = if table { borne } else { 0.0 };
-        let held = frame.grips.iter();
-        let pulls = held.map(|(at, target)| target - self.state.pose.position(&self.lattice, at));
-        report.grip_force = pulls.sum::<Vector3<f64>>() * grip;
+        let law = self.grip_law(frame.grips.len());
+        let pulls = frame.grips.iter().map(|(at, target)| {
+            let off = target - self.state.pose.position(&self.lattice, at);
+            off * law.weight(off.norm())
+        });
+        report.grip_force = pulls.sum();
         report.violation = [deepest(&halves); 2];
         self.state.raised.fill(Vector3::zeros());
         if report.violation[0] <= DEPTH {

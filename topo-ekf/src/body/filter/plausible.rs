@@ -34,9 +34,7 @@ impl BodyFilter {
         let mut moves: Vec<f64> = frame.surface.iter().map(moved).collect();
         moves.sort_unstable_by(f64::total_cmp);
         let moved = moves.get(moves.len() * 95 / 100).copied().unwrap_or(0.0);
-        let (weight, least) = (self.weight.value(), LIGHTEST * self.options.initial_weight);
-        let share = weight / weight.max(least).max(f64::MIN_POSITIVE);
-        let pulled = self.grip_force_in_weights(report).norm() * share;
+        let pulled = report.grip_force.norm() / self.assumed_weight().max(f64::MIN_POSITIVE);
         let told = [
             ("motion of the surface, m", moved, motion),
             ("pull of the grips in weights of the body", pulled, pull),
@@ -45,5 +43,14 @@ impl BodyFilter {
         beyond.map_or(Ok(()), |(what, value, limit)| {
             Err(Error::Beyond { what, value, limit })
         })
+    }
+
+    /// The weight in which forces of grips are judged: the estimate, but at least half of what was assumed before anything was lifted.
+    pub(super) fn assumed_weight(&self) -> f64 {
+        self.weight_at(
+            self.weight
+                .value()
+                .max(LIGHTEST * self.options.initial_weight),
+        )
     }
 }

@@ -109,7 +109,7 @@ impl BodyFilter {
     /// Loads in a pose. During a fall there is no reaction and no weight.
     pub(super) fn loads_of(&self, pose: &Pose, weight: f64) -> Vec<Vector3<f64>> {
         let faded = 1.0 - self.state.falling as f64 / self.options.release_frames.max(1) as f64;
-        let full = self.options.stiffness * self.lattice.size().powi(3) * weight;
+        let full = self.cell_weight(weight);
         let down = -self.table.normal.into_inner();
         loads(
             &self.lattice,
@@ -120,7 +120,8 @@ impl BodyFilter {
         )
     }
 
-    pub(super) fn cell_weight(&self) -> f64 {
-        self.options.stiffness * self.lattice.size().powi(3) * self.weight.value()
+    /// Weight of a full cell, for a weight over stiffness `gamma`.
+    pub(super) fn cell_weight(&self, gamma: f64) -> f64 {
+        self.options.stiffness * self.lattice.size().powi(3) * gamma
     }
 }
