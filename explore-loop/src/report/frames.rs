@@ -5,7 +5,7 @@ use crate::reconstruct::FrameReport;
 use std::fmt::Write;
 
 /// Header of the file.
-pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,hollow_over_solid,active,near_itself,infeasible,violation_um,below_table_um,registration_ms,frame_ms,failure\n";
+pub const HEADER: &str = "frame,stamp_s,vertices,measured,added,fused,residual_mm,overlap,seen_error_mm,hidden_error_mm,hollow_over_solid,grip_force_weights,active,near_itself,infeasible,violation_um,below_table_um,registration_ms,frame_ms,failure\n";
 
 /// Mean of the errors of the vertices for which `seen` equals `wanted`, in mm; empty when there is none.
 fn mean_mm(errors: &[f64], seen: &[bool], wanted: bool) -> String {
@@ -31,7 +31,7 @@ pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[
     // Writing to a String cannot fail.
     let _ = writeln!(
         text,
-        "{},{stamp:.3},{},{},{},{},{:.3},{:.3},{},{},{},{},{},{},{:.3},{:.1},{:.2},{:.2},{}",
+        "{},{stamp:.3},{},{},{},{},{:.3},{:.3},{},{},{},{},{},{},{},{:.3},{:.1},{:.2},{:.2},{}",
         report.frame,
         model.len(),
         report.measured.iter().filter(|m| **m).count(),
@@ -44,6 +44,9 @@ pub fn line(stamp: f64, report: &FrameReport, model: &CanonicalModel, errors: &[
         report
             .hollow_over_solid
             .map_or_else(String::new, |r| format!("{r:.3}")),
+        report
+            .grip_force
+            .map_or_else(String::new, |f| format!("{:.3}", f.norm())),
         report.constraints.active,
         report.constraints.near_itself,
         report.constraints.infeasible,
