@@ -27,6 +27,22 @@ fn motion(nodes: &[Point3<f64>], turn: &Vector3<f64>, shake: &[Vector3<f64>]) ->
 }
 
 proptest! {
+    /// Many points at once as one by one, bit for bit: beside each other, far apart, far from the nodes, few nodes, one point without a place.
+    #[test]
+    fn each_of_many_points_as_alone(
+        nodes in proptest::collection::vec(vector(0.1), 1..150), beside in proptest::collection::vec(vector(1.0), 0..20),
+        at in vector(0.3), width in prop::sample::select(vec![0.0, 0.003, 0.03, 0.3]), count in 1_usize..12, lost in any::<bool>(),
+    ) {
+        let nodes: Vec<Point3<f64>> = nodes.into_iter().map(Point3::from).collect();
+        let mut points: Vec<Point3<f64>> = beside.iter().map(|d| Point3::from(at + d * width)).collect();
+        if lost {
+            points.push(Point3::new(1e70, 0.0, f64::NAN));
+        }
+        let shapes = ShapeFunctions::new(&nodes, count).unwrap();
+        let alone: Vec<_> = points.iter().map(|p| shapes.at(p)).collect();
+        prop_assert_eq!(shapes.at_each(&points), alone);
+    }
+
     /// `Σ φ u + turn = u(p)`, on and off the surface, at any rotation; few nodes; `Σ φ = 1`.
     #[test]
     fn shapes_add_up_to_the_field(

@@ -1,12 +1,13 @@
 //! Nearest points within a cloud: the points sorted into small boxes, each searched for all of its points at once.
 //!
 //! ```text
-//! boxes      halves of the cloud along the longest side of its bounding box, until a box has at most 8 points
-//! radius     guessed: from the size of the box for its first point, from the previous point for the others; widened if it held too few points
-//! search     all points within the radius, sorted by distance
+//! boxes      halves of the cloud along the longest side of its bounding box, until a box has at most 16 points
+//! radius     guessed: from the previous point, for the first one from the size of the box; widened if it held too few points
+//! search     all points within the radius, of those copied around the box, sorted by distance
 //! ```
 //!
-//! The points of a box have most of their neighbours in common, and a good guess leaves few points to sort. The guess has no effect on the result: of
+//! The points of a box have most of their neighbours in common, and a good guess leaves few points to sort. Boxes of 8 points find and copy the surroundings
+//! twice as often, boxes of 24 look at more points for each; both are slower. The guess has no effect on the result: of
 //! points at the same distance the one with the lower [`rank`] comes first.
 //!
 //! On the grid of a camera's pixels many points are equally far. If those with the lower index were taken, every neighbourhood would lean to the upper rows
@@ -19,11 +20,16 @@ use nalgebra::Point3;
 use crate::each::each;
 
 /// Largest number of points in a box.
-const LARGEST: usize = 8;
+const LARGEST: usize = 16;
+
+/// Number of boxes that one thread searches in a row.
+pub(crate) const TOGETHER: usize = 32;
 
 /// Squared guess of the next radius, relative to the squared radius that was needed for the last point.
-const WIDER: f64 = 1.6;
-/// Factor of the squared radius after a guess that held too few points, and number of such guesses before all points are taken.
+const WIDER: f64 = 1.4;
+/// Squared distance up to which points are copied, relative to the first guess that needs it: the other points of the box may need a little more.
+const REACHES: f64 = 1.2;
+/// Largest factor of the squared radius after a guess that held too few points, and number of such guesses before all points are taken.
 const WIDENED: f64 = 2.5;
 const GUESSES: usize = 8;
 
@@ -178,23 +184,32 @@ impl Boxes {
         let share = count as f64 / self.members(of).len() as f64;
         let around = guess(&self.tree[of + self.len() - 1], share);
         let p = [p.x, p.y, p.z];
-        let mut search = Search::new(self, [p; 2]);
+        let mut search = Search::new(self);
+        search.around([p; 2]);
         search.nearest(&p, count, WIDER * (first.squared + around));
         search.found(count).collect()
     }
 
+    /// A search for [`Self::nearest_of_box`], whose buffers serve one box after the other.
+    pub fn search(&self) -> Search<'_> {
+        Search::new(self)
+    }
+
     /// The `count` nearest points of every point in a box, itself among them, nearest first, and those as far as the last; in the order of
     /// [`Self::members`]. `count` is at most the number of points.
-    pub fn nearest_of_box(&self, of: usize, count: usize) -> Lists {
+    pub fn nearest_of_box(&self, search: &mut Search, of: usize, count: usize) -> Lists {
         let (start, end) = (self.starts[of], self.starts[of + 1]);
         let corners = self.tree[of + self.len() - 1];
-        let mut search = Search::new(self, corners);
-        let mut squared = guess(&corners, count as f64 / (end - start).max(1) as f64);
+        search.around(corners);
+        let mut squared = search
+            .last
+            .unwrap_or_else(|| guess(&corners, count as f64 / (end - start).max(1) as f64));
         let mut found = Lists::with_capacity(end - start, count);
         for at in start..end {
             squared = WIDER * search.nearest(&self.coordinates(at), count, squared);
             found.push(search.found(MOST * count), count);
         }
+        search.last = Some(squared).filter(|s| *s > 0.0 && s.is_finite());
         found
     }
 
@@ -208,11 +223,15 @@ impl Boxes {
         if count == 0 {
             return Vec::new();
         }
-        let found = each(self.len(), |of| {
-            let near = self.nearest_of_box(of, count);
-            let own = self.members(of).iter().enumerate();
-            own.map(|(slot, &i)| f(i as usize, near.get(slot)))
-                .collect::<Vec<T>>()
+        let found = each(self.len().div_ceil(TOGETHER), |k| {
+            let mut search = self.search();
+            let mut values = Vec::with_capacity(TOGETHER * LARGEST);
+            for of in TOGETHER * k..(TOGETHER * (k + 1)).min(self.len()) {
+                let near = self.nearest_of_box(&mut search, of, count);
+                let own = self.members(of).iter().enumerate();
+                values.extend(own.map(|(slot, &i)| f(i as usize, near.get(slot))));
+            }
+            values
         });
         let found = found.concat();
         self.places.iter().map(|&at| found[at as usize]).collect()
@@ -300,78 +319,146 @@ pub(crate) fn nearest_of(near: &[Neighbour], count: usize) -> &[Neighbour] {
 }
 
 /// The search around a few points.
-struct Search<'a> {
+///
+/// The points of the boxes nearby are copied side by side once, so that each search runs through plain arrays. Sorting takes a large part of the time;
+/// a key of 64 bits is sorted several times as fast as distance, rank and index together, and where such keys agree the rest decides.
+pub(crate) struct Search<'a> {
     boxes: &'a Boxes,
-    /// Bounding box of the points.
+    /// Bounding box of the points, and the squared distance around it up to which points were copied.
     corners: Corners,
-    /// Boxes near it, and within which squared distance.
-    near: Vec<usize>,
     reach: f64,
-    /// Squared distance (its bits, which have the same order), rank and index of the points within the radius.
-    keys: Vec<u128>,
+    near: Vec<usize>,
+    /// Coordinates of the copied points, and their places.
+    axes: [Vec<f64>; 3],
+    at: Vec<u32>,
+    /// Squared distance of each from the point of the last search.
+    squares: Vec<f64>,
+    /// Those within the radius: see [`Self::low_bits`].
+    keys: Vec<u64>,
+    /// The guess for the next box, which is nearly always beside the last.
+    last: Option<f64>,
 }
 
 impl<'a> Search<'a> {
-    fn new(boxes: &'a Boxes, corners: Corners) -> Self {
+    fn new(boxes: &'a Boxes) -> Self {
         Self {
             boxes,
-            corners,
-            near: Vec::new(),
+            corners: EMPTY,
             reach: -1.0,
+            near: Vec::new(),
+            axes: Default::default(),
+            at: Vec::new(),
+            squares: Vec::new(),
             keys: Vec::new(),
+            last: None,
         }
+    }
+
+    /// Turns to points within `corners`.
+    fn around(&mut self, corners: Corners) {
+        self.corners = corners;
+        self.reach = -1.0;
     }
 
     /// Finds the `count` nearest points of `p`, sorted, from a guess of the squared distance of the last; returns the true one.
     fn nearest(&mut self, p: &[f64; 3], count: usize, mut squared: f64) -> f64 {
         let mut guesses = 1;
-        while self.take(p, squared) < count && squared < f64::INFINITY {
+        loop {
+            let found = self.take(p, squared);
+            if found >= count || squared == f64::INFINITY {
+                break;
+            }
             guesses += 1;
-            squared *= WIDENED;
+            // On a surface the number of points is in proportion to the squared radius.
+            squared *= (WIDER * count as f64 / found.max(1) as f64).min(WIDENED);
             if guesses > GUESSES || squared <= 0.0 {
                 squared = f64::INFINITY;
             }
         }
-        let most = MOST * count;
-        if self.keys.len() > 2 * most && most > 0 {
-            self.keys.select_nth_unstable(most - 1);
-            self.keys.truncate(most);
-        }
-        self.keys.sort_unstable();
+        self.sort(MOST * count);
         self.found(count).last().map_or(0.0, |last| last.squared)
     }
 
     /// Collects the points within a squared distance of `p`; returns their number.
     fn take(&mut self, p: &[f64; 3], squared: f64) -> usize {
         if squared > self.reach {
-            self.reach = WIDER * squared;
-            self.boxes.within(&self.corners, self.reach, &mut self.near);
+            self.reach = REACHES * squared;
+            self.copy();
         }
-        let boxes = self.boxes;
-        let all: usize = LARGEST * self.near.len();
-        self.keys.resize(all, 0);
+        let [x, y, z] = &self.axes;
+        let square = |((x, y), z): ((&f64, &f64), &f64)| {
+            let (x, y, z) = (x - p[0], y - p[1], z - p[2]);
+            x * x + y * y + z * z
+        };
+        self.squares.clear();
+        self.squares.extend(x.iter().zip(y).zip(z).map(square));
+        self.keys.resize(self.at.len(), 0);
+        let low = self.low_bits();
         let mut count = 0;
-        for &of in &self.near {
-            if aside(&boxes.tree[of + boxes.len() - 1], p) > squared {
-                continue;
-            }
-            for at in boxes.starts[of]..boxes.starts[of + 1] {
-                let distance = boxes.squared(at, p);
-                let order = u64::from(boxes.ranks[at]) << 32 | u64::from(boxes.indices[at]);
-                self.keys[count] = u128::from(distance.to_bits()) << 64 | u128::from(order);
-                // Without a branch, which would be predicted wrong every other time.
-                count += usize::from(distance <= squared);
-            }
+        for (slot, d) in self.squares.iter().enumerate() {
+            self.keys[count] = d.to_bits() & !low | slot as u64;
+            // Without a branch, which would be predicted wrong every other time.
+            count += usize::from(*d <= squared);
         }
         self.keys.truncate(count);
         count
     }
 
+    /// Copies the points within reach.
+    fn copy(&mut self) {
+        let boxes = self.boxes;
+        boxes.within(&self.corners, self.reach, &mut self.near);
+        self.axes.iter_mut().for_each(Vec::clear);
+        self.at.clear();
+        for &of in &self.near {
+            for at in boxes.starts[of]..boxes.starts[of + 1] {
+                let p = boxes.coordinates(at);
+                if aside(&self.corners, &p) <= self.reach {
+                    for (axis, c) in self.axes.iter_mut().zip(p) {
+                        axis.push(c);
+                    }
+                    self.at.push(at as u32);
+                }
+            }
+        }
+    }
+
+    /// The bits of a key that hold the position among the copied points; the others are the leading bits of the squared distance, which have the same order.
+    fn low_bits(&self) -> u64 {
+        (self.at.len() as u64 + 1).next_power_of_two() - 1
+    }
+
+    /// Sorts the points within the radius; of more than twice as many, only the first `most` are kept.
+    fn sort(&mut self, most: usize) {
+        let low = self.low_bits();
+        let (squares, at, boxes) = (&self.squares, &self.at, self.boxes);
+        let order = |key: &u64| {
+            let slot = (key & low) as usize;
+            let at = at[slot] as usize;
+            (squares[slot].to_bits(), boxes.ranks[at], boxes.indices[at])
+        };
+        if self.keys.len() > 2 * most && most > 0 {
+            // Many points in one place, perhaps, of which all keys agree.
+            self.keys.select_nth_unstable_by_key(most - 1, order);
+            self.keys.truncate(most);
+        }
+        self.keys.sort_unstable();
+        for equal in self.keys.chunk_by_mut(|a, b| a & !low == b & !low) {
+            if equal.len() > 1 {
+                equal.sort_unstable_by_key(order);
+            }
+        }
+    }
+
     /// The first of the sorted points.
     fn found(&self, count: usize) -> impl Iterator<Item = Neighbour> + '_ {
-        self.keys.iter().take(count).map(|key| Neighbour {
-            index: (key & u128::from(u32::MAX)) as usize,
-            squared: f64::from_bits((key >> 64) as u64),
+        let low = self.low_bits();
+        self.keys.iter().take(count).map(move |key| {
+            let slot = (key & low) as usize;
+            Neighbour {
+                index: self.boxes.indices[self.at[slot] as usize] as usize,
+                squared: self.squares[slot],
+            }
         })
     }
 }
@@ -454,8 +541,9 @@ mod tests {
             let points: Vec<Point3<f64>> = raw.iter().map(|p| p.map(|c| f64::from(c / coarse)).into()).collect();
             let (boxes, count) = (Boxes::new(&points), asked.min(points.len()));
             let mut seen = 0;
+            let mut search = boxes.search();
             for of in 0..boxes.len() {
-                let found = boxes.nearest_of_box(of, count);
+                let found = boxes.nearest_of_box(&mut search, of, count);
                 for (slot, &i) in boxes.members(of).iter().enumerate() {
                     prop_assert_eq!(boxes.place(i as usize), (of, slot));
                     let near: Vec<usize> = found.get(slot).iter().map(|n| n.index).collect();

@@ -266,14 +266,12 @@ fn is_surrounded(directions: impl Iterator<Item = [f64; 2]>, angle: f64) -> bool
     }
     // A gap spans the empty sectors and less than the two at its ends, up to rounding.
     let gap = angle / SECTOR - 2.0 - 1e-9;
-    let (mut run, mut longest) = (0, 0);
-    for sector in 0..48 {
-        run = if full >> (sector % 24) & 1 == 1 {
-            0
-        } else {
-            run + 1
-        };
-        longest = longest.max(run);
+    // Twice around, so that a run over the last sector is whole; every step leaves the sectors with one more empty one before them.
+    let mut empty = !(u64::from(full) | u64::from(full) << 24) & ((1 << 48) - 1);
+    let mut longest = 0;
+    while empty != 0 {
+        longest += 1;
+        empty &= empty << 1;
     }
     full != 0 && f64::from(longest) <= gap
 }
@@ -304,13 +302,13 @@ pub(crate) fn denoised(cloud: &Cloud, i: usize, near: &[Neighbour]) -> Point3<f6
     }
 }
 
-/// All points with the noise across the surface reduced, by their `k` nearest.
-pub(crate) fn denoise(cloud: &Cloud, k: usize) -> Vec<Point3<f64>> {
+/// All points with the noise across the surface reduced, by their `k` nearest; `boxes` are those of the cloud.
+pub(crate) fn denoise(cloud: &Cloud, boxes: &Boxes, k: usize) -> Vec<Point3<f64>> {
     if k == 0 {
         return cloud.points.to_vec();
     }
     let clean = |i: usize, near: &[Neighbour]| denoised(cloud, i, near);
-    Boxes::new(cloud.points).of_all(k + 1, clean)
+    boxes.of_all(k + 1, clean)
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 use gpwrm::ShapeFunctions;
 use nalgebra::{Point3, UnitVector3, Vector3};
 
+use crate::boxes::Boxes;
 use crate::cloud::{Cloud, denoise};
 use crate::each::each;
 use crate::error::Error;
@@ -49,16 +50,17 @@ impl Model {
         let spacing = options.node_spacing;
         let nodes = Nodes::new(points, anchors.iter().copied(), spacing)?;
         let prior = Prior::new(&nodes, options.bending, options.strain * spacing * spacing);
+        let boxes = Boxes::new(points);
         let functions = ShapeFunctions::new(&nodes.positions, SHAPE_NODES)
             .map_err(|_| Error::EmptyCloud { cloud: "source" })?;
-        let shapes = each(points.len(), |i| descending(functions.at(&points[i])));
+        let shapes = shapes(&boxes, points, &functions);
         let feature_shapes: Vec<Shape> = features
             .iter()
             .map(|p| descending(functions.at(p)))
             .collect();
         let structure = structure(&nodes, &prior, &shapes, &feature_shapes)?;
         Ok(Self {
-            clean: denoise(source, options.denoise),
+            clean: denoise(source, &boxes, options.denoise),
             points: points.to_vec(),
             normals: source.normals.to_vec(),
             anchors: anchors.to_vec(),
@@ -103,6 +105,22 @@ impl Model {
     pub fn displacements(&self, u: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         self.shapes.iter().map(|shape| blend(shape, u)).collect()
     }
+}
+
+/// The shape functions of every point, box by box: the points of a box are in reach of nearly the same nodes.
+fn shapes(boxes: &Boxes, points: &[Point3<f64>], functions: &ShapeFunctions) -> Vec<Shape> {
+    let found = each(boxes.len(), |of| {
+        let own = boxes.members(of).iter();
+        let own: Vec<Point3<f64>> = own.map(|&i| points[i as usize]).collect();
+        functions.at_each(&own)
+    });
+    let mut shapes = vec![Shape::new(); points.len()];
+    for (of, found) in found.into_iter().enumerate() {
+        for (&i, shape) in boxes.members(of).iter().zip(found) {
+            shapes[i as usize] = descending(shape);
+        }
+    }
+    shapes
 }
 
 fn structure(

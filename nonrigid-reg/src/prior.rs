@@ -35,6 +35,8 @@ const LINE: f64 = 1e-6;
 struct NodePrior {
     /// Coefficient of each node's displacement in `c`: `c = Σ_k γ_k ⊗ u_k`.
     terms: Vec<(usize, Vector3<f64>)>,
+    /// The same, later nodes first, so that each node is followed by those whose blocks with it lie in the lower triangle.
+    descending: Vec<(usize, Vector3<f64>)>,
     /// `M`.
     scatter: Matrix3<f64>,
     /// `S⁻¹`.
@@ -124,6 +126,8 @@ impl NodePrior {
             terms.push((link.node, gamma));
         }
         terms.push((i, own));
+        let mut descending = terms.clone();
+        descending.sort_unstable_by_key(|&(k, _)| std::cmp::Reverse(k));
         let trace = scatter.trace();
         let data = kronecker(&scatter);
         let s =
@@ -138,6 +142,7 @@ impl NodePrior {
             scatter,
             inverse,
             terms,
+            descending,
         }
     }
 
@@ -153,18 +158,15 @@ impl NodePrior {
 
     /// Adds `cᵀ form c + 2 pullᵀ c`.
     fn add(&self, form: &Matrix9, pull: &Vector9, structure: &Structure, system: &mut System) {
-        for (k, gamma_k) in &self.terms {
+        for (at, (k, gamma_k)) in self.descending.iter().enumerate() {
             // (γ_kᵀ ⊗ I) form: three rows, in three 3 × 3 blocks.
             let rows: SMatrix<f64, 3, 9> = form.fixed_rows::<3>(0) * gamma_k.x
                 + form.fixed_rows::<3>(3) * gamma_k.y
                 + form.fixed_rows::<3>(6) * gamma_k.z;
-            for (l, gamma_l) in &self.terms {
-                if l <= k {
-                    let block = rows.fixed_columns::<3>(0) * gamma_l.x
-                        + rows.fixed_columns::<3>(3) * gamma_l.y
-                        + rows.fixed_columns::<3>(6) * gamma_l.z;
-                    system.add_block(structure, *k, *l, &block);
-                }
+            let [x, y, z] = [0, 3, 6].map(|column| rows.fixed_columns::<3>(column).into_owned());
+            for (l, gamma_l) in &self.descending[at..] {
+                let block = x * gamma_l.x + y * gamma_l.y + z * gamma_l.z;
+                system.add_block(structure, *k, *l, &block);
             }
             let force = pull.fixed_rows::<3>(0) * gamma_k.x
                 + pull.fixed_rows::<3>(3) * gamma_k.y

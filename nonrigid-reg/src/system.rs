@@ -7,13 +7,13 @@
 //!
 //! The pattern of blocks depends on the nodes and on which of them influence each point, not on the displacements. So the
 //! order `P` and the structure of `L` are computed once and serve all iterations, and the following frames too while
-//! the nodes stay.
+//! the nodes stay. The entries are copied from the blocks straight to their places in that order: letting faer permute the matrix took a third of
+//! each solve.
 
-use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::{LltParams, LltRegularization};
-use faer::perm::PermRef;
 use faer::sparse::linalg::{amd, cholesky as sparse};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side, Spec};
 use nalgebra::{Matrix3, Vector3};
 
@@ -25,13 +25,20 @@ pub(crate) struct Structure {
     count: usize,
     /// Slot of block `(k, l)`, `k ≥ l`, at `k · count + l`.
     slots: Vec<u32>,
-    /// First slot of each block column, and one past the last.
-    starts: Vec<usize>,
-    /// Block row of each slot; ascending in a column, the diagonal first.
-    rows: Vec<u32>,
-    scalar_starts: Vec<usize>,
-    scalar_rows: Vec<usize>,
+    /// Number of blocks.
+    blocks: usize,
+    /// The nodes in the order of elimination.
+    order: Vec<usize>,
+    lower: SymbolicSparseColMat<usize>,
+    /// Which entry of the blocks each entry of the lower triangle is.
+    entries: Vec<u32>,
     factor: sparse::SymbolicCholesky<usize>,
+}
+
+/// Rows of the entries of a sparse matrix, column by column.
+struct Pattern {
+    starts: Vec<usize>,
+    rows: Vec<usize>,
 }
 
 impl Structure {
@@ -41,49 +48,27 @@ impl Structure {
         groups: impl Iterator<Item = &'a [(usize, f64)]>,
         terms: impl Iterator<Item = &'a [(usize, Vector3<f64>)]>,
     ) -> Option<Self> {
-        let mut slots = vec![ABSENT; count * count];
-        let mut mark = |k: usize, l: usize| {
-            if l <= k {
-                slots[k * count + l] = 0;
-            }
-        };
-        for group in groups {
-            for &(k, _) in group {
-                for &(l, _) in group {
-                    mark(k, l);
-                }
-            }
-        }
-        for group in terms {
-            for &(k, _) in group {
-                for &(l, _) in group {
-                    mark(k, l);
-                }
-            }
-        }
-        for k in 0..count {
-            mark(k, k);
-        }
-        let (mut starts, mut rows) = (vec![0], Vec::new());
+        let mut coupled = Coupled::new(count);
+        groups.for_each(|group| coupled.add(group.iter().map(|&(k, _)| k)));
+        terms.for_each(|group| coupled.add(group.iter().map(|&(k, _)| k)));
+        let (mut slots, mut blocks) = (vec![ABSENT; count * count], Pattern::empty());
         for l in 0..count {
-            for k in l..count {
-                let slot = &mut slots[k * count + l];
-                if *slot != ABSENT {
-                    *slot = rows.len() as u32;
-                    rows.push(k as u32);
-                }
+            for k in coupled.of(l).filter(|&k| k >= l) {
+                slots[k * count + l] = blocks.rows.len() as u32;
+                blocks.rows.push(k);
             }
-            starts.push(rows.len());
+            blocks.starts.push(blocks.rows.len());
         }
-        let (scalar_starts, scalar_rows) = scalar_structure(&starts, &rows);
-        let factor = symbolic_factor(&starts, &rows, &scalar_starts, &scalar_rows)?;
+        let (order, places) = elimination_order(&blocks)?;
+        let (lower, entries) = lower_triangle(&coupled, &slots, &order, &places);
+        let factor = symbolic_factor(&lower)?;
         Some(Self {
             count,
             slots,
-            starts,
-            rows,
-            scalar_starts,
-            scalar_rows,
+            blocks: blocks.rows.len(),
+            order,
+            lower: lower.checked(),
+            entries,
             factor,
         })
     }
@@ -96,57 +81,154 @@ impl Structure {
     }
 }
 
-/// Every block as three by three entries, without those above the diagonal.
-fn scalar_structure(starts: &[usize], rows: &[u32]) -> (Vec<usize>, Vec<usize>) {
-    let (mut scalar_starts, mut scalar_rows) = (vec![0], Vec::with_capacity(9 * rows.len()));
-    for (l, ends) in starts.windows(2).enumerate() {
-        for b in 0..3 {
-            for &k in &rows[ends[0]..ends[1]] {
-                let k = k as usize;
-                let first = if k == l { b } else { 0 };
-                scalar_rows.extend((first..3).map(|a| 3 * k + a));
-            }
-            scalar_starts.push(scalar_rows.len());
-        }
-    }
-    (scalar_starts, scalar_rows)
+/// Which nodes are coupled: a row of bits for each.
+struct Coupled {
+    words: usize,
+    bits: Vec<u64>,
+    group: Vec<u64>,
+    last: Vec<usize>,
 }
 
-/// Orders the nodes and computes the pattern of the factor.
-fn symbolic_factor(
-    starts: &[usize],
-    rows: &[u32],
-    scalar_starts: &[usize],
-    scalar_rows: &[usize],
-) -> Option<sparse::SymbolicCholesky<usize>> {
-    let count = starts.len() - 1;
-    let block_rows: Vec<usize> = rows.iter().map(|&k| k as usize).collect();
-    let blocks = SymbolicSparseColMatRef::new_checked(count, count, starts, None, &block_rows);
-    let (mut order, mut inverse) = (vec![0_usize; count], vec![0_usize; count]);
-    let scratch = amd::order_maybe_unsorted_scratch::<usize>(count, rows.len());
+impl Coupled {
+    /// Every node with itself.
+    fn new(count: usize) -> Self {
+        let words = count.div_ceil(64);
+        let mut bits = vec![0; words * count];
+        for k in 0..count {
+            bits[k * words + k / 64] |= 1 << (k % 64);
+        }
+        Self {
+            words,
+            bits,
+            group: vec![0; words],
+            last: Vec::new(),
+        }
+    }
+
+    /// All nodes of a group with each other.
+    fn add(&mut self, group: impl Iterator<Item = usize> + Clone) {
+        // Neighbouring points are often in reach of the same nodes.
+        if group.clone().eq(self.last.iter().copied()) {
+            return;
+        }
+        self.last.clear();
+        self.last.extend(group);
+        self.group.fill(0);
+        for &k in &self.last {
+            self.group[k / 64] |= 1 << (k % 64);
+        }
+        for &k in &self.last {
+            let row = &mut self.bits[k * self.words..][..self.words];
+            row.iter_mut().zip(&self.group).for_each(|(a, b)| *a |= b);
+        }
+    }
+
+    /// The nodes coupled with `k`, ascending.
+    fn of(&self, k: usize) -> impl Iterator<Item = usize> + '_ {
+        let row = self.bits[k * self.words..][..self.words].iter();
+        row.enumerate().flat_map(|(word, &bits)| {
+            let next = |rest: &u64| Some(rest & rest.wrapping_sub(1)).filter(|rest| *rest != 0);
+            let left = std::iter::successors(Some(bits).filter(|bits| *bits != 0), next);
+            left.map(move |rest| 64 * word + rest.trailing_zeros() as usize)
+        })
+    }
+}
+
+impl Pattern {
+    fn empty() -> Self {
+        Self {
+            starts: vec![0],
+            rows: Vec::new(),
+        }
+    }
+
+    fn view(&self) -> SymbolicSparseColMatRef<'_, usize> {
+        let size = self.starts.len() - 1;
+        SymbolicSparseColMatRef::new_checked(size, size, &self.starts, None, &self.rows)
+    }
+
+    /// For faer, which checks it once.
+    fn checked(self) -> SymbolicSparseColMat<usize> {
+        let size = self.starts.len() - 1;
+        SymbolicSparseColMat::new_checked(size, size, self.starts, None, self.rows)
+    }
+
+    /// The other triangle.
+    fn transposed(&self) -> Self {
+        let mut starts = vec![0; self.starts.len()];
+        for row in &self.rows {
+            starts[row + 1] += 1;
+        }
+        for row in 1..starts.len() {
+            starts[row] += starts[row - 1];
+        }
+        let (mut ends, mut rows) = (starts.clone(), vec![0; self.rows.len()]);
+        for (column, limits) in self.starts.windows(2).enumerate() {
+            for &row in &self.rows[limits[0]..limits[1]] {
+                rows[ends[row]] = column;
+                ends[row] += 1;
+            }
+        }
+        Self { starts, rows }
+    }
+}
+
+/// The order of elimination of the nodes, and the place of each node in it.
+fn elimination_order(blocks: &Pattern) -> Option<(Vec<usize>, Vec<usize>)> {
+    let count = blocks.starts.len() - 1;
+    let (mut order, mut places) = (vec![0_usize; count], vec![0_usize; count]);
+    let scratch = amd::order_maybe_unsorted_scratch::<usize>(count, blocks.rows.len());
     let mut memory = MemBuffer::try_new(scratch).ok()?;
     let stack = MemStack::new(&mut memory);
-    amd::order_maybe_unsorted(
-        &mut order,
-        &mut inverse,
-        blocks,
-        amd::Control::default(),
-        stack,
-    )
-    .ok()?;
-    let triple = |order: &[usize]| -> Vec<usize> {
-        order
-            .iter()
-            .flat_map(|&k| [3 * k, 3 * k + 1, 3 * k + 2])
-            .collect()
-    };
-    let (order, inverse) = (triple(&order), triple(&inverse));
-    let size = 3 * count;
-    let scalar = SymbolicSparseColMatRef::new_checked(size, size, scalar_starts, None, scalar_rows);
+    let control = amd::Control::default();
+    amd::order_maybe_unsorted(&mut order, &mut places, blocks.view(), control, stack).ok()?;
+    Some((order, places))
+}
+
+/// The scalar pattern of the lower triangle in the order of elimination, every block as three by three entries, without those above the diagonal; and
+/// the entry of the blocks that belongs at each place. A solve then only copies the entries, and has no matrix to permute.
+fn lower_triangle(
+    coupled: &Coupled,
+    slots: &[u32],
+    order: &[usize],
+    places: &[usize],
+) -> (Pattern, Vec<u32>) {
+    let count = order.len();
+    let (mut lower, mut entries) = (Pattern::empty(), Vec::new());
+    let mut below = Vec::new();
+    for (column, &l) in order.iter().enumerate() {
+        below.clear();
+        below.extend(
+            coupled
+                .of(l)
+                .map(|k| places[k])
+                .filter(|&row| row >= column),
+        );
+        below.sort_unstable();
+        for b in 0..3 {
+            for &row in &below {
+                let k = order[row];
+                let slot = 9 * slots[k.max(l) * count + k.min(l)];
+                for a in if k == l { b } else { 0 }..3 {
+                    lower.rows.push(3 * row + a);
+                    // Blocks are stored by column, those of a pair that is eliminated in reverse are transposed.
+                    let entry = if k < l { 3 * a + b } else { 3 * b + a };
+                    entries.push(slot + entry as u32);
+                }
+            }
+            lower.starts.push(lower.rows.len());
+        }
+    }
+    (lower, entries)
+}
+
+/// The pattern of the factor.
+fn symbolic_factor(lower: &Pattern) -> Option<sparse::SymbolicCholesky<usize>> {
+    // Without a permutation, faer reads the upper triangle here and the lower one in the factorisation.
     sparse::factorize_symbolic_cholesky(
-        scalar,
-        Side::Lower,
-        sparse::SymmetricOrdering::Custom(PermRef::new_checked(&order, &inverse, size)),
+        lower.transposed().view(),
+        Side::Upper,
+        sparse::SymmetricOrdering::Identity,
         sparse::CholeskySymbolicParams::default(),
     )
     .ok()
@@ -164,7 +246,7 @@ impl System {
     /// All zero.
     pub fn reset(&mut self, structure: &Structure) {
         self.blocks.clear();
-        self.blocks.resize(structure.rows.len(), [0.0; 9]);
+        self.blocks.resize(structure.blocks, [0.0; 9]);
         self.right.clear();
         self.right.resize(structure.count, Vector3::zeros());
     }
@@ -209,10 +291,10 @@ impl System {
     #[cfg(test)]
     pub fn residual(&self, structure: &Structure, u: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let mut left: Vec<Vector3<f64>> = self.right.iter().map(|f| -f).collect();
-        for (l, ends) in structure.starts.windows(2).enumerate() {
-            for slot in ends[0]..ends[1] {
-                let k = structure.rows[slot] as usize;
-                let block = Matrix3::from_column_slice(&self.blocks[slot]);
+        for (pair, &slot) in structure.slots.iter().enumerate() {
+            if slot != ABSENT {
+                let (k, l) = (pair / structure.count, pair % structure.count);
+                let block = Matrix3::from_column_slice(&self.blocks[slot as usize]);
                 left[k] += block * u[l];
                 if k != l {
                     left[l] += block.transpose() * u[k];
@@ -234,66 +316,60 @@ pub(crate) struct Solver {
     values: Vec<f64>,
     factor: Vec<f64>,
     right: Vec<f64>,
+    scratch: Option<(StackReq, MemBuffer)>,
 }
 
 impl Solver {
     /// Solves `H u = f`; `None` if `H` is not positive definite.
     pub fn solve(&mut self, structure: &Structure, system: &System) -> Option<Vec<Vector3<f64>>> {
         self.fill(structure, system);
-        let size = 3 * structure.count;
-        let symbolic = SymbolicSparseColMatRef::new_checked(
-            size,
-            size,
-            &structure.scalar_starts,
-            None,
-            &structure.scalar_rows,
-        );
-        let matrix = SparseColMatRef::new(symbolic, &self.values);
+        let matrix = SparseColMatRef::new(structure.lower.as_ref(), &self.values);
         let plan = &structure.factor;
         self.factor.resize(plan.len_val(), 0.0);
         let params = Spec::<LltParams, f64>::default();
         let need = plan
             .factorize_numeric_llt_scratch::<f64>(Par::Seq, params)
             .or(plan.solve_in_place_scratch::<f64>(1, Par::Seq));
-        let mut memory = MemBuffer::try_new(need).ok()?;
-        let stack = MemStack::new(&mut memory);
-        let regularization = LltRegularization::default();
+        let kept = self.scratch.take().filter(|(size, _)| *size == need);
+        let kept = kept.or_else(|| Some((need, MemBuffer::try_new(need).ok()?)));
+        let (_, memory) = self.scratch.insert(kept?);
+        let stack = MemStack::new(memory);
         let factor = plan
             .factorize_numeric_llt(
                 &mut self.factor,
                 matrix,
                 Side::Lower,
-                regularization,
+                LltRegularization::default(),
                 Par::Seq,
                 stack,
                 params,
             )
             .ok()?;
+        let size = self.right.len();
         let right = MatMut::from_column_major_slice_mut(&mut self.right, size, 1);
         factor.solve_in_place_with_conj(Conj::No, right, Par::Seq, stack);
         let finite = self.right.iter().all(|c| c.is_finite());
-        let solution = self.right.chunks_exact(3).map(Vector3::from_column_slice);
-        finite.then(|| solution.collect())
+        finite.then(|| self.solution(structure))
     }
 
-    /// Fills the columns of the scalar matrix from the blocks.
+    /// Fills the lower triangle and the right side, both in the order of elimination.
     fn fill(&mut self, structure: &Structure, system: &System) {
+        let flat = system.blocks.as_flattened();
+        let entries = structure.entries.iter();
         self.values.clear();
-        self.values.reserve(structure.scalar_rows.len());
-        for ends in structure.starts.windows(2) {
-            for b in 0..3 {
-                let mut first = b;
-                for block in &system.blocks[ends[0]..ends[1]] {
-                    self.values
-                        .extend_from_slice(&block[3 * b + first..3 * b + 3]);
-                    // Only the first block of a column is the diagonal one.
-                    first = 0;
-                }
-            }
-        }
+        self.values.extend(entries.map(|&at| flat[at as usize]));
+        let sides = structure.order.iter().map(|&k| system.right[k]);
         self.right.clear();
-        self.right
-            .extend(system.right.iter().flat_map(|f| [f.x, f.y, f.z]));
+        self.right.extend(sides.flat_map(|f| [f.x, f.y, f.z]));
+    }
+
+    /// The solution in the order of the nodes.
+    fn solution(&self, structure: &Structure) -> Vec<Vector3<f64>> {
+        let mut solution = vec![Vector3::zeros(); structure.count];
+        for (u, &k) in self.right.chunks_exact(3).zip(&structure.order) {
+            solution[k] = Vector3::from_column_slice(u);
+        }
+        solution
     }
 }
 
@@ -313,7 +389,7 @@ mod tests {
         let none: [&[(usize, Vector3<f64>)]; 0] = [];
         let structure =
             Structure::new(count, groups.iter().map(Vec::as_slice), none.into_iter()).unwrap();
-        assert!(structure.rows.len() < count * (count + 1) / 4);
+        assert!(structure.blocks < count * (count + 1) / 4);
         let mut system = System::default();
         system.reset(&structure);
         let mut dense = DMatrix::<f64>::zeros(3 * count, 3 * count);

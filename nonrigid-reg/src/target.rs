@@ -10,7 +10,7 @@
 use gpwrm::Neighbour;
 use nalgebra::{Point3, UnitVector3};
 
-use crate::boxes::{Boxes, Lists, nearest_of, rank};
+use crate::boxes::{Boxes, Lists, Search, TOGETHER, nearest_of, rank};
 use crate::cloud::{Cloud, denoised, is_boundary};
 use crate::each::each;
 use crate::options::Options;
@@ -170,9 +170,14 @@ impl Target {
             }
         }
         let wanted: Vec<usize> = (0..wanted.len()).filter(|&of| wanted[of]).collect();
-        let found = each(wanted.len(), |k| self.look_around(wanted[k]));
-        for (of, around) in wanted.into_iter().zip(found) {
-            self.around[of] = around;
+        let groups: Vec<&[usize]> = wanted.chunks(TOGETHER).collect();
+        let found = each(groups.len(), |k| {
+            let mut search = self.boxes.search();
+            let look = |&of: &usize| self.look_around(&mut search, of);
+            groups[k].iter().map(look).collect::<Vec<Around>>()
+        });
+        for (of, around) in wanted.iter().zip(found.into_iter().flatten()) {
+            self.around[*of] = around;
         }
     }
 
@@ -182,12 +187,12 @@ impl Target {
         self.around[of].places.get(slot).copied()
     }
 
-    fn look_around(&self, of: usize) -> Around {
+    fn look_around(&self, search: &mut Search, of: usize) -> Around {
         let cloud = Cloud {
             points: &self.points,
             normals: &self.normals,
         };
-        let near = self.boxes.nearest_of_box(of, self.count());
+        let near = self.boxes.nearest_of_box(search, of, self.count());
         let place = |(slot, &i): (usize, &u32)| {
             let first = |count: usize| nearest_of(near.get(slot), count + 1);
             let i = i as usize;
