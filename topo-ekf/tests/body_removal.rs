@@ -18,7 +18,9 @@ const BLOCK: usize = 12;
 const APART: [[i32; 3]; 3] = [[8, 0, 3], [8, 5, 3], [-6, 0, 3]];
 
 fn body(lattice: Lattice) -> BodyFilter {
-    let mut body = BodyFilter::new(lattice, TABLE, &BodyOptions::default()).unwrap();
+    // How firmly grips hold must not depend on the weight of cells that are removed later.
+    let options = BodyOptions::default().with_firm_pull(f64::INFINITY);
+    let mut body = BodyFilter::new(lattice, TABLE, &options).unwrap();
     let foot = |cell| Foot {
         at: Embedding::new(cell, [0.5, 0.5, 0.0]),
         load: 2.0,
