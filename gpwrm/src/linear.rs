@@ -69,7 +69,7 @@ impl ShapeFunctions {
         linear(&self.nodes, p, &mut near, self.count)
     }
 
-    /// [`Self::at`] of every point. Several times as fast for a few points beside each other, because the tree is then searched once for all.
+    /// [`Self::at`] of every point. For points beside each other the tree is searched once for all.
     ///
     /// # Complexity
     /// With `h` the distance of the points from their centre, and `d` that of the centre from its last nearest node: linear in the number of nodes

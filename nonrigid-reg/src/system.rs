@@ -7,8 +7,8 @@
 //!
 //! The pattern of blocks depends on the nodes and on which of them influence each point, not on the displacements. So the
 //! order `P` and the structure of `L` are computed once and serve all iterations, and the following frames too while
-//! the nodes stay. The entries are copied from the blocks straight to their places in that order: letting faer permute the matrix took a third of
-//! each solve.
+//! the nodes stay. The entries are copied from the blocks straight to their places in that order, so that
+//! faer has no matrix to permute in each solve.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::{LltParams, LltRegularization};
@@ -85,6 +85,7 @@ impl Structure {
 struct Coupled {
     words: usize,
     bits: Vec<u64>,
+    /// The group that was added last, as bits and as nodes.
     group: Vec<u64>,
     last: Vec<usize>,
 }

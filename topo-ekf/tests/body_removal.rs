@@ -74,6 +74,7 @@ fn the_rest_goes_on_as_if_the_cells_had_never_been() {
     assert_eq!(renumbered.cell(a), Some(b));
     assert_eq!(mixed.lattice().cells(), plain.lattice().cells());
     assert_eq!(mixed.lattice().rest(), plain.lattice().rest());
+    assert_eq!(mixed.weight().to_bits(), plain.weight().to_bits());
     lift(&mut mixed, b, 5, 10);
     lift(&mut plain, b, 5, 10);
     let now = mixed.pose().live.iter().zip(&plain.pose().live);

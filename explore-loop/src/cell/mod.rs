@@ -18,7 +18,7 @@
 //!   and the table, constrain each other, the *arms* are held back.
 //! - **The pose of an arm is where its tip is**, not where it was commanded. An arm that is held back reports the pose it reached; a jaw that has lost its
 //!   grip reports `holding: false`. An unreported slip pulls the model with a force of many times the weight of the object: such frames are reported as
-//!   failures and skipped (above 5 weights; held bodies pull with at most 2.2, a rigid egg that slips with 12 in the median).
+//!   failures and skipped (above 5 weights; grips that carry a body pull with at most 2.4).
 //! - **A speed is that of the fastest point of the jaws.** A motion of length `d` and angle `θ` takes `max(d, 0.02 m · θ) / speed`: fingers are assumed to
 //!   be 20 mm long, so that a pure rotation at 0.02 m/s has 1 rad/s.
 //! - **A cloud is dense.** Where the surface faces the camera there is a point at least every half spacing of the model (2.5 mm for 5 mm), so at least 4

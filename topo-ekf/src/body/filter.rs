@@ -434,12 +434,7 @@ impl BodyFilter {
         weight: f64,
     ) -> Result<(f64, Solved), Error> {
         let mut rows = observed;
-        let grips = setting.frame.grips;
-        let law = self.grip_law(grips.len());
-        rows.extend(grips.iter().map(|(at, target)| {
-            let off = target - pose.position(&self.lattice, at);
-            Row::point(*at, *target, law.weight(off.norm()))
-        }));
+        rows.extend(self.grip_rows(setting.frame.grips, pose));
         self.touch(setting, pose, &mut rows);
         let acting = Acting {
             stiffness,

@@ -87,11 +87,10 @@ impl BodyFilter {
         let borne = contact * pressed.sum::<f64>();
         let table = self.options.table != Table::Absent;
         report.table_force = if table { borne } else { 0.0 };
-        let law = self.grip_law(frame.grips.len());
-        let pulls = frame.grips.iter().map(|(at, target)| {
-            let off = target - self.state.pose.position(&self.lattice, at);
-            off * law.weight(off.norm())
-        });
+        let pose = &self.state.pose;
+        let held = self.grip_rows(frame.grips, pose);
+        let pulls =
+            held.map(|row| (row.target - pose.position(&self.lattice, &row.at)) * row.weight);
         report.grip_force = pulls.sum();
         report.violation = [deepest(&halves); 2];
         self.state.raised.fill(Vector3::zeros());

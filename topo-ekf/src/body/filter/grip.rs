@@ -5,15 +5,21 @@
 //!     d / σ²                        up to F = firm_pull · W / n     σ = grip_sigma, W weight of the body, n number of gripped points
 //!     F + (d − F σ²) / σ_slip²      beyond                          σ_slip = slip_sigma > σ
 //! ```
-//! Grips that carry a body must not give: with springs of one millimetre a liver hangs a millimetre lower in the jaws than its material does, and whatever
-//! is seen for the first time then is placed a millimetre wrong. Grips that slip or tear must not overrule the camera: beyond the weight of the body they are soft.
-//! A step uses the secant of this law as the weight of a row, so that a few steps find its equilibrium.
+//! Grips that carry a body must not give: if they hold it with a standard deviation of a millimetre, the model of a liver hangs a millimetre lower in
+//! the jaws than the liver does, and what is seen for the first time then is placed wrongly by as much. Grips that slip or tear must not overrule the
+//! camera: beyond the weight of the body they are soft. A step uses force over distance at the present pose as the weight of a row, and a few steps find the
+//! equilibrium.
+
+use nalgebra::Point3;
 
 use super::BodyFilter;
+use crate::body::lattice::Embedding;
+use crate::body::pose::Pose;
+use crate::body::row::Row;
 
-/// The weight of the row of a gripped point, as a function of its distance from its place in the jaw.
+/// The force as a function of the distance.
 #[derive(Clone, Copy)]
-pub(super) struct GripLaw {
+struct GripLaw {
     /// `1/σ²` and `1/σ_slip²`, 1/m².
     firm: f64,
     soft: f64,
@@ -23,7 +29,7 @@ pub(super) struct GripLaw {
 
 impl GripLaw {
     /// Force over distance, 1/m².
-    pub fn weight(&self, distance: f64) -> f64 {
+    fn weight(&self, distance: f64) -> f64 {
         let knee = self.pull / self.firm;
         if distance <= knee {
             self.firm
@@ -34,8 +40,21 @@ impl GripLaw {
 }
 
 impl BodyFilter {
+    /// The rows that hold gripped points at their places, in a pose.
+    pub(super) fn grip_rows(
+        &self,
+        grips: &[(Embedding, Point3<f64>)],
+        pose: &Pose,
+    ) -> impl Iterator<Item = Row> {
+        let law = self.grip_law(grips.len());
+        grips.iter().map(move |(at, place)| {
+            let distance = (place - pose.position(&self.lattice, at)).norm();
+            Row::point(*at, *place, law.weight(distance))
+        })
+    }
+
     /// The law for a frame with this many gripped points.
-    pub(super) fn grip_law(&self, points: usize) -> GripLaw {
+    fn grip_law(&self, points: usize) -> GripLaw {
         GripLaw {
             firm: self.options.grip_sigma.powi(-2),
             soft: self.options.slip_sigma.powi(-2),
