@@ -5,7 +5,7 @@
 //! vertex    start at the heaviest free sample; along its normal, the window of ± 2.5 mm that holds most weight: mean position, mean
 //!           normal; three iterations. Rejected where another vertex of the sheet is near, or in front or behind
 //! evidence  a vertex through which keyframes see, or that lies outside of their outline, is removed; so are small pieces; a keyframe that
-//!           contradicts more than a tenth of what it shows was tracked wrongly: it is dropped, and all is fused again without it
+//!           contradicts more than a tenth of what it shows was tracked wrongly, and is dropped
 //! ```
 //! The densest window is used instead of the mean: a view that was tracked wrongly makes a second peak and does not shift the first. A vertex of the
 //! same material as an old one inherits its identity and history.
@@ -78,31 +78,14 @@ pub(crate) fn refuse(track: &mut Track, table: &Plane, options: &ReconstructOpti
 /// One round; false when the result has too few vertices.
 fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -> bool {
     let spacing = options.spacing;
-    let before = (
-        track.model.clone(),
-        track.embeddings.clone(),
-        track.seen.clone(),
-    );
-    let evidence = loop {
-        track.keyframes.extend(track.body.lattice());
-        let fused = fuse(&samples(track), table, spacing);
-        if fused.len() < super::view::FEWEST {
-            return false;
-        }
-        adopt(track, &fused, spacing);
-        let evidence: Vec<Vec<f64>> = track
-            .keyframes
-            .all()
-            .iter()
-            .map(|keyframe| evidence(track, keyframe, spacing))
-            .collect();
-        if !drop_mistracked(track, &evidence) {
-            break evidence;
-        }
-        // The points of the dropped keyframes are part of this shape.
-        (track.model, track.embeddings, track.seen) = before.clone();
-    };
-    let keep = supported(track, &evidence, spacing);
+    track.keyframes.extend(track.body.lattice());
+    let samples = samples(track);
+    let fused = fuse(&samples, table, spacing);
+    if fused.len() < super::view::FEWEST {
+        return false;
+    }
+    adopt(track, &fused, spacing);
+    let keep = supported(track, spacing);
     track.retain(&keep);
     track.settle_edges(spacing);
     track.pose();
@@ -332,23 +315,28 @@ fn adopt(track: &mut Track, fused: &[Fused], spacing: f64) {
     track.seen = vec![false; track.model.len()];
 }
 
-/// Drops the keyframes that contradict the model as a whole; true if there were any.
-fn drop_mistracked(track: &mut Track, evidence: &[Vec<f64>]) -> bool {
-    let trusted: Vec<bool> = std::iter::zip(track.keyframes.all(), evidence)
+/// Which vertices are consistent with the keyframes, without small pieces. Keyframes that contradict the model as a whole are dropped.
+fn supported(track: &mut Track, spacing: f64) -> Vec<bool> {
+    let mut total = vec![0.0_f64; track.model.len()];
+    let evidence: Vec<Vec<f64>> = track
+        .keyframes
+        .all()
+        .iter()
+        .map(|keyframe| evidence(track, keyframe, spacing))
+        .collect();
+    let trusted: Vec<bool> = std::iter::zip(track.keyframes.all(), &evidence)
         .map(|(keyframe, evidence)| keyframe.frame == 0 || contradicts(evidence) <= MISTRACKED)
         .collect();
-    track.keyframes.retain(&trusted);
-    trusted.contains(&false)
-}
-
-/// Which vertices are consistent with the keyframes, without small pieces.
-fn supported(track: &Track, evidence: &[Vec<f64>], spacing: f64) -> Vec<bool> {
-    let mut total = vec![0.0_f64; track.model.len()];
-    for evidence in evidence {
+    for (evidence, _) in evidence
+        .iter()
+        .zip(&trusted)
+        .filter(|(_, trusted)| **trusted)
+    {
         for (total, evidence) in total.iter_mut().zip(evidence) {
             *total += evidence;
         }
     }
+    track.keyframes.retain(&trusted);
     let pieces = pieces(track, spacing);
     let most = pieces.sizes.iter().copied().max().unwrap_or(0);
     (0..track.model.len())
@@ -470,9 +458,7 @@ mod tests {
             normal: -Vector3::z_axis(),
             offset: TABLE,
         };
-        let options = ReconstructOptions::new(0.005)
-            .with_fusion_rounds(1)
-            .with_keyframe_motion(0.004);
+        let options = ReconstructOptions::new(0.005).with_keyframe_motion(0.004);
         let fused = |fault: bool| {
             let mut reconstructor = Reconstructor::new(options.clone()).unwrap();
             for frame in 0..40 {
