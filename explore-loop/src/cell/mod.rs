@@ -40,6 +40,7 @@ use nalgebra::{Isometry3, Point3};
 #[cfg(feature = "dvrk")]
 pub mod dvrk;
 pub mod faults;
+mod noise;
 pub mod replay;
 mod scans;
 mod see;

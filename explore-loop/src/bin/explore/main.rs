@@ -321,6 +321,12 @@ struct ReplayArgs {
     /// Stop this long after the first frame, seconds
     #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
     until: Option<f64>,
+    /// Move every point by Gaussian noise of this standard deviation, mm: with a few seeds, to tell an improvement from chance
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = not_negative)]
+    noise: f64,
+    /// Seed of that noise
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
     /// Leave parts of the method out, to measure what each contributes
     #[arg(long, value_enum, value_name = "PARTS", value_delimiter = ',')]
     without: Vec<Part>,
@@ -362,6 +368,31 @@ impl Default for RunArgs {
     }
 }
 
+impl ReplayArgs {
+    /// A recording with the defaults of the command line.
+    fn of(session: &std::path::Path) -> Self {
+        Self {
+            session: session.into(),
+            topics: Vec::new(),
+            find_object: false,
+            #[cfg(feature = "dvrk")]
+            cell: None,
+            seed_point: None,
+            spacing: 5.0,
+            features: Features::On,
+            reconstruction: Reconstruction::Body,
+            tracks: None,
+            intrinsics: None,
+            pictures: None,
+            until: None,
+            noise: 0.0,
+            seed: 0,
+            without: Vec::new(),
+            results: ResultArgs::default(),
+        }
+    }
+}
+
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Example: explore tables --only seeds --scene ellipsoid --seeds 0-4 --out study"
@@ -375,6 +406,12 @@ struct TablesArgs {
     list: bool,
     #[command(flatten)]
     object: ObjectArgs,
+    /// With --only seeds: replay this recording, with points moved by noise, instead of exploring an object
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scene", "mesh", "arms", "keep"])]
+    session: Option<PathBuf>,
+    /// Standard deviation of that noise, mm: enough for other results, too little for worse ones
+    #[arg(long, value_name = "MM", default_value_t = 0.05, value_parser = not_negative, requires = "session")]
+    noise: f64,
     /// Number of arms of --only seeds: 2 or 3, otherwise 3
     #[arg(long, value_parser = clap::value_parser!(u8).range(2..=3))]
     arms: Option<u8>,
@@ -461,7 +498,7 @@ fn main() -> ExitCode {
     };
     program::run(|cli: &Cli| match &cli.command {
         Command::Run(args) => run::run(args),
-        Command::Replay(args) => replay::replay(args).map(success),
+        Command::Replay(args) => replay::replay(args).map(|_| ExitCode::SUCCESS),
         #[cfg(feature = "dvrk")]
         Command::Robot(args) => robot::robot(args),
         #[cfg(feature = "dvrk")]

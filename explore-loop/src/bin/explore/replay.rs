@@ -24,8 +24,8 @@ use mesh_io::program::{Output, of_file, unless_closed, warn};
 use std::path::Path;
 use std::time::Instant;
 
-/// Reconstructs the whole recording and writes the results.
-pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
+/// Reconstructs the whole recording, writes the results, and returns the measures.
+pub fn replay(args: &ReplayArgs) -> Result<Metrics, Failure> {
     refuse(
         &args.without,
         Part::is_of_exploring,
@@ -50,7 +50,8 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     if !args.results.quiet {
         table(args.results.output(), &rows)?;
     }
-    Ok(unless_closed(args.results.output().object(&metrics))?)
+    unless_closed(args.results.output().object(&metrics))?;
+    Ok(metrics)
 }
 
 /// A recording that is being reconstructed.
@@ -77,6 +78,10 @@ impl<'a> Replay<'a> {
         let started = Instant::now();
         let cell = recording.cell(&reader, &args.session);
         let cell = cell.map_err(|e| wrong(&e))?;
+        let cell = match args.noise {
+            0.0 => cell,
+            noise => cell.with_noise(1e-3 * noise, args.seed)?,
+        };
         let tracks = tracks(args)?;
         // A recording that cannot be read leaves no result folder behind.
         let out = OutputFolder::create(&args.results.out)?;
@@ -254,7 +259,7 @@ impl<'a> Replay<'a> {
             scene: args.session.display().to_string(),
             arms: self.cell.info().arms.len(),
             grips: "recorded".into(),
-            seed: 0,
+            seed: args.seed,
             spacing_m: self.spacing(),
             manipulations: 0,
             stop: if closed { "closed" } else { "ended" }.into(),

@@ -13,6 +13,7 @@ use super::links::Links;
 use super::options::{CameraModel, CameraOptions};
 use super::realsense::TrueImage;
 use crate::cell::Plane;
+use crate::cell::noise::normal;
 
 /// Near plane, metres.
 const NEAR: f64 = 0.01;
@@ -262,12 +263,6 @@ fn on_table(table: &Plane, ray: &Vector3<f64>) -> (f64, f64) {
     } else {
         (0.0, 0.0)
     }
-}
-
-/// A standard normal number (Box and Muller).
-pub(super) fn normal(random: &mut impl Rng) -> f64 {
-    let (u, v): (f64, f64) = (1.0 - random.random::<f64>(), random.random());
-    (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * v).cos()
 }
 
 /// The part of a triangle beyond the near plane.

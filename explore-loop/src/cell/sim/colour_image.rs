@@ -11,7 +11,8 @@ use dvrk_io::features::{Feature, FeatureOptions, GreyImage, Surface, detect, lif
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::camera::{DepthCamera, Thing, normal};
+use super::camera::{DepthCamera, Thing};
+use crate::cell::noise::normal;
 use super::options::CameraOptions;
 
 /// Standard deviation of the noise of a pixel, grey levels.

@@ -143,7 +143,7 @@ impl StereoOptions {
     /// Errors of the disparity: white noise averaged over 3 × 3 pixels, with the given standard deviation.
     fn matching_errors(&self, width: usize, count: usize, random: &mut impl Rng) -> Vec<f64> {
         let white: Vec<f64> = (0..count)
-            .map(|_| super::camera::normal(random) * self.disparity_noise)
+            .map(|_| crate::cell::noise::normal(random) * self.disparity_noise)
             .collect();
         let rows = count / width.max(1);
         let window = |pixel: usize| {

@@ -71,8 +71,8 @@ pub(crate) fn tables(args: &TablesArgs) -> Result<bool, Failure> {
             ),
         };
     }
-    if args.object.is_given() || args.arms.is_some() {
-        return Err("--scene, --mesh and --arms are for --only seeds: the other studies have objects and arms of their own".into());
+    if args.object.is_given() || args.arms.is_some() || args.session.is_some() {
+        return Err("--scene, --mesh, --session and --arms are for --only seeds: the other studies have objects and arms of their own".into());
     }
     let chosen =
         |study: &Study| args.only.is_empty() || args.only.iter().any(|name| name == study.name);

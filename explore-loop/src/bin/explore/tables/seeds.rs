@@ -1,11 +1,12 @@
 //! The study `seeds`.
 //!
-//! Explores the same object once for each seed, with the defaults of `explore run`, and lists the measures that matter to a user side by side.
+//! Explores the same object once for each seed, with the defaults of `explore run`, or replays the same recording with points moved by other noise, and lists
+//! the measures that matter to a user side by side.
 
 use super::summary::Spread;
 use crate::output::OutputFolder;
-use crate::run;
-use crate::{Failure, ResultArgs, RunArgs, TablesArgs};
+use crate::{Failure, ReplayArgs, ResultArgs, RunArgs, TablesArgs};
+use crate::{replay, run};
 use explore_loop::report::metrics::Metrics;
 use mesh_io::program::unless_closed;
 use serde::Serialize;
@@ -30,7 +31,8 @@ struct Row {
 #[derive(Serialize)]
 struct Seeds<'a> {
     scene: &'a str,
-    arms: u8,
+    /// `null` for a recording.
+    arms: Option<u8>,
     runs: Vec<&'a Metrics>,
     failed: Vec<Failed<'a>>,
     closed: usize,
@@ -46,7 +48,10 @@ struct Failed<'a> {
 /// Explores from every seed; true when every run finished.
 pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
     // The object is read before the first run; its name identifies kept runs.
-    let scene = args.object.read()?;
+    let scene = match &args.session {
+        Some(session) => session.display().to_string(),
+        None => args.object.read()?.name().to_owned(),
+    };
     let out = OutputFolder::create(&args.out)?;
     let mut rows = Vec::new();
     let asked = args.seeds.as_ref().map(|seeds| seeds.0.clone());
@@ -54,11 +59,11 @@ pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
         let folder = out.file(&format!("seed_{seed}"));
         let kept = args
             .keep
-            .then(|| kept(&folder, args, scene.name(), seed))
+            .then(|| kept(&folder, args, &scene, seed))
             .flatten();
         let outcome = match kept {
             Some(metrics) => Ok(metrics),
-            None => run::explore(&run_args(args, seed, folder)).map_err(|e| e.to_string()),
+            None => one(args, seed, folder).map_err(|e| e.to_string()),
         };
         match &outcome {
             Ok(metrics) => args.output.note(&format!(
@@ -69,24 +74,34 @@ pub(super) fn seeds(args: &TablesArgs) -> Result<bool, Failure> {
         }
         rows.push(Row { seed, outcome });
         // Written after each seed, so that an interrupted study keeps what it has.
-        write(&out, args, scene.name(), &rows)?;
+        write(&out, args, &scene, &rows)?;
     }
     unless_closed(write!(args.output.words(), "{}", markdown(&rows)))?;
-    unless_closed(args.output.object(&summary(args, scene.name(), &rows)))?;
+    unless_closed(args.output.object(&summary(args, &scene, &rows)))?;
     Ok(rows.iter().all(|row| row.outcome.is_ok()))
 }
 
-fn run_args(args: &TablesArgs, seed: u64, out: PathBuf) -> RunArgs {
-    RunArgs {
-        object: args.object.clone(),
-        arms: args.arms.unwrap_or(ARMS),
-        seed,
-        results: ResultArgs {
-            out,
-            quiet: true,
-            ..ResultArgs::default()
-        },
-        ..RunArgs::default()
+/// The exploration or the replay of a seed.
+fn one(args: &TablesArgs, seed: u64, out: PathBuf) -> Result<Metrics, Failure> {
+    let results = ResultArgs {
+        out,
+        quiet: true,
+        ..ResultArgs::default()
+    };
+    match &args.session {
+        Some(session) => replay::replay(&ReplayArgs {
+            noise: args.noise,
+            seed,
+            results,
+            ..ReplayArgs::of(session)
+        }),
+        None => run::explore(&RunArgs {
+            object: args.object.clone(),
+            arms: args.arms.unwrap_or(ARMS),
+            seed,
+            results,
+            ..RunArgs::default()
+        }),
     }
 }
 
@@ -110,7 +125,7 @@ fn write(out: &OutputFolder, args: &TablesArgs, scene: &str, rows: &[Row]) -> Re
 fn summary<'a>(args: &TablesArgs, scene: &'a str, rows: &'a [Row]) -> Seeds<'a> {
     Seeds {
         scene,
-        arms: args.arms.unwrap_or(ARMS),
+        arms: args.session.is_none().then(|| args.arms.unwrap_or(ARMS)),
         runs: finished(rows),
         failed: rows
             .iter()
