@@ -105,9 +105,20 @@ impl Complex {
         cylinder: Cylinder,
         options: &Options,
     ) -> Result<Self, Error> {
+        Self::of(points, normals, cylinder, options, None)
+    }
+
+    fn of(
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        cylinder: Cylinder,
+        options: &Options,
+        pairs: Option<&[[u32; 2]]>,
+    ) -> Result<Self, Error> {
         let (skeleton, values, _) = Vertices::of_cloud(points, normals, options, |vertices| {
             let nothing = (&Skeleton::default(), &mut Values::default());
-            nerve::build(vertices, nothing, cylinder, options)
+            let vertices = Vertices { pairs, ..*vertices };
+            nerve::build(&vertices, nothing, cylinder, options)
         })??;
         Ok(Self {
             points: points.to_vec(),
@@ -121,6 +132,60 @@ impl Complex {
             barcode: OnceLock::new(),
             whole: OnceLock::new(),
         })
+    }
+
+    /// As [`Self::build`], but two points can be joined only if `pairs` contains them, in either order: for points of which more is known than their
+    /// positions, such as those of a mesh, where only what is near along the surface may be joined. The two sides of a thin sheet and
+    /// the sides of a deep crease, which a limit on normals cannot tell apart, then can be.
+    ///
+    /// The result is the complex of [`Self::build`] after [`Self::cut`] has removed all other edges, except that no point is removed; and so an
+    /// [`update`](Self::update) joins the vertices that it adds or moves by position and normal alone.
+    ///
+    /// # Errors
+    /// As [`Self::build`], and [`Error::NoSuchVertex`].
+    ///
+    /// # Complexity
+    /// As [`Self::build`], without its search for neighbours.
+    ///
+    /// ```
+    /// use cech_complex::nalgebra::{Point3, Vector3};
+    /// use cech_complex::{Complex, Cylinder, Options, Orientation};
+    ///
+    /// // A strip folded to a sharp V, seen from the side: its ends are nearly as close to each other as its neighbours.
+    /// let points = [(-2.0, 3.0), (-1.0, 1.5), (0.0, 0.0), (1.0, 1.5), (2.0, 3.0)].map(|(x, z)| Point3::new(1e-3 * x, 0.0, 1e-3 * z));
+    /// let [left, up, right] = [(3.0, 2.0), (0.0, 1.0), (-3.0, 2.0)].map(|(x, z)| nalgebra::UnitVector3::new_normalize(Vector3::new(x, 0.0, z)));
+    /// let normals = [left, left, up, right, right];
+    /// let cylinder = Cylinder::new(1.5e-3, 1e-3)?;
+    /// let options = Options::default().with_orientation(Orientation::Free);
+    ///
+    /// let by_position = Complex::build(&points, &normals, cylinder, &options)?;
+    /// assert!(by_position.find_edge(1, 3).is_some());
+    /// let along = [[0, 1], [1, 2], [2, 3], [3, 4]];
+    /// let along_the_strip = Complex::build_among(&points, &normals, cylinder, &options, &along)?;
+    /// assert_eq!(along_the_strip.edges(), along);
+    /// # Ok::<(), cech_complex::Error>(())
+    /// ```
+    pub fn build_among(
+        points: &[Point3<f64>],
+        normals: &[UnitVector3<f64>],
+        cylinder: Cylinder,
+        options: &Options,
+        pairs: &[[u32; 2]],
+    ) -> Result<Self, Error> {
+        let len = points.len();
+        if let Some(index) = pairs
+            .iter()
+            .flatten()
+            .map(|&v| v as usize)
+            .find(|&v| v >= len)
+        {
+            return Err(Error::NoSuchVertex { index, len });
+        }
+        let mut sorted: Vec<[u32; 2]> = pairs.iter().map(|&[a, b]| [a.min(b), a.max(b)]).collect();
+        sorted.retain(|[a, b]| a != b);
+        sorted.sort_unstable();
+        sorted.dedup();
+        Self::of(points, normals, cylinder, options, Some(&sorted))
     }
 
     /// The points, indexed by vertex.

@@ -1,6 +1,6 @@
 //! Construction of the nerve, dimension by dimension, from scratch or around the points that changed.
 //!
-//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree) with admissible orientation.
+//! 1. **Edges.** Pairs closer than two circumradii of the cylinder (kd-tree), or the given ones, with admissible orientation.
 //! 2. **Triangles.** Triples of mutually joined vertices, **tetrahedra** quadruples whose four triangles exist: by Helly no larger
 //!    simplex carries information.
 //!
@@ -32,6 +32,8 @@ pub(crate) struct Vertices<'a> {
     pub(crate) cloud: &'a [Oriented],
     pub(crate) present: &'a [bool],
     pub(crate) changed: &'a [bool],
+    /// The only pairs that may be joined, sorted, if they are given.
+    pub(crate) pairs: Option<&'a [[u32; 2]]>,
 }
 
 impl Vertices<'_> {
@@ -49,10 +51,11 @@ impl Vertices<'_> {
             cloud: &cloud,
             present: &all,
             changed: &all,
+            pairs: None,
         }))
     }
 
-    /// The error that there are `count` simplices or more.
+    /// The error that there are `count` simplices or more; `fitting_scale` is that without a restriction to pairs.
     pub(crate) fn too_many(&self, count: usize, cylinder: Cylinder, options: &Options) -> Error {
         let limit = options.max_simplices;
         let size = size::estimate(self, cylinder, options);
@@ -161,6 +164,10 @@ impl Builder<'_> {
     /// Rejects a complex that will be too large before its triangles and tetrahedra are searched. The test is made only if the degrees of the
     /// vertices admit so many, and rejects only if the excess is certain: four standard errors.
     fn foresee(&self, skeleton: &Skeleton) -> Result<(), Error> {
+        if self.vertices.pairs.is_some() {
+            // The estimate knows of no pairs, and would be too large.
+            return Ok(());
+        }
         let mut degrees = vec![0.0; self.vertices.cloud.len()];
         for &vertex in skeleton.edges.iter().flatten() {
             degrees[vertex as usize] += 1.0;
@@ -185,7 +192,12 @@ impl Builder<'_> {
             cloud,
             present,
             changed,
+            pairs,
         } = self.vertices;
+        if let Some(pairs) = pairs {
+            self.decide_edges(pairs, &mut layer)?;
+            return Ok(layer);
+        }
         let is_there: Vec<u32> = (0..cloud.len() as u32)
             .filter(|&v| present[v as usize])
             .collect();

@@ -114,6 +114,7 @@ impl Complex {
             cloud: &cloud,
             present: &present,
             changed: &changed,
+            pairs: None,
         };
         let old = (&self.skeleton, &mut self.values);
         let (skeleton, values, renewed) =

@@ -1,14 +1,18 @@
 //! The topology of the canonical model, and whether its surface is closed.
 //!
 //! ```text
-//! points ─► closed surface ─► even sample of its seen part ─► cylinder-Čech complex ─► persistent Betti numbers
+//! points ─► closed surface ─► even sample of its seen part ─► cylinder-Čech complex of it ─► persistent Betti numbers
 //! closed  ⇔  (1, 2g, 1)  and  g handles  and  wholly seen  and  no strays  and  no vector area  and  no boundary
 //! ```
 //! The points are unevenly spaced, above all at sharp edges; the closed surface through them is sampled evenly. That surface is always closed and
 //! proves nothing by itself: only its parts within reach of a point that faces the same way enter the complex. *Bare* is the share of its area
 //! without such a point; *wholly seen* means that the bare area consists of random gaps between points, nowhere farther than 1.75 spacings
-//! from them; *strays* are points off the surface, for example of a second sheet. The complex is oriented: sheets that face away from each other
-//! are not joined. Any genus `g` is accepted unless one is requested ([`super::genus`]).
+//! from them; *strays* are points off the surface, for example of a second sheet. Any genus `g` is accepted unless one is requested
+//! ([`super::genus`]).
+//!
+//! **Points are joined along the surface.** Two points can be joined only if the way along the surface between them is at most two radii of the
+//! cylinders. What is near in space alone stays apart (the two sides of a thin body, fingers that touch), and the sides of a sharp crease or edge
+//! are joined, where a limit on the angle between normals would tear them apart.
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{CONTACT, Genus, Handles};
@@ -294,11 +298,9 @@ fn read(
 ) -> Result<(Vec<Point3<f64>>, Vec<UnitVector3<f64>>, Read), cech_complex::Error> {
     let (mut apart, mut sparse) = (0.5 * spacing, spacing);
     loop {
-        let mut cuts = cuts(model, &points);
-        // No two cylinders whose centres are farther apart share a point at the largest scale.
-        let reach = 2.0 * RADIUS.hypot(0.5 * HEIGHT) * PERSISTS * sparse;
-        cuts.extend(drawn.iter().flat_map(|s| s.glue(&points, &normals, reach)));
-        match Read::new(&points, &normals, &cuts, sparse, most) {
+        let cuts = cuts(model, &points);
+        let pairs = drawn.map(|s| s.pairs_along(&points, &normals, 2.0 * RADIUS * sparse));
+        match Read::new(&points, &normals, pairs.as_deref(), &cuts, sparse, most) {
             Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {
                 let mut kept = spread(&points, &normals, apart);
                 // Sheets that face away from each other are never merged by thinning.
@@ -409,6 +411,7 @@ impl Read {
     fn new(
         points: &[Point3<f64>],
         normals: &[UnitVector3<f64>],
+        pairs: Option<&[[u32; 2]]>,
         cuts: &[[u32; 2]],
         spacing: f64,
         most: usize,
@@ -416,11 +419,19 @@ impl Read {
         let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
         let options = Options::default()
             .with_max_scale(PERSISTS)
-            .with_orientation(Orientation::Separate {
-                min_cosine: SHEET_COSINE,
-            })
             .with_max_simplices(most);
-        let mut complex = Complex::build(points, normals, cylinder, &options)?;
+        let mut complex = match pairs {
+            Some(pairs) => {
+                let options = options.with_orientation(Orientation::Free);
+                Complex::build_among(points, normals, cylinder, &options, pairs)?
+            }
+            // Without a surface normals alone tell sheets apart.
+            None => {
+                let min_cosine = SHEET_COSINE;
+                let options = options.with_orientation(Orientation::Separate { min_cosine });
+                Complex::build(points, normals, cylinder, &options)?
+            }
+        };
         let removed = complex.cut(cuts)?;
         let kinds = complex.classify(spacing)?;
         let count = |kind| kinds.iter().filter(|k| **k == kind).count();

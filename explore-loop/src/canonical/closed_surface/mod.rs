@@ -7,9 +7,10 @@
 //! | `isosurface`, `corners` | its level set: always a closed 2-manifold; the component that encloses the largest volume is kept |
 //! | `handles` | cut handles around which a loop shorter than six spacings runs |
 //! | `crease` | measure the crease of the surface around the remaining handles |
-//! | `contact` | separate parts that only touch; pairs of points that are near in space and far along the surface |
+//! | `contact` | separate parts that only touch |
 //! | `remesh`, `fit` | even triangles, vertices moved onto the points |
 //! | `support` | which parts were seen; the trimmed mesh; an even sample |
+//! | `along` | which points are near each other along the surface |
 //!
 //! # Figures
 //! Points at least 4.25 mm apart with 0.4 mm noise along the normal and 10 degrees noise of the normal, one seed. Distance of the mesh from the
@@ -35,6 +36,7 @@ use derive_setters::Setters;
 use nalgebra::{Point3, UnitVector3};
 use samples::Samples;
 
+mod along;
 mod cells;
 mod contact;
 mod corners;

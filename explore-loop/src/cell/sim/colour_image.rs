@@ -12,8 +12,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::camera::{DepthCamera, Thing};
-use crate::cell::noise::normal;
 use super::options::CameraOptions;
+use crate::cell::noise::normal;
 
 /// Standard deviation of the noise of a pixel, grey levels.
 const NOISE: f64 = 2.0;
