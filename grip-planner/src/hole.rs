@@ -1,10 +1,12 @@
-//! The geometry of a hole: its centre, its long axis, and the direction in which it opens.
+//! The geometry of a hole, or of a neck between parts that touch: its centre, its long axis, and the direction in which it opens.
 //!
 //! ```text
-//! c = mean of the loop,   u = first principal direction,   n = mean normal,   v = n × u  (projected to horizontal)
+//! hole   c = mean of the loop,   u = first principal direction,    n = mean normal,   v = n × u      (projected to horizontal)
+//! neck   c = mean of the loop,   a = given direction from one part to the other,      v = a          (projected to horizontal),   u = vertical × v
 //! ```
 //!
-//! `v` is defined for a slit of zero width too, for which the second principal direction is not.
+//! For a hole `v` is defined for a slit of zero width too, for which the second principal direction is not. The normals around a neck face in all
+//! directions.
 
 use nalgebra::{Matrix3, Point3, SymmetricEigen, UnitVector3, Vector3};
 
@@ -20,20 +22,54 @@ pub(crate) struct Hole {
 /// Least sine of the angle between a slit and a grip that opens it: 20°.
 const BESIDE: f64 = 0.34;
 
+/// The middle of a loop of at least three vertices.
+fn middle(model: &Model, around: &[u32]) -> Result<Vector3<f64>, Refusal> {
+    let points = model.points.len();
+    if let Some(&vertex) = around.iter().find(|&&v| v as usize >= points) {
+        return Err(Error::NoSuchVertex { vertex, points }.into());
+    }
+    if around.len() < 3 {
+        return Err(Refusal::NotAHole {
+            vertices: around.len(),
+        });
+    }
+    let sum: Vector3<f64> = around
+        .iter()
+        .map(|&v| model.points[v as usize].coords)
+        .sum();
+    Ok(sum / around.len() as f64)
+}
+
+/// Least sine of the angle between the direction from one part to the other and the vertical: what lies on top of something cannot be pulled off it
+/// sideways. 30°.
+const SIDEWAYS: f64 = 0.5;
+
 impl Hole {
+    /// The neck between two parts that lie beside each other along `axis`, with a loop around it.
+    pub(crate) fn neck(
+        model: &Model,
+        scene: &Scene,
+        neck: &[u32],
+        axis: &UnitVector3<f64>,
+    ) -> Result<Self, Refusal> {
+        let center = middle(model, neck)?;
+        let across =
+            UnitVector3::try_new(scene.table.along(axis), SIDEWAYS).ok_or(Refusal::NotAHole {
+                vertices: neck.len(),
+            })?;
+        Ok(Self {
+            center: Point3::from(center),
+            long: scene.table.normal.cross(&across),
+            across,
+        })
+    }
+
     pub(crate) fn new(model: &Model, scene: &Scene, hole: &[u32]) -> Result<Self, Refusal> {
-        let points = model.points.len();
-        if let Some(&vertex) = hole.iter().find(|&&v| v as usize >= points) {
-            return Err(Error::NoSuchVertex { vertex, points }.into());
-        }
+        let center = middle(model, hole)?;
         let flat = Refusal::NotAHole {
             vertices: hole.len(),
         };
-        if hole.len() < 3 {
-            return Err(flat);
-        }
         let at = |v: &u32| model.points[*v as usize].coords;
-        let center = hole.iter().map(at).sum::<Vector3<f64>>() / hole.len() as f64;
         let scatter: Matrix3<f64> = hole
             .iter()
             .map(|v| at(v) - center)

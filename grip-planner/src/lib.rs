@@ -15,7 +15,7 @@
 //! | the four turns about the sides of the box | [`turns`], [`Turn`] | `turn` |
 //! | sets of grips, ranked (paper, Algorithm 2) | [`plan_grips`], [`GripSet`] | `grips`, `assign` |
 //! | lift, retract, lower | [`turn_over`], [`TurnOptions`] | `turn_over`, `turn_options`, `motion` |
-//! | opening a hole | [`Action::Stretch`], [`StretchOptions`] | `stretch`, `hole` |
+//! | opening a hole, parting what touches | [`Action::Stretch`], [`Action::Part`], [`StretchOptions`] | `stretch`, `hole` |
 //! | to the grips and back home | [`Plan::reach`], [`Plan::withdraw`] | `reach` |
 //! | from the present poses: put down, give up, go home | [`carry`], [`put_down`], [`lower`], [`go_home`] | `way` |
 //! | workspaces, table, other tools, the moving body | [`Refusal`] | `check`, `body`, `refusal` |

@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// What to do with the body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action<'a> {
     /// Turn its hidden side up.
     TurnOver,
@@ -31,6 +31,13 @@ pub enum Action<'a> {
     Stretch {
         /// The loop.
         hole: &'a [u32],
+    },
+    /// Pull apart two parts that touch, such as fingers.
+    Part {
+        /// Vertices around the neck that joins them in the model.
+        neck: &'a [u32],
+        /// The direction from one of them to the other, such as that of the vector area of a loop around the neck; its sign does not matter.
+        axis: UnitVector3<f64>,
     },
     /// Turn it over with a grip on each side of a hole, which is opened meanwhile.
     TurnAndStretch {
@@ -92,7 +99,7 @@ pub struct Plan {
     pub coverage_map: Vec<f64>,
     /// The turn, if the body is turned.
     pub turn: Option<Turn>,
-    /// The direction of the pull from the first to the second grip, if a hole is stretched.
+    /// The direction of the pull from the first to the second grip, if a hole is stretched or parts are pulled apart.
     pub across: Option<UnitVector3<f64>>,
     /// `v_max = ξ F / max ‖J_i v̂‖` over the whole motion, m/s; no tip is faster while it holds.
     pub speed_limit: f64,
@@ -129,7 +136,10 @@ pub fn plan(
     let planner = Planner::new(model, scene, options, &body);
     match action {
         Action::TurnOver => planner.turn(None),
-        Action::Stretch { hole } => planner.stretch(hole),
+        Action::Stretch { hole } => planner.stretch(hole, &Hole::new(model, scene, hole)?),
+        Action::Part { neck, axis } => {
+            planner.stretch(neck, &Hole::neck(model, scene, neck, &axis)?)
+        }
         Action::TurnAndStretch { hole } => planner.turn(Some(&Hole::new(model, scene, hole)?)),
     }
 }
@@ -247,14 +257,13 @@ impl Planner<'_> {
         self.complete(&trial, options.speed, &go, &lies)
     }
 
-    fn stretch(&self, boundary: &[u32]) -> Result<Plan, Refusal> {
+    fn stretch(&self, boundary: &[u32], hole: &Hole) -> Result<Plan, Refusal> {
         let (scene, options) = (self.scene, self.options);
-        let hole = Hole::new(self.model, scene, boundary)?;
         let beside = beside(
             self.model,
             scene,
             boundary,
-            &hole,
+            hole,
             &options.grips,
             &options.stretch,
         )?;
@@ -263,7 +272,7 @@ impl Planner<'_> {
         let coverage = Coverage::new(self.model, &scene.table, &vertices, &options.grips.coverage)?;
         let mut refused = Vec::new();
         for pair in &beside.pairs {
-            let all = grips(pair, found, &hole, scene, &options.grips);
+            let all = grips(pair, found, hole, scene, &options.grips);
             let score = pair.score(options.stretch.reach);
             let pinned = all.len() > 2;
             for count in std::iter::once(all.len()).chain(pinned.then_some(2)) {
@@ -274,7 +283,7 @@ impl Planner<'_> {
                     turn: None,
                     across: Some(hole.across),
                 };
-                match self.stretch_with(&trial, &hole) {
+                match self.stretch_with(&trial, hole) {
                     Ok(plan) => {
                         let rejected = beside.found.rejected;
                         return Ok(Plan {

@@ -4,7 +4,7 @@
 mod fixture;
 
 use fixture::Body;
-use grip_planner::nalgebra::Vector3;
+use grip_planner::nalgebra::{UnitVector3, Vector3};
 use grip_planner::{
     Action, Coverage, CoverageOptions, Error, GovernorOptions, PlanOptions, Refusal, Role,
     SpeedGovernor, Stage, StretchOptions, plan, speed_limit,
@@ -226,4 +226,116 @@ fn no_hole_no_stretch() {
     ));
     // A slit across the arms leaves room for both tools.
     assert_eq!(run(&rim).unwrap().grips.len(), 2);
+}
+
+/// Two fingers of 14 by 3 by 3 cm side by side, along the given angle from the x axis, and vertices of both around the neck where they touch, in order.
+fn fingers(angle: f64) -> (Body, Vec<u32>) {
+    let aside = Vector3::new(-angle.sin(), angle.cos(), 0.0);
+    let one = Body::ellipsoid([0.07, 0.015, 0.015], 1200, 0.0, angle);
+    let count = one.points.len() as u32;
+    let (mut both, mut neck) = (one.clone(), vec![]);
+    both.points.extend(&one.points);
+    both.normals.extend(&one.normals);
+    both.areas.extend(&one.areas);
+    both.boundary.extend(&one.boundary);
+    both.visible.extend(&one.visible);
+    both.edges
+        .extend(one.edges.iter().map(|e| e.map(|v| v + count)));
+    for (v, p) in both.points.iter_mut().enumerate() {
+        let side = if v < count as usize { -0.0148 } else { 0.0148 };
+        *p += aside * side;
+    }
+    let middle = Vector3::new(0.0, 0.0, fixture::DEPTH - 0.012);
+    for v in 0..both.points.len() as u32 {
+        let p = both.points[v as usize].coords - middle;
+        let (along, across) = ((p - aside * aside.dot(&p)).norm(), aside.dot(&p));
+        if (0.006..0.02).contains(&along) && across.abs() < 0.006 {
+            neck.push(v);
+        }
+    }
+    let around = |v: &u32| {
+        let p = both.points[*v as usize].coords - middle;
+        (-p.z).atan2(p.x * angle.cos() + p.y * angle.sin())
+    };
+    neck.sort_by(|a, b| around(a).total_cmp(&around(b)));
+    (both, neck)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { max_shrink_iters: 10, ..ProptestConfig::with_cases(16) })]
+
+    #[test]
+    fn fingers_that_touch_are_pulled_apart(angle in 0.0..3.1) {
+        let (body, neck) = fingers(angle);
+        let arms = fixture::arms(3);
+        let scene = fixture::scene(&arms);
+        let aside = Vector3::new(-angle.sin(), angle.cos(), 0.0);
+        let axis = UnitVector3::new_normalize(aside + Vector3::z() * 0.3);
+        let action = Action::Part { neck: &neck, axis };
+        let done = match plan(&body.model(), &scene, action, &PlanOptions::default()) {
+            Ok(done) => done,
+            Err(Refusal::AllRefused { refused }) => {
+                let room = |r: &grip_planner::RefusedSet| matches!(r.reason, Refusal::ArmsCollide { .. } | Refusal::HitsBody { .. });
+                prop_assert!(refused.iter().all(room), "{refused:?}");
+                return Ok(());
+            }
+            Err(other) => return Err(TestCaseError::fail(other.to_string())),
+        };
+        let across = done.across.unwrap();
+        prop_assert!(across.dot(&aside).abs() > 1.0 - 1e-9, "{across:?}");
+        let finger = |k: usize| (done.grips[k].vertex as usize) < body.points.len() / 2;
+        prop_assert_ne!(finger(0), finger(1));
+        let tip = |k: usize, time: f64| done.motion.arms[k].at(time).unwrap().translation.vector;
+        let gap = |time: f64| across.dot(&(tip(1, time) - tip(0, time)));
+        prop_assert!(gap(0.0) > 0.0);
+        let distance = StretchOptions::default().distance;
+        let widest = (0..200).map(|k| gap(done.motion.duration * f64::from(k) / 199.0)).fold(0.0, f64::max);
+        prop_assert!((widest - gap(0.0) - distance).abs() < 1e-9);
+    }
+}
+
+/// There is room for the tools at some angles, so that the test above says something.
+#[test]
+fn some_fingers_can_be_parted() {
+    let arms = fixture::arms(3);
+    let scene = fixture::scene(&arms);
+    let parted = (0..12).filter(|k| {
+        let angle = 0.25 * f64::from(*k);
+        let (body, neck) = fingers(angle);
+        let axis = UnitVector3::new_normalize(Vector3::new(angle.sin(), -angle.cos(), 0.0));
+        let action = Action::Part { neck: &neck, axis };
+        plan(&body.model(), &scene, action, &PlanOptions::default()).is_ok()
+    });
+    let parted = parted.count();
+    assert!(parted >= 4, "{parted} of 12");
+}
+
+/// What lies on top of something cannot be pulled off it sideways.
+#[test]
+fn what_lies_on_top_is_not_parted() {
+    let body = fixture::usual(1000);
+    let arms = fixture::arms(2);
+    let scene = fixture::scene(&arms);
+    let refused = |neck: &[u32], axis: Vector3<f64>| {
+        let axis = UnitVector3::new_normalize(axis);
+        plan(
+            &body.model(),
+            &scene,
+            Action::Part { neck, axis },
+            &PlanOptions::default(),
+        )
+    };
+    let (up, sideways) = (Vector3::new(0.3, 0.0, 1.0), Vector3::x());
+    assert!(matches!(
+        refused(&[1, 2, 3], up),
+        Err(Refusal::NotAHole { vertices: 3 })
+    ));
+    assert!(matches!(
+        refused(&[1, 2], sideways),
+        Err(Refusal::NotAHole { vertices: 2 })
+    ));
+    assert!(matches!(
+        refused(&[0, 1, 99_999], sideways),
+        Err(Refusal::Input(Error::NoSuchVertex { vertex: 99_999, .. }))
+    ));
 }

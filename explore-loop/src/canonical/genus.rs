@@ -9,7 +9,7 @@
 //! | pinholes, a second sheet | the complex and the mesh, which are computed in different ways, have different numbers of handles |
 //! | two parts that touch | the neck where they touch has a crease ([`Handles::crease`]), whereas a real handle is smooth: the mesh is separated there |
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Least mean crease around a contact, rad: between the 10° of a ring and the 50° of round parts that touch.
@@ -50,13 +50,34 @@ impl std::fmt::Display for Genus {
 }
 
 /// The handles of the closed surface.
-#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Handles {
     /// Their number.
     pub count: usize,
     /// The largest mean angle, rad, by which the surface is folded inward along a loop around one of them; 0 without handles. Two round parts that touch
     /// give about 50°; around a real handle the surface bends inward on one side and outward on the other.
     pub crease: f64,
-    /// The middle of that loop at rest, m; `None` without handles.
-    pub creased_at: Option<Point3<f64>>,
+    /// That loop at rest, m, in order; empty without handles.
+    pub creased_along: Vec<Point3<f64>>,
+}
+
+impl Handles {
+    /// The middle of the most creased loop at rest, m; `None` without handles.
+    pub fn creased_at(&self) -> Option<Point3<f64>> {
+        let sum: Vector3<f64> = self.creased_along.iter().map(|p| p.coords).sum();
+        let count = self.creased_along.len();
+        (count > 0).then(|| Point3::from(sum / count as f64))
+    }
+
+    /// Vector area of that loop at rest, m²; it points from one part to the other where two parts touch.
+    pub fn creased_area(&self) -> Vector3<f64> {
+        let along = &self.creased_along;
+        let next = along.iter().cycle().skip(1);
+        let twice: Vector3<f64> = along
+            .iter()
+            .zip(next)
+            .map(|(p, q)| p.coords.cross(&q.coords))
+            .sum();
+        twice / 2.0
+    }
 }

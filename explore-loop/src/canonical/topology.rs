@@ -67,6 +67,8 @@ pub struct Topology {
     pub shorter_bars: [usize; 3],
     /// Boundary loops: vertices of the model in order.
     pub loops: Vec<Vec<u32>>,
+    /// Around a neck where parts touch that were never seen apart: vertices of the model in order; otherwise empty.
+    pub neck: Vec<u32>,
     /// Simplices that the cuts removed: vertices, edges, triangles.
     pub cut: [usize; 3],
     /// Number of non-manifold points in the sample of the surface.
@@ -126,7 +128,7 @@ impl Topology {
     pub fn touching(&self) -> Option<Touching> {
         let agree = Genus::of_betti(self.persistent) == Some(self.handles.count);
         let alone = agree && self.handles.crease > CONTACT && self.gap().is_none();
-        let at = self.handles.creased_at.filter(|_| alone)?;
+        let at = self.handles.creased_at().filter(|_| alone)?;
         Some(Touching {
             at,
             crease: self.handles.crease,
@@ -229,7 +231,9 @@ fn analyse_limited(
         betti: complex.betti,
         persistent: complex.persistent,
         genus,
-        handles: drawn.as_ref().map_or(Handles::default(), |s| s.handles),
+        handles: drawn
+            .as_ref()
+            .map_or(Handles::default(), |s| s.handles.clone()),
         boundary_share: complex.boundary.iter().filter(|b| **b).count() as f64 / count,
         boundary,
         missing: drawn.as_ref().map_or(1.0, missing_share),
@@ -240,6 +244,7 @@ fn analyse_limited(
         wholly_seen: drawn.as_ref().is_some_and(ClosedSurface::is_wholly_seen),
         strays: drawn.as_ref().map_or(0.0, |s| s.strays.len() as f64) / model.len().max(1) as f64,
         loops,
+        neck: drawn.as_ref().map_or_else(Vec::new, |s| neck(s, model)),
         bars: complex.bars,
         shorter_bars: complex.shorter_bars,
         cut: complex.cut,
@@ -365,6 +370,18 @@ fn missing_share(surface: &ClosedSurface) -> f64 {
     } else {
         1.0
     }
+}
+
+/// The vertices of the model along the most creased loop around a handle, if its crease is that of a contact.
+fn neck(surface: &ClosedSurface, model: &CanonicalModel) -> Vec<u32> {
+    let along = &surface.handles.creased_along;
+    let Some(tree) = graph::tree(&model.rest).filter(|_| surface.handles.crease > CONTACT) else {
+        return Vec::new();
+    };
+    let nearest = |p: &Point3<f64>| graph::nearest(&tree, p).0 as u32;
+    let mut vertices: Vec<u32> = along.iter().map(nearest).collect();
+    vertices.dedup();
+    vertices
 }
 
 /// The triangles that no point supports, each with the nearest vertex of the model.

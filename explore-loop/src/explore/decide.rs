@@ -7,7 +7,7 @@ use crate::canonical::topology::{self, Topology};
 use crate::cell::Observation;
 use crate::plan::{NoPlan, PlanInput};
 use grip_planner::Plan;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 impl Explorer<'_> {
     pub(super) fn decide(&mut self) -> Result<State, Halt> {
@@ -75,6 +75,9 @@ impl Explorer<'_> {
         // A piece that was not seen turns with the nearest vertex.
         let turned = |h: &topology::Hidden| model.rotations()[h.vertex as usize] * h.area;
         let hidden: Vec<_> = topology.hidden.iter().map(turned).collect();
+        let neck = topology.neck.iter().map(|v| model.rotations()[*v as usize]);
+        let area = topology.handles.creased_area();
+        let neck_area = neck.map(|rotation| rotation * area).sum::<Vector3<f64>>();
         let input = PlanInput {
             points: model.live(),
             normals: &model.live_normals(),
@@ -83,6 +86,7 @@ impl Explorer<'_> {
             topology,
             visible: &visible,
             hidden: &hidden,
+            neck_area: neck_area / topology.neck.len().max(1) as f64,
             camera: self.camera(),
             cell: self.cell.info(),
             limits: self.options.limits,

@@ -173,6 +173,7 @@ mod tests {
             bars: Vec::new(),
             shorter_bars: [0; 3],
             loops: Vec::new(),
+            neck: Vec::new(),
             cut: [0; 3],
             non_manifold: 0,
             simplices: [0; 4],

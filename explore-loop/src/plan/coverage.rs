@@ -1,13 +1,14 @@
 //! Chooses the best grips and action.
 //!
-//! Holes that the camera looks into come first: they are stretched open, during a turn if more than the holes is missing. Then come the sets for turning
-//! over, best first. Exception: a long soft body turned about its shorter side stands upright on its end and buckles, so sets that do this come
+//! Holes that the camera looks into come first: they are stretched open, during a turn if more than the holes is missing. Once everything is seen, parts that
+//! touch are pulled apart. Then come the sets for turning over, best first. Exception: a long soft body turned about its shorter side stands upright on its end and buckles, so sets that do this come
 //! after the others, unless the others score less than nine tenths of them.
 
 use super::hole::{self, Hole};
 use super::{NoPlan, PlanInput, Planner, arms, model, paced, refused_set, scene};
 use crate::Error;
 use grip_planner::{Action, GripSet, Model, Plan, PlanOptions, Ranked, Refusal, RefusedSet, Scene};
+use nalgebra::UnitVector3;
 
 /// Chooses the grips of best null-space coverage whose motion is feasible.
 #[derive(Debug, Clone)]
@@ -39,19 +40,24 @@ impl Planner for CoveragePlanner {
         let (model, scene) = (model(input), scene(input.cell, &arms, &input.camera));
         let options = paced(&self.options, input);
         let mut refused = Vec::new();
-        for hole in hole::seen_inside(input).iter().take(self.holes) {
-            for action in actions(hole) {
-                match grip_planner::plan(&model, &scene, action, &options) {
-                    Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),
-                    Err(Refusal::AllRefused { refused: more }) => refused.extend(more),
-                    // This hole cannot be opened; turning the body over may still be possible.
-                    Err(
-                        Refusal::NoGrips { .. }
-                        | Refusal::NotAHole { .. }
-                        | Refusal::NoGripBesideHole { .. },
-                    ) => {}
-                    Err(refusal) => return Err(refusal.into()),
-                }
+        let holes = hole::seen_inside(input);
+        let opened = holes.iter().take(self.holes).flat_map(actions);
+        // Parts that touch are pulled apart once nothing else was left unseen: a turn may part them, too.
+        let neck = input.topology.neck.as_slice();
+        let touch = UnitVector3::try_new(input.neck_area, f64::MIN_POSITIVE)
+            .filter(|_| input.topology.wholly_seen);
+        let parted = touch.map(|axis| Action::Part { neck, axis });
+        for action in opened.chain(parted) {
+            match grip_planner::plan(&model, &scene, action, &options) {
+                Ok(plan) => return Ok(Ok(Plan { refused, ..plan })),
+                Err(Refusal::AllRefused { refused: more }) => refused.extend(more),
+                // This hole cannot be opened; turning the body over may still be possible.
+                Err(
+                    Refusal::NoGrips { .. }
+                    | Refusal::NotAHole { .. }
+                    | Refusal::NoGripBesideHole { .. },
+                ) => {}
+                Err(refusal) => return Err(refusal.into()),
             }
         }
         self.turn_over(&model, &scene, &options, refused)

@@ -50,6 +50,8 @@ pub struct PlanInput<'a> {
     pub visible: &'a [bool],
     /// Vector areas of the surface that was never seen, in the present orientation, m².
     pub hidden: &'a [Vector3<f64>],
+    /// Vector area of the loop [`Topology::neck`] in the present orientation, m²; 0 without one.
+    pub neck_area: Vector3<f64>,
     /// Pose of the camera: the identity if it does not move.
     pub camera: Isometry3<f64>,
     /// The arms and the table.

@@ -104,7 +104,7 @@ impl Neck {
     }
 }
 
-pub(super) fn middle(around: &[Point3<f64>]) -> Point3<f64> {
+fn middle(around: &[Point3<f64>]) -> Point3<f64> {
     let sum: Vector3<f64> = around.iter().map(|p| p.coords).sum();
     Point3::from(sum / around.len().max(1) as f64)
 }

@@ -10,7 +10,6 @@
 //! Around a real handle of the object the folds of its inner and its outer side cancel: around the tube of a ring of radii `R` and `r` their mean
 //! is about `w r/(R² − r²)` for a width `w`, which is small.
 
-use super::contact::middle;
 use super::corners::Corners;
 use super::handles::{Paths, around_handles};
 use crate::canonical::genus::Handles;
@@ -34,14 +33,11 @@ pub(super) fn creased_loops(mesh: &Corners, spacing: f64) -> Vec<(f64, Vec<u32>)
 pub(super) fn handles(mesh: &Corners, spacing: f64) -> Handles {
     let creased = creased_loops(mesh, spacing);
     let most = creased.first();
-    let places = |around: &Vec<u32>| -> Vec<_> {
-        let corners = around.iter();
-        corners.map(|&c| mesh.place(mesh.from(c))).collect()
-    };
+    let place = |c: &u32| mesh.place(mesh.from(*c));
     Handles {
         count: mesh.handles(),
         crease: most.map_or(0.0, |(angle, _)| angle.max(0.0)),
-        creased_at: most.map(|(_, around)| middle(&places(around))),
+        creased_along: most.map_or_else(Vec::new, |(_, around)| around.iter().map(place).collect()),
     }
 }
 

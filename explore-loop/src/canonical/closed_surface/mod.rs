@@ -260,6 +260,7 @@ impl ClosedSurface {
             distance: source.iter().map(|&v| self.distance[v as usize]).collect(),
             strays: self.strays.clone(),
             contacts: self.contacts.clone(),
+            handles: self.handles.clone(),
             triangles,
             ..*self
         };
