@@ -15,7 +15,7 @@ use std::io::Write;
 use std::path::Path;
 
 /// The version that is written and read.
-pub const VERSION: u32 = 9;
+pub const VERSION: u32 = 10;
 
 const MAGIC: &[u8; 8] = b"EXPLORER";
 const HEAD: usize = 20;

@@ -10,10 +10,11 @@
 //! A cut edge stays cut: it never returns to the surface graph, the mesh or the complex, and its cofaces are removed with
 //! it. Vertices that lose their last edge are removed too; new observations fill the gap.
 //!
-//! This is for pipelines that track vertices. The loop of this crate does not cut edges: where parts open, its elastic body stretches between them by
-//! less than that. It separates the closed surface instead (see [`super::closed_surface`]).
+//! The loop of this crate cuts edges only while parts that touch are pulled apart, where they cross the neck between them: elsewhere its elastic
+//! body stretches by less than that. Cut edges are then evidence for the separation of the closed surface ([`CanonicalModel::parted`]).
 
 use super::CanonicalModel;
+use nalgebra::Point3;
 
 /// Separation of the ends beyond which an edge is distorted, in spacings: far more than strain and
 /// registration errors cause.
@@ -77,6 +78,14 @@ impl CanonicalModel {
         self.cuts
             .iter()
             .filter_map(|[a, b]| Some([index(*a)?, index(*b)?]))
+            .collect()
+    }
+
+    /// The rest positions of the ends of the cut edges, m.
+    pub fn parted(&self) -> Vec<[Point3<f64>; 2]> {
+        let edges = self.cut_edges().into_iter();
+        edges
+            .map(|edge| edge.map(|v| self.rest[v as usize]))
             .collect()
     }
 

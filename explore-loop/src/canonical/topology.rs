@@ -215,7 +215,9 @@ fn analyse_limited(
         .iter()
         .map(|t| f64::from(*t).min(10.0))
         .collect();
-    let options = ClosedSurfaceOptions::new(spacing).with_genus(genus);
+    let options = ClosedSurfaceOptions::new(spacing)
+        .with_genus(genus)
+        .with_parted(model.parted());
     let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
     let (points, normals) = drawn.as_ref().map_or_else(
         || (model.rest.clone(), model.rest_normals.clone()),

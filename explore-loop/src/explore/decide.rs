@@ -33,6 +33,9 @@ impl Explorer<'_> {
         } else {
             match self.plan(&topology)? {
                 Ok(plan) => {
+                    if plan.turn.is_none() && topology.wholly_seen && !topology.neck.is_empty() {
+                        self.reconstructor.divide();
+                    }
                     self.tell(Event::Planned(&plan))?;
                     let rest = self.reconstructor.model().rest();
                     let at = |g: &grip_planner::Grip| rest.get(g.vertex as usize).copied();

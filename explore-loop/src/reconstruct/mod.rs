@@ -212,6 +212,14 @@ impl Reconstructor {
         self.track = Some(track);
     }
 
+    /// Divides the material where parts touch, before they are pulled apart: joined fingers could not come apart in the model. At the next fusion what did not
+    /// move apart is joined again.
+    pub fn divide(&mut self) {
+        if let Some(track) = &mut self.track {
+            fuse::divide(track, &self.options);
+        }
+    }
+
     /// Vertices that the camera can see now, by the model alone (for planning).
     pub fn visible_now(&self, observation: &Observation) -> Vec<bool> {
         visible(self.model(), observation, self.options.spacing)
@@ -417,6 +425,9 @@ fn follow_one(track: &mut Track, frame: &Frame<'_>) -> Result<usize, Error> {
     let started = Instant::now();
     let learns = track.refused.is_none() && track.fits() && !track.body.is_falling();
     let mut added = 0;
+    if learns {
+        track.cut_opened(options.spacing);
+    }
     if let Some(first) = frame.first.filter(|_| learns) {
         let (seen, spacing) = (&track.seen, options.spacing);
         for vertex in grow::grown(track, frame.view, seen, first, frame.table, spacing) {

@@ -2,14 +2,17 @@
 //!
 //! ```text
 //! segment    the part of a column's span that lies in one cell
-//! linked     consecutive segments of one span; segments of neighbouring columns that overlap in height
+//! linked     consecutive segments of one span; segments of neighbouring columns that overlap in height, with no wall between them
 //! piece      segments of one cell that are linked within it
 //! ```
-//! Fingers and folds closer to each other than a cell are different pieces of it, with separate nodes. A cell with surface but without
+//! Fingers and folds closer to each other than a cell are different pieces of it, with separate nodes. A wall is the fan of a loop around a place where parts
+//! touch: their material is not connected through it. A cell with surface but without
 //! material is joined to the neighbour with most material, and to other neighbours that are connected with that one.
 
 use super::Material;
 use super::fill::{ALONG, Columns, EMPTY, SKIPPED};
+use crate::canonical::closed_surface::{crosses, fan};
+use nalgebra::{Point3, Vector3};
 use std::collections::{BTreeMap, BTreeSet};
 use topo_ekf::body::{Lattice, Occupancy, PARTS, Piece};
 
@@ -51,9 +54,10 @@ impl Pieces {
         surface: &BTreeSet<[i32; 3]>,
         inner: f64,
         material: Material,
+        walls: &Walls,
     ) -> Self {
         let segments = segments(columns);
-        let links = links(&segments);
+        let links = links(&segments, walls);
         let part_of = match material {
             Material::Connected => within_cells(&segments, &links),
             Material::Whole => by_cell(&segments),
@@ -122,8 +126,41 @@ fn segments(columns: &Columns) -> Vec<Segment> {
     segments
 }
 
+/// Walls between parts that touch: triangles, in columns along the first two axes and cells along the third, as segments are.
+#[derive(Default)]
+pub(crate) struct Walls(Vec<[Vector3<f64>; 3]>);
+
+impl Walls {
+    /// The fans of loops at rest, m.
+    pub fn new(contacts: &[Vec<Point3<f64>>], lattice: &Lattice) -> Self {
+        let into = |p: &Point3<f64>| {
+            let (place, xi) = lattice.locate(p);
+            let at = [0, 1, 2].map(|a| f64::from(place[a]) + xi[a]);
+            let along = f64::from(ALONG);
+            Vector3::new(at[0] * along, at[1] * along, at[2])
+        };
+        let fans = contacts.iter().flat_map(|contact| {
+            let around: Vec<_> = contact.iter().map(into).collect();
+            fan(&around)
+        });
+        Self(fans.collect())
+    }
+
+    /// Whether a wall stands between two neighbouring columns at a height.
+    fn part(&self, from: [i32; 2], to: [i32; 2], height: f64) -> bool {
+        let at = |key: [i32; 2]| {
+            let [x, y] = key.map(|k| f64::from(k) + 0.5);
+            Vector3::new(x, y, height)
+        };
+        let (start, way) = (at(from), at(to) - at(from));
+        self.0
+            .iter()
+            .any(|triangle| crosses(triangle, &start, &way))
+    }
+}
+
 /// Pairs of linked segments, the earlier one first.
-fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
+fn links(segments: &[Segment], walls: &Walls) -> Vec<[usize; 2]> {
     let mut at: BTreeMap<([i32; 2], i32), Vec<usize>> = BTreeMap::new();
     for (i, s) in segments.iter().enumerate() {
         at.entry((s.key, s.level)).or_default().push(i);
@@ -138,7 +175,8 @@ fn links(segments: &[Segment]) -> Vec<[usize; 2]> {
             let key = [s.key[0] + step[0], s.key[1] + step[1]];
             for &j in at.get(&(key, s.level)).into_iter().flatten() {
                 let other = &segments[j];
-                if s.high.min(other.high) - s.low.max(other.low) > OVERLAP {
+                let (low, high) = (s.low.max(other.low), s.high.min(other.high));
+                if high - low > OVERLAP && !walls.part(s.key, key, (low + high) / 2.0) {
                     links.push([i, j]);
                 }
             }

@@ -40,6 +40,9 @@ pub trait Reconstruct {
     /// Updates the model before a decision is based on it. Nothing by default.
     fn consolidate(&mut self, _table: &Plane) {}
 
+    /// Called before parts that touch in the model are pulled apart, because they may be separate. Nothing by default.
+    fn divide(&mut self) {}
+
     /// Whether the camera sees each vertex of the model now; `spacing` is that of the model, metres. By default: it faces the camera, and
     /// the cloud passes within two spacings of it.
     fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
@@ -94,6 +97,10 @@ impl<R: Reconstruct + ?Sized> Reconstruct for Box<R> {
         (**self).consolidate(table);
     }
 
+    fn divide(&mut self) {
+        (**self).divide();
+    }
+
     fn visible_now(&self, observation: &Observation, spacing: f64) -> Vec<bool> {
         (**self).visible_now(observation, spacing)
     }
@@ -130,6 +137,10 @@ impl Reconstruct for Reconstructor {
 
     fn consolidate(&mut self, table: &Plane) {
         Self::consolidate(self, table);
+    }
+
+    fn divide(&mut self) {
+        Self::divide(self);
     }
 
     fn uncertainty(&self) -> Option<Vec<f64>> {

@@ -52,6 +52,7 @@ mod samples;
 mod support;
 mod unseen;
 
+pub(crate) use contact::{crosses, fan};
 pub use error::ClosedSurfaceError;
 pub(crate) use grid::{Field, Grid};
 pub(crate) use isosurface::extract_where;
@@ -78,6 +79,10 @@ pub struct ClosedSurfaceOptions {
     /// Parts that touch are separated where the surface is creased by more than this on average all around a handle, rad, and points of the walls
     /// between them were seen. Default [`CONTACT`], between the crease of a ring and that of round parts that touch; with π nothing is separated.
     pub contact: f64,
+    /// Least number of such points and of pairs in `parted` that belong to a contact. Default 2, because one may be a stray; with 0 the crease alone decides.
+    pub wall_points: usize,
+    /// Pairs of points near each other that were seen to move apart, m. Default none.
+    pub parted: Vec<[Point3<f64>; 2]>,
     /// How many handles the object has, if that is known: only the others can be contacts.
     pub genus: Genus,
 }
@@ -92,6 +97,8 @@ impl ClosedSurfaceOptions {
             edge: 0.7 * spacing,
             handle: 6.0 * spacing,
             contact: CONTACT,
+            wall_points: 2,
+            parted: Vec::new(),
             genus: Genus::Any,
         }
     }

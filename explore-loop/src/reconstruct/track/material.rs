@@ -11,7 +11,7 @@ use crate::Error;
 use crate::canonical::graph;
 use crate::cell::Plane;
 use crate::reconstruct::fill::{self, Columns, Seen};
-use crate::reconstruct::pieces::Pieces;
+use crate::reconstruct::pieces::{Pieces, Walls};
 use crate::reconstruct::view::FrameView;
 use crate::reconstruct::{Material, ReconstructOptions};
 use nalgebra::{Point3, Rotation3, UnitVector3};
@@ -63,7 +63,15 @@ pub(super) fn filled(
         columns = under(&lattice);
     }
     let surface: BTreeSet<[i32; 3]> = view.points.iter().map(|p| lattice.locate(p).0).collect();
-    let found = Pieces::new(&columns, &lattice, &surface, fill.inner, options.material);
+    let walls = Walls::default();
+    let found = Pieces::new(
+        &columns,
+        &lattice,
+        &surface,
+        fill.inner,
+        options.material,
+        &walls,
+    );
     lattice.set_pieces(&found.all, &found.joined)?;
     let feet = columns.feet(&lattice);
     Ok((lattice, feet))
@@ -112,12 +120,27 @@ impl Track {
         })
     }
 
-    /// Fills every cell from the columns, separates what is not connected in a cell, and sets the feet of the body.
-    pub fn refill(&mut self, columns: &Columns, inner: f64, material: Material) {
+    /// Fills every cell from the columns, separates what is not connected in a cell, and sets the feet of the body. `contacts` are loops at rest around places
+    /// where parts touch.
+    pub fn refill(
+        &mut self,
+        columns: &Columns,
+        inner: f64,
+        material: Material,
+        contacts: &[Vec<Point3<f64>>],
+    ) {
+        let walls = Walls::new(contacts, self.body.lattice());
         let cells = self.body.lattice().cells();
         let place = |at: &Embedding| cells[at.cell as usize].place;
         let surface: BTreeSet<[i32; 3]> = self.embeddings.iter().map(place).collect();
-        let found = Pieces::new(columns, self.body.lattice(), &surface, inner, material);
+        let found = Pieces::new(
+            columns,
+            self.body.lattice(),
+            &surface,
+            inner,
+            material,
+            &walls,
+        );
         let mut cells = None;
         let edited = self.body.try_edit(|lattice| {
             cells = lattice.set_pieces(&found.all, &found.joined).ok();
@@ -233,7 +256,7 @@ impl Track {
             normals: &normals,
         };
         let columns = Columns::under(first, later, self.body.lattice(), spacing);
-        self.refill(&columns, self.fill.inner, options.material);
+        self.refill(&columns, self.fill.inner, options.material, &[]);
         self.renew_contact(spacing);
     }
 }
@@ -308,7 +331,7 @@ mod tests {
         };
         let refill = |track: &mut Track| {
             let columns = Columns::under(seen, Seen::NOTHING, track.body.lattice(), 5e-3);
-            track.refill(&columns, 1.0, options.material);
+            track.refill(&columns, 1.0, options.material, &[]);
         };
         // Surface was assumed here once; fewer such cells than a fourth are not worth a new analysis.
         let plant = |track: &mut Track, count: usize| {
