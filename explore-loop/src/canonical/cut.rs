@@ -10,8 +10,8 @@
 //! A cut edge stays cut: it never returns to the surface graph, the mesh or the complex, and its cofaces are removed with
 //! it. Vertices that lose their last edge are removed too; new observations fill the gap.
 //!
-//! The loop of this crate cuts edges only while parts that touch are pulled apart, where they cross the neck between them: elsewhere its elastic
-//! body stretches by less than that. Cut edges are then evidence for the separation of the closed surface ([`CanonicalModel::parted`]).
+//! [`distorted`] is for pipelines that track vertices; the elastic body of this crate's loop stretches by less than that. The loop cuts only what comes apart
+//! where parts touched, while they are pulled apart, and then separates the closed surface there ([`CanonicalModel::parted`]).
 
 use super::CanonicalModel;
 use nalgebra::Point3;
@@ -81,7 +81,7 @@ impl CanonicalModel {
             .collect()
     }
 
-    /// The rest positions of the ends of the cut edges, m.
+    /// The rest positions of the pairs of vertices that were cut, m: what has been seen to come apart.
     pub fn parted(&self) -> Vec<[Point3<f64>; 2]> {
         let edges = self.cut_edges().into_iter();
         edges

@@ -7,8 +7,6 @@ use super::recognise::Recognised;
 use super::view::FrameView;
 use super::{Constraints, FrameParts, ReconstructOptions};
 use crate::Error;
-use crate::canonical::closed_surface::{crosses, fan};
-use crate::canonical::cut::distorted;
 use crate::canonical::{CanonicalModel, NewVertex, graph};
 use crate::cell::{ArmState, Plane};
 use crate::visibility::{Sight, facing};
@@ -22,6 +20,7 @@ mod belief;
 mod grips;
 mod kept;
 mod material;
+mod opening;
 mod own_contact;
 
 use grips::Grip;
@@ -382,27 +381,6 @@ impl Track {
         let stays = self.model.retain(keep);
         self.embeddings = stays.iter().map(|&i| self.embeddings[i as usize]).collect();
         self.seen = stays.iter().map(|&i| self.seen[i as usize]).collect();
-    }
-
-    /// Cuts the edges across a contact whose ends have moved apart in this frame.
-    pub fn cut_opened(&mut self, spacing: f64) {
-        let around = |wall: &Vec<Point3<f64>>| wall.iter().map(|p| p.coords).collect();
-        let loops: Vec<Vec<Vector3<f64>>> = self.walls.iter().map(around).collect();
-        let fans: Vec<_> = loops.iter().flat_map(|around| fan(around)).collect();
-        if fans.is_empty() {
-            return;
-        }
-        let rest = self.model.rest();
-        let across = |edge: &[u32; 2]| {
-            let [start, end] = edge.map(|v| rest[v as usize].coords);
-            fans.iter()
-                .any(|triangle| crosses(triangle, &start, &(end - start)))
-        };
-        let mut opened = distorted(&self.model, &self.seen, spacing);
-        opened.retain(across);
-        if self.model.cut(&opened) > 0 {
-            self.settle_edges(spacing);
-        }
     }
 
     /// Recomputes the surface graph of the present vertices.
