@@ -89,8 +89,8 @@ fn a_folded_sheet_is_contractible() {
         let rng = &mut ChaCha8Rng::seed_from_u64(degrees as u64);
         for i in 0..rows {
             for j in 0..rows {
-                let x = 0.8 * spacing * (i as f64 - 11.5 + rng.random_range(-0.2..0.2));
-                let y = 0.8 * spacing * (j as f64 + rng.random_range(-0.2..0.2));
+                let x = 0.8 * spacing * (f64::from(i) - 11.5 + rng.random_range(-0.2..0.2));
+                let y = 0.8 * spacing * (f64::from(j) + rng.random_range(-0.2..0.2));
                 let side = x.signum();
                 flat.push([x, y]);
                 points.push(Point3::new(x * half.sin(), y, x.abs() * half.cos()));

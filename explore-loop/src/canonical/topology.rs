@@ -439,17 +439,14 @@ impl Read {
         let options = Options::default()
             .with_max_scale(PERSISTS)
             .with_max_simplices(most);
-        let mut complex = match pairs {
-            Some(pairs) => {
-                let options = options.with_orientation(Orientation::Free);
-                Complex::build_among(points, normals, cylinder, &options, pairs)?
-            }
+        let mut complex = if let Some(pairs) = pairs {
+            let options = options.with_orientation(Orientation::Free);
+            Complex::build_among(points, normals, cylinder, &options, pairs)?
+        } else {
             // Without a surface normals alone tell sheets apart.
-            None => {
-                let min_cosine = SHEET_COSINE;
-                let options = options.with_orientation(Orientation::Separate { min_cosine });
-                Complex::build(points, normals, cylinder, &options)?
-            }
+            let min_cosine = SHEET_COSINE;
+            let options = options.with_orientation(Orientation::Separate { min_cosine });
+            Complex::build(points, normals, cylinder, &options)?
         };
         let removed = complex.cut(cuts)?;
         let kinds = complex.classify(spacing)?;

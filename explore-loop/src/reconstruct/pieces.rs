@@ -176,7 +176,7 @@ fn links(segments: &[Segment], walls: &Walls) -> Vec<[usize; 2]> {
             for &j in at.get(&(key, s.level)).into_iter().flatten() {
                 let other = &segments[j];
                 let (low, high) = (s.low.max(other.low), s.high.min(other.high));
-                if high - low > OVERLAP && !walls.part(s.key, key, (low + high) / 2.0) {
+                if high - low > OVERLAP && !walls.part(s.key, key, low.midpoint(high)) {
                     links.push([i, j]);
                 }
             }
