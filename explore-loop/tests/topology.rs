@@ -9,6 +9,8 @@ use explore_loop::canonical::topology::{Obstacle, Topology, analyse, analyse_as,
 use explore_loop::measure::MeshReport;
 use nalgebra::{Point3, Rotation3, Vector3};
 use proptest::prelude::*;
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use std::sync::OnceLock;
 
 type Net = (Vec<Point3<f64>>, Vec<Normal>);
@@ -206,6 +208,72 @@ fn parts_that_touch_are_separated_once_they_were_seen_apart() {
         let model = at_rest(&seen.0, &seen.1);
         let ring = analyse_as(&model, SPACING, Genus::Exactly(1)).unwrap();
         assert_eq!((ring.handles.count, ring.contacts()), (1, 0));
+    }
+}
+
+/// The same where nobody saw the walls, but vertices on both sides of the contact were seen to move apart. One pair may be a mistake, and pairs that are not
+/// across the contact say nothing about it.
+#[test]
+fn parts_that_came_apart_are_separated() {
+    let (points, normals) = open_ring(0.006);
+    // Near each other, on both sides of the plane y = 0: at the contact, or at the opposite side of the ring.
+    let pairs = |sign: f64| {
+        let mut pairs = Vec::new();
+        for (a, p) in points.iter().enumerate() {
+            for (b, q) in points.iter().enumerate() {
+                let beside = p.y > 0.0 && q.y < 0.0 && sign * p.x > 0.0;
+                if beside && (p - q).norm() < 3.0 * SPACING {
+                    pairs.push([a as u32, b as u32]);
+                }
+            }
+        }
+        pairs
+    };
+    let (across, elsewhere) = (pairs(1.0), pairs(-1.0));
+    assert!(across.len() > 20 && elsewhere.len() > 20);
+    let judged = |cut: &[[u32; 2]]| {
+        let mut model = at_rest(&points, &normals);
+        assert_eq!(model.cut(cut), cut.len());
+        analyse(&model, SPACING).unwrap()
+    };
+    // What is left to see is the middle of the walls, and that is said.
+    let parted = judged(&across);
+    assert_eq!((parted.contacts(), parted.handles.count), (1, 0));
+    assert!(parted.neck.is_empty());
+    assert!(parted.bare > 0.0 && parted.bare < 0.01, "{}", parted.bare);
+    for joined in [judged(&[]), judged(&across[..1]), judged(&elsewhere)] {
+        assert_eq!((joined.contacts(), joined.handles.count), (0, 1));
+        assert!(!joined.is_closed());
+        // What planning needs to pull them apart.
+        let area = joined.handles.creased_area();
+        assert!(area.normalize().y.abs() > 0.95, "{area}");
+        let at = |v: &u32| points[*v as usize];
+        assert!(joined.neck.len() > 5 && joined.neck.iter().all(|v| at(v).y.abs() < 0.008));
+    }
+}
+
+/// Two fingers with a sharp web between them are closed at any angle between them, and under noise: the web is narrower than the cylinders of the complex, and its sides
+/// face each other.
+#[test]
+fn a_web_between_fingers_does_not_tear() {
+    for (k, degrees) in [20.0f64, 30.0, 40.0, 60.0, 80.0].into_iter().enumerate() {
+        let half = degrees.to_radians() / 2.0;
+        let finger = move |p: &Point3<f64>, side: f64| {
+            let along = Vector3::new(half.cos(), side * half.sin(), 0.0);
+            let at = p.coords.dot(&along).clamp(0.0, 0.07);
+            (p.coords - along * at).norm() - 0.012
+        };
+        let value = move |p: &Point3<f64>| finger(p, 1.0).min(finger(p, -1.0));
+        let (points, normals) = net(value, Vector3::new(0.085, 0.06, 0.012), 0.85 * SPACING);
+        for seed in 0..3u64 {
+            let random = &mut ChaCha8Rng::seed_from_u64(10 * k as u64 + seed);
+            let moved = points
+                .iter()
+                .map(|p| p + Vector3::from_fn(|_, _| random.random_range(-2e-4..2e-4)));
+            let topology = judge(&(moved.collect(), normals.clone()));
+            assert_eq!(topology.obstacle(), None, "{degrees}°, seed {seed}");
+            assert_eq!(topology.persistent, [1, 0, 1]);
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Plans a manipulation: from the model and its topology to a [`Plan`] of `grip-planner`.
 //!
 //! ```text
-//! model, topology ─► holes inside the outline? ─┬─ none ───► turn over
+//! model, topology ─► holes inside the outline? ─┬─ none ───► all seen, and parts touch? ─► pull them apart; else turn over
 //!                                               ├─ nothing else missing ─► stretch
 //!                                               └─ both ───► turn over and stretch; else stretch; else turn over
 //! ```
