@@ -222,6 +222,55 @@ fn is_refused(name: &str, file: &[u8], words: &[&str]) {
     }
 }
 
+/// Noise of a seed is the same noise every time; another seed, and none, are other recordings. The table over seeds replays each once.
+#[test]
+fn a_recording_can_be_replayed_with_seeded_noise() {
+    let file = Recording::default().file();
+    let with = |more: &[&str]| {
+        let answer = replay("noisy", &file, more);
+        assert_eq!(answer.code, Some(0), "{}", answer.said);
+        (
+            answer.metrics["seed"].clone(),
+            figures(&answer),
+            answer.metrics["vertices"].clone(),
+        )
+    };
+    let first = with(&["--noise", "0.5", "--seed", "1"]);
+    assert_eq!(first, with(&["--noise", "0.5", "--seed", "1"]));
+    assert_eq!(first.0, 1);
+    assert_ne!(first.1, with(&["--noise", "0.5", "--seed", "2"]).1);
+    assert_eq!(with(&["--seed", "2"]).1, figures(&plain()));
+
+    let folder = tempfile::tempdir().unwrap();
+    let (path, out) = (folder.path().join("noisy.mcap"), folder.path().join("out"));
+    std::fs::write(&path, &file).unwrap();
+    let tables = |more: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_explore"))
+            .args(["tables", "--only", "seeds", "--seeds", "1-2", "--json"])
+            .args(["--out", out.to_str().unwrap()])
+            .args(more)
+            .output()
+            .unwrap()
+    };
+    let session = ["--session", path.to_str().unwrap(), "--noise", "0.5"];
+    let output = tables(&session);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let table: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let runs = table["runs"].as_array().unwrap();
+    assert_eq!((runs.len(), &table["arms"]), (2, &Value::Null));
+    assert_eq!(
+        (&runs[0]["seed"], &runs[0]["vertices"]),
+        (&first.0, &first.2)
+    );
+    for wrong in [["--arms", "2"], ["--scene", "box"]] {
+        let output = tables(&[&session[..], &wrong[..]].concat());
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}");
+    }
+    let output = tables(&["--noise", "0.5"]);
+    assert_eq!(output.status.code(), Some(2), "noise without a recording");
+}
+
 #[test]
 fn containers_of_every_kind_hold_the_same_recording() {
     let plain = plain();

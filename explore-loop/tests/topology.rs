@@ -286,14 +286,16 @@ fn a_handle_with_a_crease_is_not_cut() {
         let handle = (q.x.hypot(q.y) - ring).hypot(q.z) - tube;
         (p.coords.norm() - ball).min(handle)
     };
-    let topology = judge(&net(
-        value,
-        Vector3::new(0.065, 0.035, 0.035),
-        0.85 * SPACING,
-    ));
+    let half = Vector3::new(0.065, 0.035, 0.035);
+    let (points, normals) = net(value, half, 0.85 * SPACING);
+    // Whoever knows that it has a handle can say so.
+    let asked = analyse_as(&at_rest(&points, &normals), SPACING, Genus::Exactly(1)).unwrap();
+    assert_eq!(asked.obstacle(), None);
+    let topology = judge(&(points, normals));
     assert_eq!((topology.handles.count, topology.contacts()), (1, 0));
     let closed_as_ball = topology.is_closed() && topology.persistent == [1, 0, 1];
     assert!(!closed_as_ball, "{:?}", topology.handles);
+    assert!(!topology.is_closed() && !topology.neck.is_empty());
     assert!(topology.handles.crease > 0.6, "{:?}", topology.handles);
 }
 
