@@ -486,6 +486,11 @@ fn what_makes_no_sense_is_refused() {
         &["seeds cannot be combined"],
     );
     refuses(
+        tables(&out, &["--only", "seeds", "--jobs", "2"]),
+        1,
+        &["seeds cannot be combined", "--jobs"],
+    );
+    refuses(
         tables(&out, &["--only", "seeds", "--shard", "1/2"]),
         1,
         &["seeds cannot be combined"],

@@ -53,10 +53,8 @@ impl Hole {
         axis: &UnitVector3<f64>,
     ) -> Result<Self, Refusal> {
         let center = middle(model, neck)?;
-        let across =
-            UnitVector3::try_new(scene.table.along(axis), SIDEWAYS).ok_or(Refusal::NotAHole {
-                vertices: neck.len(),
-            })?;
+        let sideways = scene.table.along(axis);
+        let across = UnitVector3::try_new(sideways, SIDEWAYS).ok_or(Refusal::NotBeside)?;
         Ok(Self {
             center: Point3::from(center),
             long: scene.table.normal.cross(&across),

@@ -97,6 +97,9 @@ pub enum Refusal {
         /// Vertices of the loop.
         vertices: usize,
     },
+    /// Two parts that touch lie on each other, not beside each other.
+    #[error("one part lies on the other: they cannot be pulled apart sideways")]
+    NotBeside,
     /// No set of grips can turn the body.
     #[error(
         "no grips: {accepted} candidates were accepted, none of their sets can be used; rejected: {}",

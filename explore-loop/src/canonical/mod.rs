@@ -11,6 +11,7 @@
 //! | [`cut`] | which edges join parts that only touched? |
 //! | [`genus`] | how many handles does the surface have, and which are faults? |
 //! | [`topology`] | is the surface closed, where is its boundary, what is cut? |
+//! | `sample_complex` | which complex do points of the surface span, and what are its Betti numbers? |
 //! | `obstacle` | what keeps a surface from counting as closed? |
 //! | [`surface`] | triangles, areas, normals |
 //! | [`tangent`] | offsets and directions in the plane of a normal |
@@ -24,6 +25,7 @@ pub mod cut;
 pub mod genus;
 pub mod graph;
 mod obstacle;
+mod sample_complex;
 pub mod surface;
 pub mod tangent;
 pub mod topology;

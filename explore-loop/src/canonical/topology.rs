@@ -9,30 +9,14 @@
 //! without such a point; *wholly seen* means that the bare area consists of random gaps between points, nowhere farther than 1.75 spacings
 //! from them; *strays* are points off the surface, for example of a second sheet. Any genus `g` is accepted unless one is requested
 //! ([`super::genus`]).
-//!
-//! **Points are joined along the surface.** Two points can be joined only if the way along the surface between them is at most two radii of the
-//! largest cylinders. What is near in space alone stays apart (the two sides of a thin body, fingers that touch), and the sides of a sharp crease or edge
-//! are joined, where a limit on the angle between normals would tear them apart.
 
 use super::closed_surface::{ClosedSurface, ClosedSurfaceOptions, Unseen, closed_surface};
 use super::genus::{CONTACT, Genus, Handles};
 pub use super::obstacle::{Obstacle, Touching};
+use super::sample_complex::{MOST_SIMPLICES, Sample};
 use super::{CanonicalModel, graph};
-use cech_complex::{Bar, Complex, Cylinder, Options, Orientation, VertexKind};
-use nalgebra::{Point3, UnitVector3, Vector3};
-
-/// Cylinder radius, in spacings of the complex: neighbouring discs overlap well beyond the largest gap in a maximal sample at the
-/// spacing.
-const RADIUS: f64 = 1.45;
-/// Cylinder height, in spacings of the complex: the curvature of the surface over a disc, plus registration errors.
-const HEIGHT: f64 = 2.0;
-/// Persistent classes live from scale 1 to this scale.
-const PERSISTS: f64 = 1.25;
-/// Longest way along the surface between two points that can be joined, in spacings of the complex: two radii of the cylinders at the largest scale. (Two radii at scale 1
-/// are too few, because ways along edges are longer than straight ones, by up to 15 % and an edge: points at the boundary were left alone.)
-const ALONG: f64 = 2.0 * RADIUS * PERSISTS;
-/// Points whose normals differ by more than 107 degrees belong to two sheets.
-const SHEET_COSINE: f64 = -0.3;
+use cech_complex::Bar;
+use nalgebra::{Point3, Vector3};
 
 /// The topology of the model, from its closed surface and its complex.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -72,7 +56,7 @@ pub struct Topology {
     pub loops: Vec<Vec<u32>>,
     /// Around a neck where parts touch that were never seen apart: vertices of the model in order; otherwise empty.
     pub neck: Vec<u32>,
-    /// Simplices that the cuts removed: vertices, edges, triangles.
+    /// Simplices that cuts of edges of the model removed, where there is no closed surface: vertices, edges, triangles.
     pub cut: [usize; 3],
     /// Number of non-manifold points in the sample of the surface.
     pub non_manifold: usize,
@@ -223,16 +207,12 @@ fn analyse_limited(
         .with_genus(genus)
         .with_parted(model.parted());
     let drawn = closed_surface(&model.rest, &model.rest_normals, &weights, &options).ok();
-    let (points, normals) = drawn.as_ref().map_or_else(
-        || (model.rest.clone(), model.rest_normals.clone()),
-        |surface| surface.resample(SAMPLE * FINE * spacing),
-    );
-    let sampled = points.len();
-    let (points, normals, complex) =
-        read(model, drawn.as_ref(), points, normals, FINE * spacing, most)?;
-    let thinned = sampled - points.len();
-    let (boundary, loops) = complex.on_model(model, &points, &normals, spacing);
-    let count = points.len().max(1) as f64;
+    let sample = Sample::of(model, drawn.as_ref(), spacing);
+    let sampled = sample.points.len();
+    let (sample, complex) = sample.read(model, drawn.as_ref(), most)?;
+    let thinned = sampled - sample.points.len();
+    let (boundary, loops) = complex.on_model(model, &sample, spacing);
+    let count = sample.points.len().max(1) as f64;
     let mut topology = Topology {
         betti: complex.betti,
         persistent: complex.persistent,
@@ -269,95 +249,6 @@ fn analyse_limited(
 
 /// Most bars of a dimension in [`Topology::bars`].
 pub const MOST_BARS: usize = 100;
-
-/// The longest bars of each dimension, and how many are left out.
-fn longest_bars(complex: &Complex) -> (Vec<Bar>, [usize; 3]) {
-    let (mut kept, mut shorter) = (Vec::new(), [0; 3]);
-    for (dimension, left_out) in shorter.iter_mut().enumerate() {
-        let all = complex.barcode().of_dimension(dimension);
-        let mut bars: Vec<(usize, Bar)> = all.copied().enumerate().collect();
-        bars.sort_by(|(_, a), (_, b)| b.persistence().total_cmp(&a.persistence()));
-        *left_out = bars.len().saturating_sub(MOST_BARS);
-        bars.truncate(MOST_BARS);
-        bars.sort_by_key(|(place, _)| *place);
-        kept.extend(bars.into_iter().map(|(_, bar)| bar));
-    }
-    (kept, shorter)
-}
-
-/// Most simplices of a complex: about 2 GB.
-const MOST_SIMPLICES: usize = 20_000_000;
-/// Factor by which the points are spread farther apart when there are too many simplices.
-const SPARSER: f64 = 1.2;
-/// Spacing of the points, in spacings of the model, from which on they are simply halved.
-const FARTHEST_APART: f64 = 1e3;
-
-/// The complex of as many of the points as possible. Where too many lie close together they are replaced by a Poisson-disc subset, whose
-/// radius grows until the complex is small enough (at worst one point remains); the cylinders grow with it once the points are farther apart
-/// than those of a sample.
-#[allow(
-    clippy::type_complexity,
-    reason = "the complex is returned with the points that were kept"
-)]
-fn read(
-    model: &CanonicalModel,
-    drawn: Option<&ClosedSurface>,
-    mut points: Vec<Point3<f64>>,
-    mut normals: Vec<UnitVector3<f64>>,
-    spacing: f64,
-    most: usize,
-) -> Result<(Vec<Point3<f64>>, Vec<UnitVector3<f64>>, Read), cech_complex::Error> {
-    let (mut apart, mut sparse) = (0.5 * spacing, spacing);
-    loop {
-        let cuts = cuts(model, &points);
-        let pairs = drawn.map(|s| s.pairs_along(&points, &normals, ALONG * sparse));
-        match Read::new(&points, &normals, pairs.as_deref(), &cuts, sparse, most) {
-            Err(cech_complex::Error::TooManySimplices { .. }) if points.len() > 1 => {
-                let mut kept = spread(&points, &normals, apart);
-                // Sheets that face away from each other are never merged by thinning.
-                if apart > FARTHEST_APART * spacing {
-                    kept.truncate(kept.len() / 2);
-                }
-                points = kept.iter().map(|&i| points[i]).collect();
-                normals = kept.iter().map(|&i| normals[i]).collect();
-                sparse = sparse.max(apart / SAMPLE);
-                apart *= SPARSER;
-            }
-            other => return Ok((points, normals, other?)),
-        }
-    }
-}
-
-/// A maximal subset of points that are at least `apart` from each other, or belong to sheets that face away from each other.
-// Not `cech_complex::epsilon_net`, which knows no normals and would thin two sheets into one.
-fn spread(points: &[Point3<f64>], normals: &[UnitVector3<f64>], apart: f64) -> Vec<usize> {
-    let place = |p: &Point3<f64>| [p.x, p.y, p.z].map(|c| (c / apart).floor() as i64);
-    let mut kept = Vec::new();
-    let mut at = std::collections::BTreeMap::<[i64; 3], Vec<usize>>::new();
-    for (i, p) in points.iter().enumerate() {
-        let [x, y, z] = place(p);
-        let mut around =
-            (-1..=1).flat_map(|a| (-1..=1).flat_map(move |b| (-1..=1).map(move |c| [a, b, c])));
-        let taken = around.any(|[a, b, c]| {
-            let there = at.get(&[x + a, y + b, z + c]).into_iter().flatten();
-            there.into_iter().any(|&k: &usize| {
-                (points[k] - p).norm() < apart && normals[k].dot(&normals[i]) > SHEET_COSINE
-            })
-        });
-        if !taken {
-            kept.push(i);
-            at.entry([x, y, z]).or_default().push(i);
-        }
-    }
-    kept
-}
-
-/// The complex is built for points this much finer than the spacing of the model: the closed surface can be sampled at any density, and at the
-/// spacing of the model the web between a thumb and a hand would be bridged.
-const FINE: f64 = 0.6;
-
-/// Spacing of the sample that the complex is built on, in those finer spacings.
-const SAMPLE: f64 = 0.8;
 
 /// Length of the vector area of the supported surface as a share of its area: a lower bound on the missing share.
 fn missing_share(surface: &ClosedSurface) -> f64 {
@@ -404,97 +295,4 @@ fn hidden(surface: &ClosedSurface, model: &CanonicalModel) -> Vec<Hidden> {
             area: (b - a).cross(&(c - a)) / 2.0,
         })
         .collect()
-}
-
-/// The cut edges of the model, as pairs of the nearest points of the sample.
-fn cuts(model: &CanonicalModel, points: &[Point3<f64>]) -> Vec<[u32; 2]> {
-    let Some(tree) = graph::tree(points) else {
-        return Vec::new();
-    };
-    let nearest = |v: u32| graph::nearest(&tree, &model.rest[v as usize]).0 as u32;
-    let edges = model.cut_edges();
-    let moved = edges.iter().map(|[a, b]| [nearest(*a), nearest(*b)]);
-    moved.filter(|[a, b]| a != b).collect()
-}
-
-/// The results for the complex of some points.
-struct Read {
-    betti: [usize; 3],
-    persistent: [usize; 3],
-    bars: Vec<Bar>,
-    shorter_bars: [usize; 3],
-    boundary: Vec<bool>,
-    loops: Vec<Vec<u32>>,
-    cut: [usize; 3],
-    non_manifold: usize,
-    simplices: [usize; 4],
-}
-
-impl Read {
-    fn new(
-        points: &[Point3<f64>],
-        normals: &[UnitVector3<f64>],
-        pairs: Option<&[[u32; 2]]>,
-        cuts: &[[u32; 2]],
-        spacing: f64,
-        most: usize,
-    ) -> Result<Self, cech_complex::Error> {
-        let cylinder = Cylinder::new(RADIUS * spacing, HEIGHT * spacing)?;
-        let options = Options::default()
-            .with_max_scale(PERSISTS)
-            .with_max_simplices(most);
-        let mut complex = if let Some(pairs) = pairs {
-            let options = options.with_orientation(Orientation::Free);
-            Complex::build_among(points, normals, cylinder, &options, pairs)?
-        } else {
-            // Without a surface normals alone tell sheets apart.
-            let min_cosine = SHEET_COSINE;
-            let options = options.with_orientation(Orientation::Separate { min_cosine });
-            Complex::build(points, normals, cylinder, &options)?
-        };
-        let removed = complex.cut(cuts)?;
-        let kinds = complex.classify(spacing)?;
-        let count = |kind| kinds.iter().filter(|k| **k == kind).count();
-        let loops = complex.boundary_loops(&kinds)?;
-        let (bars, shorter_bars) = longest_bars(&complex);
-        Ok(Self {
-            bars,
-            shorter_bars,
-            betti: complex.betti(1.0),
-            persistent: complex.persistent_betti(1.0, PERSISTS),
-            boundary: kinds.iter().map(|k| *k == VertexKind::Boundary).collect(),
-            loops: loops.into_iter().map(|l| l.vertices).collect(),
-            non_manifold: count(VertexKind::NonManifold),
-            cut: [removed.vertices.len(), removed.edges, removed.triangles],
-            simplices: complex.counts(),
-        })
-    }
-
-    /// Boundary and loops as vertices of the model.
-    fn on_model(
-        &self,
-        model: &CanonicalModel,
-        points: &[Point3<f64>],
-        normals: &[UnitVector3<f64>],
-        spacing: f64,
-    ) -> (Vec<bool>, Vec<Vec<u32>>) {
-        let mut boundary = vec![false; model.len()];
-        let Some(tree) = graph::tree(&model.rest) else {
-            return (boundary, Vec::new());
-        };
-        // Vertices within the disc radius of a complex at the model's own spacing count: the part that can be gripped there is wider than one row of vertices.
-        let reach = (1.0 + (1.0 - FINE) * RADIUS) * spacing;
-        for i in (0..points.len()).filter(|&i| self.boundary[i]) {
-            for (v, _) in graph::near(&tree, &points[i], reach, 24) {
-                boundary[v] |= model.rest_normals[v].dot(&normals[i]) > 0.0;
-            }
-        }
-        let nearest = |i: &u32| graph::nearest(&tree, &points[*i as usize]).0 as u32;
-        let loops = self.loops.iter().map(|l| {
-            let mut vertices: Vec<u32> = l.iter().map(nearest).collect();
-            vertices.dedup();
-            vertices
-        });
-        (boundary, loops.collect())
-    }
 }

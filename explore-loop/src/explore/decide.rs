@@ -24,7 +24,10 @@ impl Explorer<'_> {
         };
         let stop = if closed {
             Stop::Closed
-        } else if let Some(but) = self.closed_but(&topology).filter(|_| self.moves.in_vain()) {
+        } else if let Some(but) = self.closed_but(&topology).filter(|but| match but {
+            Stop::ClosedButTouching(_) => self.moves.parted_in_vain(),
+            _ => self.moves.in_vain(),
+        }) {
             but
         } else if self.manipulations >= self.options.max_manipulations {
             Stop::TooManyManipulations

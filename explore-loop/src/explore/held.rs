@@ -23,7 +23,7 @@ const REACHED: f64 = 6.0;
 const HIDDEN: f64 = 0.25;
 /// Least share of the surface that a successful manipulation reveals.
 const GAIN: f64 = 0.02;
-/// Number of consecutive manipulations that revealed less.
+/// Number of consecutive manipulations that revealed less, or that did not part what touches.
 const IN_VAIN: usize = 2;
 
 /// A part of the surface that could not be seen because it is attached to the table.
@@ -60,6 +60,8 @@ pub(super) struct Moves {
     moved: BTreeMap<u64, (Point3<f64>, f64)>,
     /// Hidden share before each decision.
     hidden: Vec<f64>,
+    /// Number of consecutive decisions, up to the last one, at which only parts that touch were in the way.
+    touching: usize,
 }
 
 impl Moves {
@@ -72,9 +74,15 @@ impl Moves {
         }
     }
 
-    /// Adds the hidden share before a decision.
+    /// Adds what is hidden, and whether parts touch, before a decision.
     pub fn decide(&mut self, topology: &Topology) {
         self.hidden.push(topology.bare);
+        self.touching = topology.touching().map_or(0, |_| self.touching + 1);
+    }
+
+    /// Whether as many manipulations in a row have not parted what touches, though nothing else was left to do.
+    pub fn parted_in_vain(&self) -> bool {
+        self.touching > IN_VAIN
     }
 
     /// Whether the last manipulations revealed almost nothing.
@@ -210,6 +218,37 @@ mod tests {
             topology.bare = bare;
             moves.decide(&topology);
             assert_eq!(moves.in_vain(), vain, "{bare}");
+        }
+    }
+
+    /// Only decisions in a row count: what was parted, or uncovered, in between starts the count anew.
+    #[test]
+    fn two_attempts_that_do_not_part_are_in_vain() {
+        let (_, open, mut moves) = strip(|x| x);
+        let touching = Topology {
+            persistent: [1, 2, 1],
+            handles: Handles {
+                count: 1,
+                crease: 1.0,
+                creased_along: vec![Point3::origin(); 3],
+            },
+            missing: 0.0,
+            boundary_share: 0.0,
+            wholly_seen: true,
+            ..open.clone()
+        };
+        assert!(touching.touching().is_some() && open.touching().is_none());
+        let decisions = [
+            (&touching, false),
+            (&touching, false),
+            (&open, false),
+            (&touching, false),
+            (&touching, false),
+            (&touching, true),
+        ];
+        for (k, (topology, vain)) in decisions.into_iter().enumerate() {
+            moves.decide(topology);
+            assert_eq!(moves.parted_in_vain(), vain, "decision {k}");
         }
     }
 }

@@ -55,6 +55,7 @@ impl Planner for CoveragePlanner {
                 Err(
                     Refusal::NoGrips { .. }
                     | Refusal::NotAHole { .. }
+                    | Refusal::NotBeside
                     | Refusal::NoGripBesideHole { .. },
                 ) => {}
                 Err(refusal) => return Err(refusal.into()),

@@ -90,19 +90,19 @@ fn refuse_once(track: &mut Track, table: &Plane, options: &ReconstructOptions) -
     track.settle_edges(spacing);
     track.pose();
     let wall_points = ClosedSurfaceOptions::new(spacing).wall_points;
-    fill(track, options, wall_points);
+    refill(track, options, wall_points);
     true
 }
 
 /// Divides the material of the body wherever a crease says that two parts touch, also if nobody has seen them apart yet: joined fingers could not be
 /// pulled apart in the model while they come apart in the world. The next fusion joins again what did not move apart.
 pub(crate) fn divide(track: &mut Track, options: &ReconstructOptions) {
-    fill(track, options, 0);
+    refill(track, options, 0);
 }
 
 /// Fills the lattice anew from the closed surface through the fused vertices, if there is one. Parts that touch are divided at contacts with at least so many
 /// points of walls, or pairs of vertices that have moved apart.
-fn fill(track: &mut Track, options: &ReconstructOptions, wall_points: usize) {
+fn refill(track: &mut Track, options: &ReconstructOptions, wall_points: usize) {
     let weights = vec![1.0; track.model.len()];
     let drawing = ClosedSurfaceOptions::new(options.spacing)
         .with_wall_points(wall_points)

@@ -350,3 +350,88 @@ fn add_empty(pieces: &mut Vec<Piece>, joins: &mut Joins, needed: &BTreeSet<[i32;
         at.entry(place).or_default().push(own);
     }
 }
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "tests")]
+mod tests {
+    use super::*;
+    use crate::canonical::closed_surface::{ClosedSurfaceOptions, closed_surface};
+    use nalgebra::{Rotation3, UnitVector3};
+
+    /// Connected groups of pieces with material.
+    fn groups(pieces: &Pieces) -> usize {
+        let mut group: Vec<usize> = (0..pieces.filled).collect();
+        for _ in 0..pieces.filled {
+            for [a, b] in &pieces.joined {
+                if *a.max(b) < pieces.filled {
+                    let least = group[*a].min(group[*b]);
+                    (group[*a], group[*b]) = (least, least);
+                }
+            }
+        }
+        group.iter().enumerate().filter(|(i, g)| i == *g).count()
+    }
+
+    /// A bar of 12 by 4 by 4 cm is one group; a wall across its middle, wherever it lies in a cell and however it is turned, makes two of it, and a wall beside
+    /// it leaves it whole.
+    #[test]
+    fn a_wall_divides_material() {
+        let size = Vector3::new(0.06, 0.02, 0.02);
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        for axis in 0..3 {
+            let others = [(axis + 1) % 3, (axis + 2) % 3];
+            let steps = others.map(|k| (size[k] / 0.005) as i32);
+            for (i, j) in
+                (-steps[0]..=steps[0]).flat_map(|i| (-steps[1]..=steps[1]).map(move |j| (i, j)))
+            {
+                for sign in [-1.0, 1.0] {
+                    let mut p = Vector3::zeros();
+                    (p[axis], p[others[0]], p[others[1]]) = (
+                        sign * size[axis],
+                        0.005 * f64::from(i),
+                        0.005 * f64::from(j),
+                    );
+                    points.push(Point3::from(p));
+                    normals.push(UnitVector3::new_unchecked(Vector3::ith(axis, sign)));
+                }
+            }
+        }
+        let weights = vec![1.0; points.len()];
+        let surface = closed_surface(
+            &points,
+            &normals,
+            &weights,
+            &ClosedSurfaceOptions::new(0.005),
+        )
+        .unwrap();
+        for (place, turn) in [(0.0, 0.0), (0.004, 0.4), (-0.007, 0.8), (0.011, -0.6)] {
+            let lattice = Lattice::new(
+                0.013,
+                Point3::new(place, 0.002, 0.001),
+                Rotation3::from_axis_angle(&Vector3::z_axis(), turn),
+            );
+            let columns = Columns::of_mesh(&surface.vertices, &surface.triangles, &lattice);
+            let across = |x: f64| -> Vec<Point3<f64>> {
+                let angles = (0..16).map(|k| std::f64::consts::TAU * f64::from(k) / 16.0);
+                angles
+                    .map(|a| Point3::new(x, 0.03 * a.cos(), 0.03 * a.sin()))
+                    .collect()
+            };
+            let divided = |contacts: &[Vec<Point3<f64>>]| {
+                let walls = Walls::new(contacts, &lattice);
+                groups(&Pieces::new(
+                    &columns,
+                    &lattice,
+                    &BTreeSet::new(),
+                    1.0,
+                    Material::Connected,
+                    &walls,
+                ))
+            };
+            assert_eq!(divided(&[]), 1, "{place} {turn}");
+            assert_eq!(divided(&[across(0.0)]), 2, "{place} {turn}");
+            assert_eq!(divided(&[across(-0.02), across(0.02)]), 3, "{place} {turn}");
+            assert_eq!(divided(&[across(0.1)]), 1, "{place} {turn}");
+        }
+    }
+}

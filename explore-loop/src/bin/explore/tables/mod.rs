@@ -64,9 +64,10 @@ pub(crate) fn tables(args: &TablesArgs) -> Result<bool, Failure> {
             1 if args.shard.is_none()
                 && args.merge.is_empty()
                 && !args.list
+                && args.jobs == 1
                 && args.further.is_empty() => seeds::seeds(args),
             _ => Err(
-                "--only seeds cannot be combined with other studies, --shard, --merge, --list or further options"
+                "--only seeds cannot be combined with other studies, --jobs, --shard, --merge, --list or further options"
                     .into(),
             ),
         };
