@@ -13,6 +13,7 @@ mod pace;
 mod recorder;
 mod recording;
 mod replay;
+mod replay_args;
 #[cfg(feature = "dvrk")]
 mod robot;
 mod run;
@@ -26,7 +27,7 @@ mod words;
 
 use crate::live::LiveArgs;
 use crate::object::ObjectArgs;
-use crate::replay::ReplayArgs;
+use crate::replay_args::ReplayArgs;
 use crate::tables::Shard;
 use crate::without::Part;
 use clap::builder::PossibleValuesParser;
