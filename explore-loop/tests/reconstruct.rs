@@ -446,6 +446,33 @@ fn motion_past_the_limit_is_reported_and_not_taken() {
     }
 }
 
+/// A held body that falls over within a frame: that frame is not taken, and in the next one the material is found where it fell, not only its surface.
+#[test]
+fn a_held_body_that_falls_over_is_found() {
+    for jump in [14, 16, 18, 20] {
+        let mut reconstructor = reconstructor();
+        for number in 0..32 {
+            // Looked at, taken, turned step by step, and then by many steps at once.
+            let turned = match number {
+                0..6 => 0,
+                6..24 => number - 6,
+                _ => 18 + jump,
+            };
+            let seen = frame(turned, number >= 4, number);
+            let report = reconstructor.process(&seen, &table()).unwrap();
+            assert_eq!(usable(&report), number != 24, "{jump}: {report:?}");
+        }
+        let model = reconstructor.model();
+        let moved = motion(18 + jump) * motion(0).inverse();
+        let early = (0..model.len()).filter(|&i| model.born()[i] == 0);
+        let off = mean(early.map(|i| (model.live()[i] - moved * model.rest()[i]).norm()));
+        assert!(
+            off < 0.007,
+            "after {jump} steps in a frame, material is {off} m off"
+        );
+    }
+}
+
 /// A body that is turned half way: what the last frame measured is known better than what has turned away, and asking changes nothing.
 #[test]
 fn what_is_seen_is_known_better_than_what_is_hidden() {

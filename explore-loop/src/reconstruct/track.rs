@@ -232,7 +232,8 @@ impl Track {
     ) -> Result<BodyReport, topo_ekf::Error> {
         let frame = BodyFrame::new(grips, &self.embeddings)
             .with_inequalities(contacts)
-            .with_limits(limits);
+            .with_limits(limits)
+            .with_fell(self.missed > 0);
         let look = Look::new(&self.model, &self.embeddings, view, options);
         let met = landmark::embedded(&self.landmarks.sighted(), self.body.lattice());
         let mut innovation = None;

@@ -299,7 +299,7 @@ impl BodyFilter {
     ) -> Result<(BodyReport, Solved), Error> {
         let holding = !frame.grips.is_empty();
         self.hold(holding);
-        let released = self.state.falling > 0;
+        let released = self.state.falling > 0 || frame.fell;
         let before = self.state.pose.live.clone();
         let expected = self.expected(released);
         let sigma = self.options.motion_sigma * if released { RELEASED } else { 1.0 };

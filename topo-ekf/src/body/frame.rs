@@ -14,7 +14,7 @@ use crate::{Error, Status};
 pub struct Progress {
     /// 0 at the first step, 1 at the last.
     pub share: f64,
-    /// Whether the body was released a few frames ago, so that it may have moved far.
+    /// Whether the body may have moved far: it was released a few frames ago, or [fell](BodyFrame::fell).
     pub released: bool,
 }
 
@@ -26,7 +26,7 @@ pub struct Progress {
 pub struct Limits {
     /// How far 95 % of the surface may move in a frame, m.
     pub motion: f64,
-    /// The same in the frames after a release, when the body may fall, m.
+    /// The same when the body may fall, after a release or where [`BodyFrame::fell`] says so, m.
     pub fall: f64,
     /// Largest total force of the grips, in weights of the body: grips that carry the body pull with about its weight, grips that slip or tear
     /// with many times that. For this limit the weight is at least half of what was assumed before anything was lifted: a stiff body does not sag, seems to
@@ -57,6 +57,9 @@ pub struct BodyFrame<'a> {
     pub inequalities: &'a [BodyInequality],
     /// Plausibility limits.
     pub limits: Limits,
+    /// The body may have moved far since the last frame: it fell over an edge while it was held, or frames were missed. It is fitted as after a release,
+    /// but bears its weight.
+    pub fell: bool,
 }
 
 impl<'a> BodyFrame<'a> {
@@ -67,6 +70,7 @@ impl<'a> BodyFrame<'a> {
             surface,
             inequalities: &[],
             limits: Limits::default(),
+            fell: false,
         }
     }
 
@@ -74,6 +78,13 @@ impl<'a> BodyFrame<'a> {
     #[must_use]
     pub fn with_limits(mut self, limits: Limits) -> Self {
         self.limits = limits;
+        self
+    }
+
+    /// Says whether the body may have moved far since the last frame, as when it falls over an edge while it is held.
+    #[must_use]
+    pub fn with_fell(mut self, fell: bool) -> Self {
+        self.fell = fell;
         self
     }
 
