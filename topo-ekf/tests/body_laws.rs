@@ -10,9 +10,10 @@ use dense::{TABLE, UP, block, elastic, skin};
 use nalgebra::{Matrix3, Point3, Rotation3, UnitVector3, Vector3};
 use proptest::prelude::*;
 use topo_ekf::body::{
-    BodyFilter, BodyFrame, BodyOptions, BodyReport, Embedding, Lattice, Pose, Progress, Row, Table,
+    BodyFilter, BodyFrame, BodyOptions, BodyReport, Embedding, Lattice, Limits, Pose, Progress,
+    Row, Table,
 };
-use topo_ekf::{Plane, Status};
+use topo_ekf::{Error, Plane, Status};
 
 const H: f64 = 0.016;
 
@@ -378,4 +379,53 @@ fn the_table_is_a_constraint_or_a_contact_or_absent() {
     // Nothing holds it: it is where it was pushed.
     assert!(sunk > 0.0035, "{sunk}");
     assert!(force > 0.0 && nothing == 0.0, "{force} {nothing}");
+}
+
+/// A body that is seen 30 mm higher from one frame to the next: implausible, unless it is known that it may have moved far. Then it is followed, and
+/// bears its weight.
+#[test]
+fn a_body_that_fell_is_followed_past_the_limit_of_motion() {
+    let limits = Limits::default().with_motion(0.015).with_fall(0.1);
+    for fell in [false, true] {
+        let mut body =
+            BodyFilter::new(block([5, 2, 2], H), TABLE, &BodyOptions::default()).unwrap();
+        let surface: Vec<Embedding> = skin(body.lattice()).iter().map(|s| s.0).collect();
+        let before = body.pose().clone();
+        let jump = Vector3::z() * 0.03;
+        let target = |at: &Embedding| before.position(body.lattice(), at) + jump;
+        let rows: Vec<Row> = surface
+            .iter()
+            .map(|at| Row::point(*at, target(at), 1e8))
+            .collect();
+        let frame = BodyFrame::new(&[], &surface)
+            .with_limits(limits)
+            .with_fell(fell);
+        let mut wide = Vec::new();
+        let stepped = body.step(
+            &frame,
+            &mut |_, _, progress| {
+                wide.push(progress.released);
+                rows.clone()
+            },
+            &mut |_, _| {},
+        );
+        assert!(wide.iter().all(|w| *w == fell));
+        if fell {
+            stepped.unwrap();
+            let off = |at: &Embedding| {
+                let moved = body.pose().position(body.lattice(), at);
+                (moved - before.position(body.lattice(), at) - jump).norm()
+            };
+            assert!(surface.iter().all(|at| off(at) < 1e-3));
+            // Not as in a fall after a release, which has no weight.
+            let loads: Vector3<f64> = body.loads().iter().sum();
+            assert!(
+                (loads.z + body.weight()).abs() < 0.02 * body.weight(),
+                "{loads}"
+            );
+        } else {
+            assert!(matches!(stepped, Err(Error::Beyond { .. })), "{stepped:?}");
+            assert_eq!(body.pose().live, before.live);
+        }
+    }
 }

@@ -230,6 +230,7 @@ impl Track {
         view: &FrameView,
         options: &ReconstructOptions,
     ) -> Result<BodyReport, topo_ekf::Error> {
+        // A rejected frame is how a fall of a held body shows first.
         let frame = BodyFrame::new(grips, &self.embeddings)
             .with_inequalities(contacts)
             .with_limits(limits)
