@@ -115,11 +115,12 @@ impl<'a> ActiveSets<'a> {
         let values = self.problem.values;
         let mut tolerance = asked.iter().fold(ROW_DEPTH, |a, g| a.max(COARSE * g));
         let last = self.rounds + ROUNDS;
-        let mut settled = false;
+        let (mut settled, mut lift) = (false, vec![]);
         while !settled && self.rounds < last {
             self.rounds += 1;
-            self.table.refactor(values, system)?;
-            let lift = self.table.lift(values, system);
+            if self.table.refactor(values, system)? || lift.is_empty() {
+                lift = self.table.lift(values, system);
+            }
             let dual = Dual {
                 gaps: asked,
                 soft,

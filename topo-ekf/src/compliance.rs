@@ -45,18 +45,20 @@ impl Compliance<'_> {
     ) -> Result<DMatrix<f64>, Error> {
         let old = of.len() - new;
         influence.learn(self, &of[old..])?;
-        let count = influence.vertices.len();
         let terms = Terms::new(self.stack, of, influence);
         let mut entries = DMatrix::zeros(of.len(), new);
-        let mut moved = vec![[0.0; 3]; count];
+        // By coordinate, so that neighbouring vertices are added together.
+        let mut moved: [Vec<f64>; 3] = Default::default();
         for l in 0..new {
+            // Vertices of later rows are mostly later ones.
+            moved
+                .iter_mut()
+                .for_each(|m| m.resize(terms.ends[old + l], 0.0));
             influence.move_by(terms.row(old + l), &mut moved);
+            let [x, y, z] = &moved;
             let column = &mut entries.as_mut_slice()[of.len() * l..];
             for (k, entry) in column[..=old + l].iter_mut().enumerate() {
-                let part = |&(w, a): &(usize, Vector3<f64>)| {
-                    let [x, y, z] = moved[w];
-                    a.x * x + a.y * y + a.z * z
-                };
+                let part = |&(w, a): &(usize, Vector3<f64>)| a.x * x[w] + a.y * y[w] + a.z * z[w];
                 *entry = terms.row(k).iter().map(part).sum();
             }
         }
@@ -69,17 +71,29 @@ struct Terms {
     terms: Vec<(usize, Vector3<f64>)>,
     /// The first for each row, and one past the last.
     starts: Vec<usize>,
+    /// For each row, one past the last vertex in it and in those before.
+    ends: Vec<usize>,
 }
 
 impl Terms {
     fn new(stack: &Stack, rows: &[usize], influence: &Influence) -> Self {
-        let (mut terms, mut starts) = (vec![], vec![0]);
+        let (mut terms, mut starts, mut ends) = (vec![], vec![0], vec![]);
+        let mut end = 0;
         for &row in rows {
             let slot = |v: u32| influence.slots[v as usize] as usize;
             terms.extend(stack.row(row).iter().map(|&(v, a)| (slot(v), a)));
+            let own = terms[starts[starts.len() - 1]..]
+                .iter()
+                .map(|t: &(usize, _)| t.0 + 1);
+            end = own.fold(end, usize::max);
             starts.push(terms.len());
+            ends.push(end);
         }
-        Self { terms, starts }
+        Self {
+            terms,
+            starts,
+            ends,
+        }
     }
 
     fn row(&self, row: usize) -> &[(usize, Vector3<f64>)] {
@@ -124,15 +138,19 @@ impl Influence {
     }
 
     /// Displacements of the vertices under a unit force of a row.
-    fn move_by(&self, row: &[(usize, Vector3<f64>)], moved: &mut [[f64; 3]]) {
-        moved.fill([0.0; 3]);
-        for &(slot, a) in row {
-            let columns = self.full.column(slot).iter().zip(self.free.column(slot));
-            for (m, (full, free)) in moved.iter_mut().zip(columns) {
-                m[0] += a.x * full;
-                m[1] += a.y * full;
-                m[2] += a.z * free;
-            }
+    fn move_by(&self, row: &[(usize, Vector3<f64>)], moved: &mut [Vec<f64>; 3]) {
+        for m in &mut *moved {
+            m.fill(0.0);
+        }
+        let [x, y, z] = moved;
+        // Two terms in one pass over the vertices.
+        for pair in row.chunks(2) {
+            let (s, a) = pair[0];
+            let (t, b) = pair.get(1).copied().unwrap_or((s, Vector3::zeros()));
+            let full = [self.full.column(s), self.full.column(t)];
+            add(x, [a.x, b.x], full);
+            add(y, [a.y, b.y], full);
+            add(z, [a.z, b.z], [self.free.column(s), self.free.column(t)]);
         }
     }
 
@@ -171,11 +189,23 @@ impl Influence {
         } else {
             &mut self.full
         };
-        known.clear(count);
+        known.resize(count);
         let factor = compliance.table.factor_along(compliance.factor, normal);
-        let put = |k: usize, l: usize, value| known.set(moving[k], moving[l], value);
         let system = &compliance.system;
-        system.each_selected(factor, &chosen, &mut self.work, put)
+        let selected = system.selected(factor, &chosen, &mut self.work)?;
+        let mut still = vec![true; known.room];
+        for (l, &at) in moving.iter().enumerate() {
+            still[at] = false;
+            let column = known.column_mut(at);
+            column.fill(0.0);
+            for (&k, value) in moving.iter().zip(selected.column(l)) {
+                column[k] = value;
+            }
+        }
+        for at in (0..known.room).filter(|&at| still[at]) {
+            known.column_mut(at).fill(0.0);
+        }
+        Ok(())
     }
 
     /// Adds the entries of the vertices from index `old` on, by a solve for each.
@@ -207,6 +237,14 @@ impl Influence {
     }
 }
 
+/// Adds multiples of two columns, one after the other.
+fn add(sum: &mut [f64], by: [f64; 2], columns: [&[f64]; 2]) {
+    let columns = columns[0].iter().zip(columns[1]);
+    for (s, (first, second)) in sum.iter_mut().zip(columns) {
+        *s = (*s + by[0] * first) + by[1] * second;
+    }
+}
+
 /// A square matrix with room for more rows and columns: a few are added time and again.
 #[derive(Default)]
 struct Square {
@@ -215,10 +253,9 @@ struct Square {
 }
 
 impl Square {
-    /// Zeros.
-    fn clear(&mut self, count: usize) {
+    /// Makes room for `count` rows and columns, and for some more; the entries are to be written.
+    fn resize(&mut self, count: usize) {
         self.room = count + count / 8;
-        self.values.clear();
         self.values.resize(self.room * self.room, 0.0);
     }
 
@@ -226,7 +263,7 @@ impl Square {
     fn widen(&mut self, old: usize, count: usize) {
         if count > self.room {
             let before = std::mem::take(self);
-            self.clear(count);
+            self.resize(count);
             for l in 0..old {
                 self.values[self.room * l..][..old].copy_from_slice(&before.column(l)[..old]);
             }
@@ -235,6 +272,10 @@ impl Square {
 
     fn set(&mut self, row: usize, column: usize, value: f64) {
         self.values[self.room * column + row] = value;
+    }
+
+    fn column_mut(&mut self, column: usize) -> &mut [f64] {
+        &mut self.values[self.room * column..self.room * (column + 1)]
     }
 
     fn column(&self, column: usize) -> &[f64] {

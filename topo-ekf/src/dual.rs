@@ -16,7 +16,7 @@ use nalgebra::DMatrix;
 
 use crate::Error;
 use crate::compliance::{Compliance, Influence};
-use crate::pivots::minimise;
+use crate::pivots::{column, minimise};
 use crate::problem::ROW_DEPTH;
 
 /// Steps with a model before it is renewed.
@@ -163,7 +163,7 @@ impl Dual<'_> {
         let now: Vec<f64> = model.rows.iter().map(|&k| forces[k]).collect();
         let mut gaps = vec![0.0; now.len()];
         for (l, &f) in now.iter().enumerate().filter(|(_, f)| **f != 0.0) {
-            for (g, m) in gaps.iter_mut().zip(model.gram.column(l).iter()) {
+            for (g, m) in gaps.iter_mut().zip(column(&model.gram, l)) {
                 *g += m * f;
             }
         }
@@ -242,13 +242,13 @@ impl Model {
         self.rows.extend_from_slice(new);
         let columns = compliance.columns(&self.rows, new.len(), influence)?;
         let count = self.rows.len();
-        self.gram = std::mem::take(&mut self.gram).resize(count, count, 0.0);
-        for l in 0..new.len() {
-            for k in 0..=old + l {
-                self.gram[(k, old + l)] = columns[(k, l)];
-                self.gram[(old + l, k)] = columns[(k, l)];
-            }
+        if old == 0 {
+            self.gram = columns;
+        } else {
+            self.gram = std::mem::take(&mut self.gram).resize(count, count, 0.0);
+            self.gram.columns_mut(old, new.len()).copy_from(&columns);
         }
+        self.gram.fill_lower_triangle_with_upper_triangle();
         Ok(())
     }
 

@@ -54,6 +54,11 @@ pub(crate) fn minimise(
     }
 }
 
+/// A column as a slice, which is read several entries at a time.
+pub(crate) fn column(gram: &DMatrix<f64>, l: usize) -> &[f64] {
+    &gram.as_slice()[gram.nrows() * l..][..gram.nrows()]
+}
+
 /// Active rows with negative forces, and inactive rows that are violated.
 fn wrong_rows(
     gram: &DMatrix<f64>,
@@ -64,17 +69,19 @@ fn wrong_rows(
 ) -> Vec<usize> {
     // Relative to the largest force, so that rounding does not count as a negative force.
     let pull = -1e-12 * forces.iter().fold(0.0, |a: f64, f| a.max(f.abs()));
-    // An inactive row has no force, so its softness has no effect.
-    let reached = |k: usize| {
-        let column = gram.column(k);
-        column.iter().zip(forces).map(|(g, f)| g * f).sum::<f64>()
-    };
+    // By columns, which are added without waiting for one another. An inactive row has no force, so its softness has no effect.
+    let mut reached = vec![0.0; gaps.len()];
+    for (l, f) in forces.iter().enumerate().filter(|(_, f)| **f != 0.0) {
+        for (r, g) in reached.iter_mut().zip(column(gram, l)) {
+            *r += g * f;
+        }
+    }
     (0..gaps.len())
         .filter(|&k| {
             if active[k] {
                 forces[k] < pull
             } else {
-                reached(k) < gaps[k] - slack
+                reached[k] < gaps[k] - slack
             }
         })
         .collect()
@@ -88,14 +95,15 @@ fn clipped(forces: Vec<f64>) -> Vec<f64> {
 fn forces_of(gram: &DMatrix<f64>, gaps: &[f64], active: &[bool], soft: &[f64]) -> Option<Vec<f64>> {
     let chosen: Vec<usize> = (0..gaps.len()).filter(|&k| active[k]).collect();
     let count = chosen.len();
-    let mut part = Vec::with_capacity(count * count);
-    for &l in &chosen {
-        let column = gram.column(l);
-        part.extend(
-            chosen
-                .iter()
-                .map(|&k| column[k] + if k == l { soft[k] } else { 0.0 }),
-        );
+    // The factor reads the lower triangle only.
+    let mut part = vec![0.0; count * count];
+    for (c, &l) in chosen.iter().enumerate() {
+        let column = column(gram, l);
+        let lower = &mut part[count * c + c..count * (c + 1)];
+        for (p, &k) in lower.iter_mut().zip(&chosen[c..]) {
+            *p = column[k];
+        }
+        lower[0] += soft[l];
     }
     let mut solved: Vec<f64> = chosen.iter().map(|&k| gaps[k]).collect();
     let scratch = cholesky_in_place_scratch::<f64>(count, Par::Seq, Spec::default());

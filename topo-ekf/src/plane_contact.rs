@@ -92,9 +92,10 @@ impl PlaneContact {
         self.struck = struck;
     }
 
-    /// Updates the factor of the free vertices.
-    pub fn refactor(&mut self, values: &[f64], system: &mut System) -> Result<(), Error> {
-        if self.factored != self.struck {
+    /// Updates the factor of the free vertices; returns whether the set had changed.
+    pub fn refactor(&mut self, values: &[f64], system: &mut System) -> Result<bool, Error> {
+        let changed = self.factored != self.struck;
+        if changed {
             self.factored.clone_from(&self.struck);
             self.release(system);
             if self.struck.contains(&true) {
@@ -102,7 +103,7 @@ impl PlaneContact {
                 self.free = Some(system.factorise(&system.pattern.strike(values, &self.struck))?);
             }
         }
-        Ok(())
+        Ok(changed)
     }
 
     /// Gives the memory of the factor back.

@@ -24,8 +24,7 @@ fn newton(m: &Matrix3<f64>, guess: &Rotation3<f64>) -> Option<Rotation3<f64>> {
     for _ in 0..STEPS {
         let a = r.tr_mul(m);
         let gradient = vee(&a);
-        let hessian = Matrix3::identity() * a.trace() - (a + a.transpose()) * 0.5;
-        let step = solve_positive(&hessian, &gradient)?;
+        let step = solve_positive(&curvature(&a), &gradient)?;
         r *= cayley(&step);
         // Convergence is quadratic: a step of 1e-7 leaves an error of 1e-14.
         if step.norm_squared() < 1e-14 {
@@ -47,6 +46,15 @@ fn decompose(m: &Matrix3<f64>) -> Option<Rotation3<f64>> {
         u.column_mut(2).neg_mut();
     }
     Some(Rotation3::from_matrix_unchecked(u * v))
+}
+
+/// `tr(A) I − sym A`, entry by entry: with matrices a third of a step would be products with zeros.
+fn curvature(a: &Matrix3<f64>) -> Matrix3<f64> {
+    let trace = a.trace();
+    let off = |i, j| -0.5 * (a[(i, j)] + a[(j, i)]);
+    let (xy, xz, yz) = (off(0, 1), off(0, 2), off(1, 2));
+    let on = |i| trace - a[(i, i)];
+    Matrix3::new(on(0), xy, xz, xy, on(1), yz, xz, yz, on(2))
 }
 
 /// Axial vector of the antisymmetric part (twice it).
@@ -82,9 +90,21 @@ pub(crate) fn solve_positive(h: &Matrix3<f64>, g: &Vector3<f64>) -> Option<Vecto
 /// Rotation by about `ω`: exactly orthogonal, and equal to `exp[ω]` to second order.
 fn cayley(w: &Vector3<f64>) -> Matrix3<f64> {
     let h = w * 0.5;
-    let s = h.norm_squared();
-    let cross = h.cross_matrix();
-    Matrix3::identity() + (cross + cross * cross) * (2.0 / (1.0 + s))
+    // `I + f ([h] + [h]²)`, entry by entry like `curvature`.
+    let f = 2.0 / (1.0 + h.norm_squared());
+    let on = |a: f64, b: f64| 1.0 - (a * a + b * b) * f;
+    let (xy, xz, yz) = (h.x * h.y, h.x * h.z, h.y * h.z);
+    Matrix3::new(
+        on(h.z, h.y),
+        (xy - h.z) * f,
+        (xz + h.y) * f,
+        (xy + h.z) * f,
+        on(h.z, h.x),
+        (yz - h.x) * f,
+        (xz - h.y) * f,
+        (yz + h.x) * f,
+        on(h.y, h.x),
+    )
 }
 
 /// Removes the rounding errors of many products from a rotation.

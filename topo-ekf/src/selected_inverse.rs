@@ -24,7 +24,10 @@ pub(crate) struct Workspace {
     product: Vec<f64>,
 }
 
-/// `(S⁻¹)_CC`, lower triangle by columns, for ascending indices in the order of the factor.
+/// Columns and rows that are mirrored together, so that both lie in the nearest memory.
+const TILE: usize = 16;
+
+/// `(S⁻¹)_CC` by columns, for ascending indices in the order of the factor.
 pub(crate) fn selected_inverse<'a>(
     symbolic: &SymbolicSupernodalCholesky<usize>,
     factor: &[f64],
@@ -78,7 +81,22 @@ pub(crate) fn selected_inverse<'a>(
             Par::Seq,
         );
     }
+    mirror(product, count);
     product
+}
+
+/// Copies the lower triangle to the upper one.
+fn mirror(square: &mut [f64], count: usize) {
+    for first in (0..count).step_by(TILE) {
+        let end = count.min(first + TILE);
+        for top in (first..count).step_by(TILE) {
+            for column in first..end {
+                for row in top.max(column + 1)..count.min(top + TILE) {
+                    square[count * row + column] = square[count * column + row];
+                }
+            }
+        }
+    }
 }
 
 /// `X`: for every block of the factor the columns below it, column-major.

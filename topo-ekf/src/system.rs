@@ -21,7 +21,7 @@ use faer::sparse::linalg::cholesky::{
     factorize_symbolic_cholesky,
 };
 use faer::sparse::linalg::{SupernodalThreshold, SymbolicSupernodalParams};
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
+use faer::sparse::{SparseColMatRef, SymbolicSparseColMat, SymbolicSparseColMatRef};
 use faer::{Conj, MatMut, Par, Side};
 use nalgebra::{DMatrix, Point3};
 
@@ -47,8 +47,7 @@ const SURFACE: f64 = 12.0;
 
 /// Lower triangle in elimination order, ready to be filled: permuting the pattern each time would cost a tenth of a factorisation.
 struct Permuted {
-    starts: Vec<usize>,
-    rows: Vec<usize>,
+    pattern: SymbolicSparseColMat<usize>,
     /// Index in [`Pattern`] from which each entry is taken.
     from: Vec<usize>,
 }
@@ -70,7 +69,8 @@ impl Permuted {
             from.extend(column.iter().map(|e| e.1));
             starts.push(rows.len());
         }
-        Self { starts, rows, from }
+        let pattern = SymbolicSparseColMat::new_checked(size, size, starts, None, rows);
+        Self { pattern, from }
     }
 }
 
@@ -86,6 +86,22 @@ pub(crate) struct System {
 
 /// Numeric Cholesky factor belonging to the [`System`] that made it.
 pub(crate) struct Factor(Vec<f64>);
+
+/// Entries of the inverse among some vertices.
+pub(crate) struct Selected<'a> {
+    /// By columns, in the order of the factor.
+    entries: &'a [f64],
+    /// The place of each vertex in that order.
+    rank: Vec<usize>,
+}
+
+impl Selected<'_> {
+    /// The entries of a column in the order of the vertices.
+    pub fn column(&self, column: usize) -> impl Iterator<Item = f64> {
+        let values = &self.entries[self.rank.len() * self.rank[column]..][..self.rank.len()];
+        self.rank.iter().map(|&r| values[r])
+    }
+}
 
 impl System {
     /// For a graph whose vertices have about these positions, which affect the cost of a factorisation but not its result.
@@ -149,20 +165,20 @@ impl System {
         factor: &Factor,
         vertices: &[u32],
     ) -> Result<DMatrix<f64>, Error> {
-        let mut entries = DMatrix::zeros(vertices.len(), vertices.len());
-        let put = |k, l, value| entries[(k, l)] = value;
-        self.each_selected(factor, vertices, &mut Workspace::default(), put)?;
-        Ok(entries)
+        let mut work = Workspace::default();
+        let selected = self.selected(factor, vertices, &mut work)?;
+        let count = vertices.len();
+        let entries = (0..count).flat_map(|l| selected.column(l));
+        Ok(DMatrix::from_iterator(count, count, entries))
     }
 
-    /// Hands all entries of `S⁻¹` among some vertices, each of which occurs once, to `put`, with their indices in the list.
-    pub fn each_selected(
+    /// [`System::selected_inverse`] in the memory of `work`.
+    pub fn selected<'a>(
         &self,
         factor: &Factor,
         vertices: &[u32],
-        work: &mut Workspace,
-        mut put: impl FnMut(usize, usize, f64),
-    ) -> Result<(), Error> {
+        work: &'a mut Workspace,
+    ) -> Result<Selected<'a>, Error> {
         let (blocks, order) = parts(&self.symbolic)?;
         let place = order.arrays().1;
         let mut sorted: Vec<usize> = (0..vertices.len()).collect();
@@ -171,18 +187,12 @@ impl System {
             .iter()
             .map(|&k| place[vertices[k] as usize])
             .collect();
-        let lower = selected_inverse(blocks, &factor.0, &places, work);
-        for (l, (&column, values)) in sorted
-            .iter()
-            .zip(lower.chunks_exact(vertices.len().max(1)))
-            .enumerate()
-        {
-            for (&row, &value) in sorted[l..].iter().zip(&values[l..]) {
-                put(row, column, value);
-                put(column, row, value);
-            }
+        let mut rank = vec![0; sorted.len()];
+        for (r, &k) in sorted.iter().enumerate() {
+            rank[k] = r;
         }
-        Ok(())
+        let entries = selected_inverse(blocks, &factor.0, &places, work);
+        Ok(Selected { entries, rank })
     }
 
     /// [`System::solve`] for the matrix with these lower-triangle values, with its own memory.
@@ -225,14 +235,12 @@ fn numeric(
     stack: &mut MemStack,
     spare: Option<Vec<f64>>,
 ) -> Result<Factor, Error> {
-    let (size, starts, rows) = (blocks.nrows(), &permuted.starts, &permuted.rows);
     let ordered: Vec<f64> = permuted.from.iter().map(|&at| values[at]).collect();
-    let pattern = SymbolicSparseColMatRef::new_checked(size, size, starts, None, rows);
     // Old entries are overwritten.
     let mut factor = spare.unwrap_or_else(|| vec![0.0; blocks.len_val()]);
     factorize_supernodal_numeric_llt(
         &mut factor,
-        SparseColMatRef::new(pattern, &ordered),
+        SparseColMatRef::new(permuted.pattern.as_ref(), &ordered),
         LltRegularization::default(),
         blocks,
         Par::Seq,
