@@ -86,6 +86,8 @@ struct Builder<'a> {
     cylinder: Cylinder,
     options: &'a Options,
     total: usize,
+    /// Of the last batch.
+    decided: Vec<Option<Meeting>>,
 }
 
 /// The 3-skeleton of the nerve of the vertices that are present, given an earlier state, with the values that are known from there. Also says
@@ -108,6 +110,7 @@ pub(crate) fn build(
         cylinder,
         options,
         total: 0,
+        decided: Vec::new(),
     };
     builder.count(vertices.present.iter().filter(|p| **p).count())?;
     let mut skeleton = Skeleton::default();
@@ -115,7 +118,8 @@ pub(crate) fn build(
     let fresh = builder.edges()?;
     let untouched = |edge: usize| vertices.untouched(&old.edges[edge]);
     let layer = old.edge_layer(values.edges.so_far());
-    let (edges, kept, names) = layer.merge(fresh, |vertex| vertex, untouched);
+    let (edges, origins) = layer.merge(fresh, |vertex| vertex, untouched);
+    let (kept, names) = (origins.kept(), origins.names());
     builder.count(kept)?;
     let found_edges = edges.len() - kept;
     let edges = skeleton.set_edges(edges, vertices.cloud.len());
@@ -125,7 +129,8 @@ pub(crate) fn build(
     let fresh = builder.triangles(&skeleton, &edges, &affected)?;
     let name = |edge: u32| names[edge as usize];
     let layer = old.triangle_layer(values.triangles.so_far());
-    let (triangles, kept, names) = layer.merge(fresh, name, |_| true);
+    let (triangles, origins) = layer.merge(fresh, name, |_| true);
+    let (kept, names) = (origins.kept(), origins.names());
     builder.count(kept)?;
     let found_triangles = triangles.len() - kept;
     let triangles = skeleton.set_triangles(triangles);
@@ -133,7 +138,8 @@ pub(crate) fn build(
     let fresh = builder.tetrahedra(&skeleton, &triangles, &affected)?;
     let name = |triangle: u32| names[triangle as usize];
     let layer = old.tetrahedron_layer(values.tetrahedra.so_far());
-    let (tetrahedra, kept, _) = layer.merge(fresh, name, |_| true);
+    let (tetrahedra, origins) = layer.merge(fresh, name, |_| true);
+    let kept = origins.kept();
     builder.count(kept)?;
     let found_tetrahedra = tetrahedra.len() - kept;
     let tetrahedra = skeleton.set_tetrahedra(tetrahedra);
@@ -240,13 +246,15 @@ impl Builder<'_> {
     fn decide_edges(&mut self, pairs: &[[u32; 2]], layer: &mut Layer<2>) -> Result<(), Error> {
         // In a dense cluster a vertex may have more neighbours than the limit allows edges.
         for pairs in pairs.chunks(BATCH) {
-            let decided = map(pairs, |pair| self.decisions.edge(*pair));
-            for (pair, decided) in pairs.iter().zip(decided) {
+            let mut decided = std::mem::take(&mut self.decided);
+            map(pairs, &mut decided, |pair| self.decisions.edge(*pair));
+            for (pair, decided) in pairs.iter().zip(&decided) {
                 if let Some(meeting) = decided {
                     self.count(1)?;
                     layer.push(*pair, *pair, f64::NAN, Some(meeting.point_or_nan()));
                 }
             }
+            self.decided = decided;
         }
         Ok(())
     }
@@ -270,7 +278,8 @@ impl Builder<'_> {
     ) -> Result<Layer<3>, Error> {
         let mut layer = Layer::default();
         let decide = |on: &Decisions, candidate: &Candidate<3>| on.coface(candidate, facets);
-        let mut batch: Vec<Candidate<3>> = Vec::new();
+        let mut batch: Vec<Candidate<3>> = Vec::with_capacity(2 * BATCH);
+        let to_changed = ToChanged::new(self.vertices, &skeleton.edges, &skeleton.edge_runs);
         // Edge from the current first vertex to a given one.
         let mut edge_to = vec![u32::MAX; self.vertices.cloud.len()];
         for &i in affected {
@@ -280,15 +289,20 @@ impl Builder<'_> {
             }
             for ij in from_i.clone() {
                 let j = skeleton.edges[ij][1];
-                for jk in run(&skeleton.edge_runs, j) {
+                let mut push = |jk: usize| {
                     let k = skeleton.edges[jk][1];
                     let ik = edge_to[k as usize];
-                    if ik != u32::MAX && self.vertices.any_changed(&[i, j, k]) {
+                    if ik != u32::MAX {
                         batch.push(Candidate {
                             vertices: [i, j, k],
                             facets: [ij as u32, ik, jk as u32],
                         });
                     }
+                };
+                if self.vertices.any_changed(&[i, j]) {
+                    run(&skeleton.edge_runs, j).for_each(&mut push);
+                } else {
+                    to_changed.of(j).for_each(&mut push);
                 }
             }
             for e in from_i {
@@ -310,8 +324,12 @@ impl Builder<'_> {
         decide: impl Fn(&Decisions, &Candidate<N>) -> Option<Meeting> + Sync + Send,
     ) -> Result<(), Error> {
         for batch in batch.chunks(BATCH) {
-            let decided = map(batch, |candidate| decide(&self.decisions, candidate));
-            for (candidate, decided) in batch.iter().zip(decided) {
+            let mut decided = std::mem::take(&mut self.decided);
+            layer.reserve(batch.len());
+            map(batch, &mut decided, |candidate| {
+                decide(&self.decisions, candidate)
+            });
+            for (candidate, decided) in batch.iter().zip(&decided) {
                 if let Some(meeting) = decided {
                     self.count(1)?;
                     // Nothing stands on a tetrahedron.
@@ -319,6 +337,7 @@ impl Builder<'_> {
                     layer.push(candidate.vertices, candidate.facets, f64::NAN, point);
                 }
             }
+            self.decided = decided;
         }
         Ok(())
     }
@@ -332,11 +351,25 @@ impl Builder<'_> {
     ) -> Result<Layer<4>, Error> {
         let mut layer = Layer::default();
         let decide = |on: &Decisions, candidate: &Candidate<4>| on.coface(candidate, facets);
-        let mut batch: Vec<Candidate<4>> = Vec::new();
+        let mut batch: Vec<Candidate<4>> = Vec::with_capacity(2 * BATCH);
+        let (of_triangles, triangles) = (&skeleton.triangle_runs, &skeleton.triangles);
+        let to_changed = ToChanged::new(self.vertices, triangles, of_triangles);
         for &i in affected {
             for ij in run(&skeleton.edge_runs, i) {
-                for ijk in run(&skeleton.triangle_runs, ij as u32) {
-                    self.push_tetrahedra(skeleton, ijk, &mut batch);
+                let leads = to_changed.of(ij as u32).next().is_some();
+                if !leads && !self.vertices.any_changed(&skeleton.edges[ij]) {
+                    continue;
+                }
+                for ijk in run(of_triangles, ij as u32) {
+                    let facets = skeleton.triangle_edges[ijk];
+                    if self.vertices.any_changed(&triangles[ijk]) {
+                        let mut with = facets.map(|edge| run(of_triangles, edge));
+                        with[0].start = ijk + 1;
+                        push_tetrahedra(skeleton, ijk, with, &mut batch);
+                    } else {
+                        let with = facets.map(|edge| to_changed.of(edge));
+                        push_tetrahedra(skeleton, ijk, with, &mut batch);
+                    }
                     if batch.len() >= BATCH {
                         self.decide_simplices(&batch, &mut layer, decide)?;
                         batch.clear();
@@ -347,37 +380,65 @@ impl Builder<'_> {
         self.decide_simplices(&batch, &mut layer, decide)?;
         Ok(layer)
     }
+}
 
-    /// Candidates whose first triangle is `ijk`: the fourth vertex closes a triangle with each of its three edges.
-    fn push_tetrahedra(&self, skeleton: &Skeleton, ijk: usize, batch: &mut Vec<Candidate<4>>) {
-        let [i, j, k] = skeleton.triangles[ijk];
-        let [ij, ik, jk] = skeleton.triangle_edges[ijk];
-        let every = self.vertices.any_changed(&[i, j, k]);
-        let with_ij = ijk + 1..run(&skeleton.triangle_runs, ij).end;
-        let mut with_ik = run(&skeleton.triangle_runs, ik);
-        let mut with_jk = run(&skeleton.triangle_runs, jk);
-        let last = |t: usize| skeleton.triangles[t][2];
-        for ijl in with_ij {
-            let l = last(ijl);
-            if !every && !self.vertices.any_changed(&[l]) {
-                continue;
-            }
-            while with_ik.start < with_ik.end && last(with_ik.start) < l {
-                with_ik.start += 1;
-            }
-            while with_jk.start < with_jk.end && last(with_jk.start) < l {
-                with_jk.start += 1;
-            }
-            if with_ik.is_empty() || with_jk.is_empty() {
-                return;
-            }
-            if last(with_ik.start) == l && last(with_jk.start) == l {
-                let [ikl, jkl] = [with_ik.start as u32, with_jk.start as u32];
-                batch.push(Candidate {
-                    vertices: [i, j, k, l],
-                    facets: [ijk as u32, ijl as u32, ikl, jkl],
-                });
-            }
+/// Candidates whose first triangle is `ijk`: the fourth vertex closes a triangle with each of its three edges, among those `with` the edges.
+fn push_tetrahedra(
+    skeleton: &Skeleton,
+    ijk: usize,
+    with: [impl Iterator<Item = usize>; 3],
+    batch: &mut Vec<Candidate<4>>,
+) {
+    let [i, j, k] = skeleton.triangles[ijk];
+    let last = |t: usize| skeleton.triangles[t][2];
+    let [with_ij, mut with_ik, mut with_jk] = with;
+    let (mut ikl, mut jkl) = (with_ik.next(), with_jk.next());
+    for ijl in with_ij.skip_while(|t| *t <= ijk) {
+        let l = last(ijl);
+        while ikl.is_some_and(|t| last(t) < l) {
+            ikl = with_ik.next();
         }
+        while jkl.is_some_and(|t| last(t) < l) {
+            jkl = with_jk.next();
+        }
+        let (Some(ikl), Some(jkl)) = (ikl, jkl) else {
+            return;
+        };
+        if last(ikl) == l && last(jkl) == l {
+            batch.push(Candidate {
+                vertices: [i, j, k, l],
+                facets: [ijk as u32, ijl as u32, ikl as u32, jkl as u32],
+            });
+        }
+    }
+}
+
+/// Of every run of simplices, those whose last vertex has changed: after a small change few of them.
+struct ToChanged {
+    starts: Vec<u32>,
+    simplices: Vec<u32>,
+}
+
+impl ToChanged {
+    fn new<const N: usize>(vertices: &Vertices, simplices: &[[u32; N]], runs: &[u32]) -> Self {
+        let (mut starts, mut chosen) = (Vec::with_capacity(runs.len()), Vec::new());
+        starts.push(0);
+        for of in 0..runs.len().saturating_sub(1) {
+            let own = run(runs, of as u32);
+            let changed = own.filter(|&s| vertices.changed[simplices[s][N - 1] as usize]);
+            chosen.extend(changed.map(|s| s as u32));
+            starts.push(chosen.len() as u32);
+        }
+        Self {
+            starts,
+            simplices: chosen,
+        }
+    }
+
+    /// Those of run `of`.
+    fn of(&self, of: u32) -> impl Iterator<Item = usize> {
+        self.simplices[run(&self.starts, of)]
+            .iter()
+            .map(|&s| s as usize)
     }
 }

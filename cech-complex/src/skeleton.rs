@@ -116,17 +116,19 @@ impl Skeleton {
         let mut rest = Self::default();
         let keep = |edge: usize| !marks.edges[edge];
         let layer = self.edge_layer(values.edges.so_far());
-        let (edges, _, names) = layer.merge(Layer::default(), |v| v, keep);
+        let (edges, origins) = layer.merge(Layer::default(), |v| v, keep);
+        let names = origins.names();
         let edges = rest.set_edges(edges, vertices);
         let name = |edge: u32| names[edge as usize];
         let keep = |triangle: usize| !marks.triangles[triangle];
         let layer = self.triangle_layer(values.triangles.so_far());
-        let (triangles, _, names) = layer.merge(Layer::default(), name, keep);
+        let (triangles, origins) = layer.merge(Layer::default(), name, keep);
+        let names = origins.names();
         let triangles = rest.set_triangles(triangles);
         let name = |triangle: u32| names[triangle as usize];
         let keep = |tetrahedron: usize| !marks.tetrahedra[tetrahedron];
         let layer = self.tetrahedron_layer(values.tetrahedra.so_far());
-        let (tetrahedra, ..) = layer.merge(Layer::default(), name, keep);
+        let (tetrahedra, _) = layer.merge(Layer::default(), name, keep);
         let tetrahedra = rest.set_tetrahedra(tetrahedra);
         let values = Values {
             edges: Deferred::new(edges),
@@ -182,6 +184,15 @@ impl<const N: usize> Layer<N> {
         *self = sorted;
     }
 
+    /// Makes room for more simplices at once: memory that grows in many steps is mapped again for most of them.
+    pub(crate) fn reserve(&mut self, more: usize) {
+        self.simplices.reserve(more);
+        self.facets.reserve(more);
+        self.attained.values.reserve(more);
+        // Nothing stands on a tetrahedron.
+        self.attained.points.reserve(if N < 4 { more } else { 0 });
+    }
+
     fn with_capacity(count: usize, points: bool) -> Self {
         Self {
             simplices: Vec::with_capacity(count),
@@ -219,37 +230,102 @@ pub(crate) struct LayerRef<'a, const N: usize> {
 
 impl<const N: usize> LayerRef<'_, N> {
     /// The simplices that are kept and whose facets all remain, together with `fresh` ones, in order.
-    /// Also returns how many were kept, and the new index of every simplex.
+    /// Also returns where each of these comes from.
     pub(crate) fn merge(
         &self,
         fresh: Layer<N>,
         facet_name: impl Fn(u32) -> u32,
         keep: impl Fn(usize) -> bool,
-    ) -> (Layer<N>, usize, Vec<u32>) {
+    ) -> (Layer<N>, Origins) {
         let count = self.simplices.len();
         if count == 0 {
-            return (fresh, 0, Vec::new());
+            return (fresh, Origins::default());
         }
-        let mut merged =
-            Layer::with_capacity(count + fresh.len(), !self.attained.points.is_empty());
-        let (mut names, mut kept) = (vec![NONE; count], 0);
+        // The order is found before anything is copied: each array is then written at once.
+        let (mut sources, mut facets) = {
+            let most = count + fresh.len();
+            (Vec::with_capacity(most), Vec::with_capacity(most))
+        };
         let mut next = 0;
         for i in 0..count {
-            let facets = self.facets[i].map(&facet_name);
-            if facets.contains(&NONE) || !keep(i) {
+            let named = self.facets[i].map(&facet_name);
+            if named.contains(&NONE) || !keep(i) {
                 continue;
             }
-            while next < fresh.len() && fresh.simplices[next] < self.simplices[i] {
-                merged.push_from(&fresh.view(), next, fresh.facets[next]);
+            while next < fresh.len() && precedes(&fresh.simplices[next], &self.simplices[i]) {
+                sources.push((count + next) as u32);
+                facets.push(fresh.facets[next]);
                 next += 1;
             }
-            names[i] = merged.len() as u32;
-            merged.push_from(self, i, facets);
-            kept += 1;
+            sources.push(i as u32);
+            facets.push(named);
         }
-        for i in next..fresh.len() {
-            merged.push_from(&fresh.view(), i, fresh.facets[i]);
-        }
-        (merged, kept, names)
+        sources.extend((next..fresh.len()).map(|i| (count + i) as u32));
+        facets.extend_from_slice(&fresh.facets[next..]);
+        let known = self.attained;
+        let merged = Layer {
+            facets,
+            simplices: gather(&sources, self.simplices, &fresh.simplices),
+            attained: Attained {
+                values: gather(&sources, &known.values, &fresh.attained.values),
+                points: gather(&sources, &known.points, &fresh.attained.points),
+            },
+        };
+        let origins = Origins {
+            count,
+            fresh: fresh.len(),
+            sources,
+        };
+        (merged, origins)
     }
+}
+
+/// The lexicographic order without a branch for each vertex: which vertex decides cannot be predicted.
+fn precedes<const N: usize>(a: &[u32; N], b: &[u32; N]) -> bool {
+    let pairs = a.iter().zip(b).rev();
+    pairs.fold(false, |rest, (a, b)| (a < b) | ((a == b) & rest))
+}
+
+/// Where the simplices of a merged layer come from.
+#[derive(Default)]
+pub(crate) struct Origins {
+    /// Number of old simplices, and of fresh ones.
+    count: usize,
+    fresh: usize,
+    /// Index of each among the old ones, or beyond them among the fresh ones.
+    sources: Vec<u32>,
+}
+
+impl Origins {
+    /// How many old simplices were kept.
+    pub(crate) fn kept(&self) -> usize {
+        self.sources.len() - self.fresh
+    }
+
+    /// The new index of every old simplex.
+    pub(crate) fn names(&self) -> Vec<u32> {
+        // Also of the fresh ones, so that nothing is asked for each.
+        let mut names = vec![NONE; self.count + self.fresh];
+        for (name, &at) in self.sources.iter().enumerate() {
+            names[at as usize] = name as u32;
+        }
+        names.truncate(self.count);
+        names
+    }
+}
+
+/// Items of a list and of another after it; none if there are none.
+fn gather<T: Copy>(sources: &[u32], old: &[T], fresh: &[T]) -> Vec<T> {
+    if old.is_empty() && fresh.is_empty() {
+        return Vec::new();
+    }
+    let item = |&at: &u32| {
+        let (list, at) = if (at as usize) < old.len() {
+            (old, at as usize)
+        } else {
+            (fresh, at as usize - old.len())
+        };
+        list[at]
+    };
+    sources.iter().map(item).collect()
 }

@@ -139,9 +139,10 @@ fn complete(attained: &mut Attained, value: impl Fn(usize) -> Valued + Sync + Se
         .filter(|&i| attained.values[i].is_nan())
         .map(|i| i as u32)
         .collect();
+    let mut valued = Vec::new();
     for batch in missing.chunks(BATCH) {
-        let valued = map(batch, |&i| value(i as usize));
-        for (&i, (value, minimiser)) in batch.iter().zip(valued) {
+        map(batch, &mut valued, |&i| value(i as usize));
+        for (&i, &(value, minimiser)) in batch.iter().zip(&valued) {
             attained.values[i as usize] = value;
             if let Some(point) = attained.points.get_mut(i as usize) {
                 *point = minimiser;
@@ -166,15 +167,21 @@ fn triple_start(a: &Oriented, b: &Oriented, c: &Oriented, facet: Vector3<f64>) -
     }
 }
 
-/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
+/// Replaces `results` by those of `f` for every item, with feature `rayon` on all threads; they are the same. Memory of this size that is freed after
+/// every batch would be mapped again for the next.
 #[cfg(not(feature = "rayon"))]
-pub(crate) fn map<T, R>(items: &[T], f: impl Fn(&T) -> R) -> Vec<R> {
-    items.iter().map(f).collect()
+pub(crate) fn map<T, R>(items: &[T], results: &mut Vec<R>, f: impl Fn(&T) -> R) {
+    results.clear();
+    results.extend(items.iter().map(f));
 }
 
-/// Applies `f` to every item, with feature `rayon` on all threads; the result is the same.
+/// Replaces `results` by those of `f` for every item, with feature `rayon` on all threads; they are the same.
 #[cfg(feature = "rayon")]
-pub(crate) fn map<T: Sync, R: Send>(items: &[T], f: impl Fn(&T) -> R + Sync + Send) -> Vec<R> {
+pub(crate) fn map<T: Sync, R: Send>(
+    items: &[T],
+    results: &mut Vec<R>,
+    f: impl Fn(&T) -> R + Sync + Send,
+) {
     use rayon::prelude::*;
-    items.par_iter().map(f).collect()
+    items.par_iter().map(f).collect_into_vec(results);
 }
