@@ -283,7 +283,7 @@ impl<const N: usize> LayerRef<'_, N> {
 /// The lexicographic order without a branch for each vertex: which vertex decides cannot be predicted.
 fn precedes<const N: usize>(a: &[u32; N], b: &[u32; N]) -> bool {
     let pairs = a.iter().zip(b).rev();
-    pairs.fold(false, |rest, (a, b)| (a < b) | ((a == b) & rest))
+    pairs.fold(false, |rest, (a, b)| if a == b { rest } else { a < b })
 }
 
 /// Where the simplices of a merged layer come from.

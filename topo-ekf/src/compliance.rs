@@ -51,9 +51,9 @@ impl Compliance<'_> {
         let mut moved: [Vec<f64>; 3] = Default::default();
         for l in 0..new {
             // Vertices of later rows are mostly later ones.
-            moved
-                .iter_mut()
-                .for_each(|m| m.resize(terms.ends[old + l], 0.0));
+            for m in &mut moved {
+                m.resize(terms.ends[old + l], 0.0);
+            }
             influence.move_by(terms.row(old + l), &mut moved);
             let [x, y, z] = &moved;
             let column = &mut entries.as_mut_slice()[of.len() * l..];
@@ -68,7 +68,7 @@ impl Compliance<'_> {
 
 /// Rows by the index of their vertices in the model.
 struct Terms {
-    terms: Vec<(usize, Vector3<f64>)>,
+    pairs: Vec<(usize, Vector3<f64>)>,
     /// The first for each row, and one past the last.
     starts: Vec<usize>,
     /// For each row, one past the last vertex in it and in those before.
@@ -77,27 +77,27 @@ struct Terms {
 
 impl Terms {
     fn new(stack: &Stack, rows: &[usize], influence: &Influence) -> Self {
-        let (mut terms, mut starts, mut ends) = (vec![], vec![0], vec![]);
+        let (mut pairs, mut starts, mut ends) = (vec![], vec![0], vec![]);
         let mut end = 0;
         for &row in rows {
             let slot = |v: u32| influence.slots[v as usize] as usize;
-            terms.extend(stack.row(row).iter().map(|&(v, a)| (slot(v), a)));
-            let own = terms[starts[starts.len() - 1]..]
+            pairs.extend(stack.row(row).iter().map(|&(v, a)| (slot(v), a)));
+            let own = pairs[starts[starts.len() - 1]..]
                 .iter()
                 .map(|t: &(usize, _)| t.0 + 1);
             end = own.fold(end, usize::max);
-            starts.push(terms.len());
+            starts.push(pairs.len());
             ends.push(end);
         }
         Self {
-            terms,
+            pairs,
             starts,
             ends,
         }
     }
 
     fn row(&self, row: usize) -> &[(usize, Vector3<f64>)] {
-        &self.terms[self.starts[row]..self.starts[row + 1]]
+        &self.pairs[self.starts[row]..self.starts[row + 1]]
     }
 }
 

@@ -135,11 +135,13 @@ impl Surface {
                 let triangle = &self.triangles[t as usize];
                 Self::pair(v, triangle, before, foot, asked, reach)
             });
-            // Ties are broken by the row itself.
-            near.max_by(|(a, r), (b, s)| {
-                a.total_cmp(b).then_with(|| s.terms[1].0.cmp(&r.terms[1].0))
+            // Ties are broken by the triangle.
+            near.max_by(|a, b| {
+                a.gap
+                    .total_cmp(&b.gap)
+                    .then_with(|| b.triangle[0].cmp(&a.triangle[0]))
             })
-            .map(|(_, row)| row)
+            .map(|pair| pair.row(v))
         });
         rows.collect()
     }
@@ -207,7 +209,7 @@ impl Surface {
         (height, normal, weights): Foot,
         asked: &Asked<'_>,
         reach: f64,
-    ) -> Option<(f64, Row)> {
+    ) -> Option<Pair> {
         if height.abs() > reach || weights.iter().any(|b| *b < -OVERLAP) {
             return None;
         }
@@ -216,23 +218,37 @@ impl Surface {
         let separation = asked(vertex, triangle, side)?;
         let gap = separation - side * height;
         // A reserve of one separation: what is farther away cannot be pushed into contact by the projection.
-        (was.abs() > 1e-9 && gap > -separation).then(|| {
-            let direction = normal * side;
-            let terms = std::iter::once((vertex, direction)).chain(
-                triangle
-                    .iter()
-                    .zip(weights)
-                    .map(|(&k, b)| (k, direction * -b)),
-            );
-            (
-                gap,
-                Row {
-                    key: Key::Contact(vertex),
-                    terms: terms.collect(),
-                    bound: separation,
-                },
-            )
+        (was.abs() > 1e-9 && gap > -separation).then(|| Pair {
+            gap,
+            triangle: *triangle,
+            direction: normal * side,
+            weights,
+            separation,
         })
+    }
+}
+
+/// A vertex near a triangle; its row is made only if no other triangle is penetrated deeper.
+struct Pair {
+    gap: f64,
+    triangle: [u32; 3],
+    /// Normal on the side of the vertex.
+    direction: Vector3<f64>,
+    weights: [f64; 3],
+    separation: f64,
+}
+
+impl Pair {
+    fn row(&self, vertex: u32) -> Row {
+        let corners = self.triangle.iter().zip(self.weights);
+        let corners = corners.map(|(&k, b)| (k, self.direction * -b));
+        Row {
+            key: Key::Contact(vertex),
+            terms: std::iter::once((vertex, self.direction))
+                .chain(corners)
+                .collect(),
+            bound: self.separation,
+        }
     }
 }
 
