@@ -242,10 +242,9 @@ impl<const N: usize> LayerRef<'_, N> {
             return (fresh, Origins::default());
         }
         // The order is found before anything is copied: each array is then written at once.
-        let (mut sources, mut facets) = {
-            let most = count + fresh.len();
-            (Vec::with_capacity(most), Vec::with_capacity(most))
-        };
+        let most = count + fresh.len();
+        let mut sources = Vec::with_capacity(most);
+        let mut facets = Vec::with_capacity(most);
         let mut next = 0;
         for i in 0..count {
             let named = self.facets[i].map(&facet_name);
@@ -304,7 +303,7 @@ impl Origins {
 
     /// The new index of every old simplex.
     pub(crate) fn names(&self) -> Vec<u32> {
-        // Also of the fresh ones, so that nothing is asked for each.
+        // First of the fresh ones too, which spares a comparison for each.
         let mut names = vec![NONE; self.count + self.fresh];
         for (name, &at) in self.sources.iter().enumerate() {
             names[at as usize] = name as u32;

@@ -193,6 +193,7 @@ impl Influence {
         let factor = compliance.table.factor_along(compliance.factor, normal);
         let system = &compliance.system;
         let selected = system.selected(factor, &chosen, &mut self.work)?;
+        // Columns of vertices that do not move, and of the room for more, are zero. Each is written once.
         let mut still = vec![true; known.room];
         for (l, &at) in moving.iter().enumerate() {
             still[at] = false;
